@@ -1,0 +1,39 @@
+# Everything happens in .venv, which any target makes when it is missing or older than pyproject.toml.
+
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint bench clean help
+
+help:  ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 8
+
+$(STAMP): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || \
+	  { echo "warpriver needs Python >= 3.10 as $(PYTHON): apt-get install python3, or make PYTHON=/path/to/python3"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "Python's venv is missing: apt-get install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
+	@touch $@
+
+demo: $(STAMP)  ## the main job on built-in input; pictures and files go to out/demo
+	@rm -rf out/demo
+	$(RUN)/warpriver demo -o out/demo
+
+test: $(STAMP)  ## all tests
+	$(RUN)/python -m pytest
+
+lint: $(STAMP)  ## ruff and mypy
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/mypy
+
+bench: $(STAMP)  ## speed against points, and against meanderpy, on this machine
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[bench]"
+	$(RUN)/python benchmarks/step.py
+
+clean:  ## remove what the other targets made
+	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,319 @@
+"""Meander migration: the rate from local and upstream curvature, and the move [Howard1984, Paris2023]."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+from warpriver.kernels import polyline
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the migration kernels for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.migration_{scalar.__name__}"
+    line = polyline.build(scalar)
+    vec2, vec3, vec4 = line.vec2, wp.types.vector(3, scalar), line.vec4
+    ZERO, HALF, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
+    SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
+    TWO_THIRDS = scalar(2.0 / 3.0)
+    # Beyond this many e-foldings upstream a weight is lost in the rounding of the sum.
+    REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
+    SERIES_LIMIT = scalar(0.5)
+    # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
+    factorial, SERIES = 2.0, []
+    for term in range(14):
+        SERIES.append((-1.0) ** term / factorial)
+        factorial *= term + 3
+    C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10, C11, C12, C13 = (scalar(c) for c in SERIES)
+
+    @wp.struct
+    class MigrationLaw:
+        """Scalars of one step, from ``MeanderParams``; lengths in m, times in yr."""
+
+        time_step: scalar
+        migration_rate: scalar
+        friction: scalar
+        local_weight: scalar
+        upstream_weight: scalar
+        scale_local: int
+        scale_upstream: int
+        end_damping: scalar
+
+    @wp.func(module=name)
+    def decay_weights(x: scalar) -> vec3:
+        """Weights (q, w0, w1) of I_i = q I_(i-1) + w0 v_(i-1) + w1 v_i over a segment of optical depth x.
+
+        They integrate e^(-x) times a v that is linear on the segment exactly: w1 = 1 - (1 - q)/x, w0 = (1 - q)/x - q.
+        """
+        if x < SERIES_LIMIT:
+            psi = C13
+            psi = psi * x + C12
+            psi = psi * x + C11
+            psi = psi * x + C10
+            psi = psi * x + C9
+            psi = psi * x + C8
+            psi = psi * x + C7
+            psi = psi * x + C6
+            psi = psi * x + C5
+            psi = psi * x + C4
+            psi = psi * x + C3
+            psi = psi * x + C2
+            psi = psi * x + C1
+            psi = psi * x + C0
+            mean = ONE - x * psi
+            return vec3(ONE - x * mean, x * (mean - psi), x * psi)
+        q = wp.exp(-x)
+        share = (ONE - q) / x
+        return vec3(q, share - q, ONE - share)
+
+    @wp.func(module=name)
+    def smoothing_root(widest: scalar, spacing: scalar, factor: scalar, law: MigrationLaw) -> scalar:
+        """Root r of the implicit share of the local term, 0 where the explicit step is stable by itself.
+
+        The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
+        grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the least implicit share with which it keeps above -1/2, so
+        that a kink rings for a few steps at most.
+        (1 - c d2)^-1 is a forward and a backward recurrence u_i = (1 - r) v_i + r u_(i-1).
+        """
+        diffusivity = -law.local_weight * law.migration_rate * widest
+        if law.scale_local != 0:
+            diffusivity = diffusivity * factor
+        c = EIGHT_NINTHS * diffusivity * law.time_step / (spacing * spacing) - QUARTER
+        if c <= ZERO:
+            return ZERO
+        return TWO * c / (ONE + TWO * c + wp.sqrt(ONE + FOUR * c))
+
+    @wp.func(module=name)
+    def smoothing_reach(r: scalar) -> int:
+        """Number of points after which r^n is lost in rounding."""
+        if r == ZERO:
+            return 0
+        return int(REACH / -wp.log(r)) + 1
+
+    @wp.func(module=name)
+    def sinuosity_factor(point_xy: wp.array[vec2], first: int, last: int, spacing: scalar) -> scalar:
+        """sigma^(-2/3), written (chord / length)^(2/3) so that a channel that returns to its head gives 0."""
+        chord = wp.length(point_xy[last] - point_xy[first])
+        return wp.pow(wp.min(chord / (spacing * scalar(last - first)), ONE), TWO_THIRDS)
+
+    @wp.func(module=name)
+    def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
+        """Width and depth at a point: its own where they vary along the channel, else the channel's."""
+        if point_section:
+            return point_section[i]
+        return vec2(form[0], form[1])
+
+    @wp.func(module=name)
+    def warmup_start(
+        point_xy: wp.array[vec2], point_section: wp.array[vec2], form: vec4, friction: scalar, first: int, begin: int
+    ) -> int:
+        """First point upstream of ``begin`` whose weight there is lost in rounding, or the channel's head."""
+        i = begin
+        depth = scalar(0.0)
+        while i > first and depth < REACH:
+            section = section_at(point_section, i, form)
+            depth += TWO * friction / section[1] * wp.length(point_xy[i] - point_xy[i - 1])
+            i -= 1
+        return i
+
+    @wp.func(module=name)
+    def sweep_rate(
+        point_xy: wp.array[vec2],
+        point_section: wp.array[vec2],
+        form: vec4,
+        law: MigrationLaw,
+        weight: vec3,
+        first: int,
+        last: int,
+        begin: int,
+        stop: int,
+        point_rate_out: wp.array[scalar],
+    ):
+        """Rates of the points begin .. stop - 1 of one channel, by one run down it from where the past has faded.
+
+        weight = (factor of the local term, factor of the upstream term, root r of the smoothing).
+        """
+        r = weight[2]
+        warm = warmup_start(point_xy, point_section, form, law.friction, first, begin)
+        warm = wp.max(first, warm - smoothing_reach(r))
+        before = line.extended_point(point_xy, warm - 1, first, last)
+        here = point_xy[warm]
+        after = line.extended_point(point_xy, warm + 1, first, last)
+        a = before - line.extended_point(point_xy, warm - 2, first, last)
+        b = here - before
+        c = after - here
+        lb = wp.length(b)
+        lc = wp.length(c)
+        k0 = line.circle_curvature(a, b, wp.length(a), lb)
+        k1 = line.circle_curvature(b, c, lb, lc)
+        section = section_at(point_section, warm, form)
+        memory_before = TWO * law.friction / section[1]
+        value_before = scalar(0.0)
+        upstream = scalar(0.0)
+        smoothed = scalar(0.0)
+        for j in range(warm, stop):
+            ahead = line.extended_point(point_xy, j + 2, first, last)
+            d = ahead - after
+            ld = wp.length(d)
+            k2 = line.circle_curvature(c, d, lc, ld)
+            change = k0 - TWO * k1 + k2
+            if point_section:
+                section = point_section[j]
+            memory = TWO * law.friction / section[1]
+            strength = law.migration_rate * section[0]
+            # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
+            value = strength * (k1 - SIXTH * change)
+            q = decay_weights(HALF * (memory_before + memory) * lb)
+            upstream = q[0] * upstream + q[1] * value_before + q[2] * value
+            rate = weight[0] * strength * (k1 - TWELFTH * change) + weight[1] * upstream
+            smoothed = (ONE - r) * rate + r * smoothed
+            if j == first:
+                upstream = ZERO
+                smoothed = ZERO
+            if j >= begin:
+                point_rate_out[j] = smoothed
+            value_before = value
+            memory_before = memory
+            after = ahead
+            c = d
+            lb = lc
+            lc = ld
+            k0 = k1
+            k1 = k2
+
+    @wp.kernel(module=name, enable_backward=False)
+    def compute_rate(
+        # network
+        point_xy: wp.array[vec2],
+        point_section: wp.array[vec2],
+        channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
+        channel_spacing: wp.array[scalar],
+        # params
+        law: MigrationLaw,
+        chunk: int,
+        # out
+        point_rate_out: wp.array[scalar],
+    ):
+        """Migration rate in m/yr, positive to the right of the flow, smoothed downstream where the step asks for it.
+
+        mu = omega mu0 + sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
+        alpha = 2 f / d; the reach above a channel's head counts as straight [Paris2023, Eq. 2-5].
+        """
+        channel_count = channel_form.shape[0]
+        i = wp.tid() * chunk
+        end = wp.min(i + chunk, channel_start[channel_count])
+        if i >= end:
+            return
+        channel = line.channel_at(channel_start, channel_count, i)
+        while i < end:
+            first = channel_start[channel]
+            last = channel_start[channel + 1] - 1
+            stop = wp.min(end, last + 1)
+            form = channel_form[channel]
+            spacing = channel_spacing[channel]
+            factor = sinuosity_factor(point_xy, first, last, spacing)
+            local = law.local_weight
+            upstream = law.upstream_weight
+            if law.scale_local != 0:
+                local = local * factor
+            if law.scale_upstream != 0:
+                upstream = upstream * factor
+            weight = vec3(local, upstream, smoothing_root(form[2], spacing, factor, law))
+            sweep_rate(point_xy, point_section, form, law, weight, first, last, i, stop, point_rate_out)
+            i = stop
+            channel += 1
+
+    @wp.func(module=name)
+    def end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
+        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
+        away = scalar(wp.min(i - first, last - i)) * spacing
+        if away >= reach:
+            return ONE
+        t = away / reach
+        return t * t * (THREE - TWO * t)
+
+    @wp.func(module=name)
+    def right_normal(before: vec2, after: vec2) -> vec2:
+        """Unit normal to the right of the flow; none where the line turns back on itself."""
+        t = after - before
+        size = wp.length(t)
+        if size == ZERO:
+            return vec2(ZERO, ZERO)
+        return vec2(t[1], -t[0]) / size
+
+    @wp.func(module=name)
+    def sweep_move(
+        point_xy: wp.array[vec2],
+        point_rate: wp.array[scalar],
+        law: MigrationLaw,
+        reach: vec3,
+        first: int,
+        last: int,
+        begin: int,
+        stop: int,
+        point_moved_out: wp.array[vec2],
+    ):
+        """Move the points begin .. stop - 1 of one channel, running up it; reach = (r, spacing, damped length)."""
+        r = reach[0]
+        smoothed = scalar(0.0)
+        top = wp.min(last, stop - 1 + smoothing_reach(r))
+        for k in range(0, top - begin + 1):
+            j = top - k
+            smoothed = (ONE - r) * point_rate[j] + r * smoothed
+            if j == last:
+                smoothed = ZERO
+            if j < stop:
+                moved = point_xy[j]
+                if j > first and j < last:
+                    normal = right_normal(point_xy[j - 1], point_xy[j + 1])
+                    weight = end_weight(j, first, last, reach[1], reach[2])
+                    moved = moved + normal * (smoothed * weight * law.time_step)
+                point_moved_out[j] = moved
+
+    @wp.kernel(module=name, enable_backward=False)
+    def move_points(
+        # network
+        point_xy: wp.array[vec2],
+        channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
+        channel_spacing: wp.array[scalar],
+        # params
+        law: MigrationLaw,
+        chunk: int,
+        # in
+        point_rate: wp.array[scalar],
+        # out
+        point_moved_out: wp.array[vec2],
+    ):
+        """Finish the smoothing upstream and move: p += n mu e dt, e fading to 0 at both ends [Paris2023, Eq. 1]."""
+        channel_count = channel_form.shape[0]
+        i = wp.tid() * chunk
+        end = wp.min(i + chunk, channel_start[channel_count])
+        if i >= end:
+            return
+        channel = line.channel_at(channel_start, channel_count, i)
+        while i < end:
+            first = channel_start[channel]
+            last = channel_start[channel + 1] - 1
+            stop = wp.min(end, last + 1)
+            form = channel_form[channel]
+            spacing = channel_spacing[channel]
+            factor = ONE
+            if law.scale_local != 0:
+                factor = sinuosity_factor(point_xy, first, last, spacing)
+            r = smoothing_root(form[2], spacing, factor, law)
+            reach = vec3(r, spacing, law.end_damping * form[0])
+            sweep_move(point_xy, point_rate, law, reach, first, last, i, stop, point_moved_out)
+            i = stop
+            channel += 1
+
+    return SimpleNamespace(
+        vec2=vec2, vec4=vec4, MigrationLaw=MigrationLaw, compute_rate=compute_rate, move_points=move_points
+    )

@@ -1,0 +1,74 @@
+"""Functions on packed polylines that the kernels of several processes share."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the shared polyline functions for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.polyline_{scalar.__name__}"
+    vec2 = wp.types.vector(2, scalar)
+    ZERO, TWO, THREE = scalar(0.0), scalar(2.0), scalar(3.0)
+
+    @wp.func(module=name)
+    def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
+        """Channel that owns a point: the last one that starts at or before it."""
+        low = int(0)
+        high = channel_count
+        while high - low > 1:
+            middle = (low + high) // 2
+            if channel_start[middle] <= point:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    @wp.func(module=name)
+    def extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int) -> vec2:
+        """Point i of a channel; beyond an end the line goes on as its point reflection, so ends are straight."""
+        if i < first:
+            return TWO * point_xy[first] - point_xy[2 * first - i]
+        if i > last:
+            return TWO * point_xy[last] - point_xy[2 * last - i]
+        return point_xy[i]
+
+    @wp.func(module=name)
+    def circle_curvature(a: vec2, b: vec2, la: scalar, lb: scalar) -> scalar:
+        """Curvature of the circle through three points that are joined by a and b, of lengths la and lb; left > 0."""
+        scale = la * lb * wp.length(a + b)
+        if scale > ZERO:
+            return TWO * (a[0] * b[1] - a[1] * b[0]) / scale
+        return ZERO
+
+    @wp.func(module=name)
+    def central_tangent(a: vec2, b: vec2, la: scalar, lb: scalar) -> vec2:
+        """First derivative by arc length where segments a and b meet (three points, uneven spacing)."""
+        if la == ZERO or lb == ZERO:
+            return (a + b) / wp.max(la + lb, scalar(1.0e-30))
+        return (a * (lb / la) + b * (la / lb)) / (la + lb)
+
+    @wp.func(module=name)
+    def fourth_order_tangent(before: vec2, here: vec2, after: vec2, la: scalar, lb: scalar) -> vec2:
+        """First derivative to fourth order: the central one less h^2/6 times its own second derivative."""
+        if la + lb == ZERO:
+            return here
+        return here - (la * (after - here) - lb * (here - before)) / (THREE * (la + lb))
+
+    return SimpleNamespace(
+        vec2=vec2,
+        vec4=wp.types.vector(4, scalar),
+        channel_at=channel_at,
+        extended_point=extended_point,
+        circle_curvature=circle_curvature,
+        central_tangent=central_tangent,
+        fourth_order_tangent=fourth_order_tangent,
+    )

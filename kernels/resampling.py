@@ -1,0 +1,308 @@
+"""Resampling: evenly spaced points on the C1 cubic through the moved ones [Paris2023, Sec. 4.3]."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+from warpriver.kernels import polyline
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the resampling kernels for one precision; arc length is float64 in both.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.resampling_{scalar.__name__}"
+    line = polyline.build(scalar)
+    vec2, vec4 = line.vec2, line.vec4
+    ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
+    FAULT_NOT_FINITE = 1
+    HALF_64 = wp.float64(0.5)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def measure_chunks(
+        # network
+        channel_start: wp.array[int],
+        channel_count: int,
+        # params
+        chunk: int,
+        # in
+        point_moved: wp.array[vec2],
+        # out
+        point_arc_out: wp.array[wp.float64],
+        chunk_length_out: wp.array[wp.float64],
+    ):
+        """Arc length of each point from its chunk's first point, and the length that each chunk adds."""
+        k = wp.tid()
+        i = k * chunk
+        end = wp.min(i + chunk, channel_start[channel_count])
+        arc = wp.float64(0.0)
+        if i < end:
+            channel = line.channel_at(channel_start, channel_count, i)
+            while i < end:
+                first = channel_start[channel]
+                stop = wp.min(end, channel_start[channel + 1])
+                here = point_moved[i]
+                if i > first:
+                    arc += wp.float64(wp.length(here - point_moved[i - 1]))
+                point_arc_out[i] = arc
+                for j in range(i + 1, stop):
+                    after = point_moved[j]
+                    arc += wp.float64(wp.length(after - here))
+                    point_arc_out[j] = arc
+                    here = after
+                i = stop
+                channel += 1
+        chunk_length_out[k] = arc
+
+    @wp.func(module=name)
+    def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
+        """Arc length of a point since the start of the packed array; ``chunk_offset`` is an inclusive sum."""
+        k = i // chunk
+        if k == 0:
+            return point_arc[i]
+        return chunk_offset[k - 1] + point_arc[i]
+
+    @wp.kernel(module=name, enable_backward=False)
+    def count_samples(
+        # network
+        channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
+        # params
+        chunk: int,
+        # in
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        # out
+        channel_samples_out: wp.array[int],
+        channel_spacing_out: wp.array[scalar],
+        fault_io: wp.array[int],
+    ):
+        """Number of new points of each channel, from its length and the spacing asked for, and the even spacing."""
+        channel = wp.tid()
+        head = arc_at(point_arc, chunk_offset, chunk, channel_start[channel])
+        foot = arc_at(point_arc, chunk_offset, chunk, channel_start[channel + 1] - 1)
+        length = foot - head
+        if not wp.isfinite(length):
+            # Nothing of this step is taken over, so that the state before the fault can still be looked at.
+            wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
+            channel_samples_out[channel] = 0
+            return
+        pieces = wp.max(2, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
+        channel_samples_out[channel] = pieces + 1
+        channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
+
+    @wp.func(module=name)
+    def kept_after(point: wp.array[vec2], i: int, last: int) -> int:
+        """Next point that is not a copy of point i (a cutoff leaves copies behind); i + 1 beyond the channel's end."""
+        j = i + 1
+        while j < last and point[j] == point[i]:
+            j += 1
+        return j
+
+    @wp.func(module=name)
+    def kept_before(point: wp.array[vec2], i: int, first: int) -> int:
+        """Last point before i that is not a copy of it; beyond the channel's head i - 1, or first - 1."""
+        j = i - 1
+        while j >= first and point[j] == point[wp.max(i, first)]:
+            j -= 1
+        return j
+
+    @wp.func(module=name)
+    def kept_point(point: wp.array[vec2], i: int, first: int, last: int) -> vec2:
+        """Point i; beyond an end the point reflection of the kept points inside."""
+        if i >= first and i <= last:
+            return point[i]
+        j = int(last)
+        beyond = i - last
+        step = int(-1)
+        if i < first:
+            j = int(first)
+            beyond = first - i
+            step = 1
+        end = point[j]
+        for _k in range(beyond):
+            if step < 0:
+                j = wp.max(kept_before(point, j, first), first)
+            else:
+                j = wp.min(kept_after(point, j, last), last)
+        return TWO * end - point[j]
+
+    @wp.func(module=name)
+    def segment_of(
+        point: wp.array[vec2],
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        chunk: int,
+        first: int,
+        last: int,
+        target: wp.float64,
+    ) -> int:
+        """First point of the segment of a channel that holds an arc length (binary search)."""
+        low = first
+        high = last
+        while high - low > 1:
+            middle = (low + high) // 2
+            if arc_at(point_arc, chunk_offset, chunk, middle) <= target:
+                low = middle
+            else:
+                high = middle
+        while low > first and point[low] == point[low - 1]:
+            low -= 1
+        return low
+
+    @wp.func(module=name)
+    def hermite(b: vec2, c: vec2, tangent_b: vec2, tangent_c: vec2, size: scalar, u: scalar) -> vec2:
+        """Point at the part u of the cubic from b to c with those unit-speed tangents."""
+        v = ONE - u
+        blend = u * u * (THREE - TWO * u)
+        return b + blend * (c - b) + (size * u * v) * (v * tangent_b - u * tangent_c)
+
+    @wp.func(module=name)
+    def sweep_samples(
+        channel_range: wp.vec4i,
+        sample_range: wp.vec4i,
+        chunk: int,
+        spacing: wp.float64,
+        point: wp.array[vec2],
+        section: wp.array[vec2],
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        sample_out: wp.array[vec2],
+        sample_section_out: wp.array[vec2],
+    ):
+        """Write the new points begin .. stop - 1 of a channel, marching down its old segments with a rolling window.
+
+        channel_range = (first, last, -, -) of the old points; sample_range = (first, last, begin, stop) of the new.
+        """
+        first = channel_range[0]
+        last = channel_range[1]
+        head = arc_at(point_arc, chunk_offset, chunk, first)
+        target = head + spacing * wp.float64(sample_range[2] - sample_range[0])
+        ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, target)
+        ia = kept_before(point, ib, first)
+        ic = kept_after(point, ib, last)
+        id = kept_after(point, ic, last)
+        ie = kept_after(point, id, last)
+        z = kept_point(point, kept_before(point, ia, first), first, last)
+        a = kept_point(point, ia, first, last)
+        b = kept_point(point, ib, first, last)
+        c = kept_point(point, ic, first, last)
+        d = kept_point(point, id, first, last)
+        e = kept_point(point, ie, first, last)
+        ab = wp.length(b - a)
+        bc = wp.length(c - b)
+        cd = wp.length(d - c)
+        de = wp.length(e - d)
+        ta = line.central_tangent(a - z, b - a, wp.length(a - z), ab)
+        tb = line.central_tangent(b - a, c - b, ab, bc)
+        tc = line.central_tangent(c - b, d - c, bc, cd)
+        td = line.central_tangent(d - c, e - d, cd, de)
+        tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
+        tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
+        arc_b = arc_at(point_arc, chunk_offset, chunk, ib)
+        arc_c = arc_at(point_arc, chunk_offset, chunk, ic)
+        for k in range(sample_range[2], sample_range[3]):
+            target = head + spacing * wp.float64(k - sample_range[0])
+            while arc_c < target and ic < last:
+                ib = ic
+                ic = id
+                id = ie
+                ie = kept_after(point, ie, last)
+                b = c
+                c = d
+                d = e
+                e = kept_point(point, ie, first, last)
+                bc = cd
+                cd = de
+                de = wp.length(e - d)
+                tb = tc
+                tc = td
+                td = line.central_tangent(d - c, e - d, cd, de)
+                tangent_b = tangent_c
+                tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
+                arc_b = arc_c
+                arc_c = arc_at(point_arc, chunk_offset, chunk, ic)
+            u = scalar(0.0)
+            if k > sample_range[0] and arc_c > arc_b:
+                u = wp.clamp(scalar((target - arc_b) / (arc_c - arc_b)), ZERO, ONE)
+            if k == sample_range[1]:
+                ib = last
+                b = kept_point(point, last, first, last)
+                u = ZERO
+            sample_out[k] = hermite(b, c, tangent_b, tangent_c, bc, u)
+            if section:
+                sample_section_out[k] = (ONE - u) * section[ib] + u * section[ic]
+
+    @wp.kernel(module=name, enable_backward=False)
+    def resample_points(
+        # network
+        channel_start: wp.array[int],
+        channel_spacing: wp.array[scalar],
+        # params
+        chunk: int,
+        # in
+        channel_start_next: wp.array[int],
+        point_moved: wp.array[vec2],
+        section_moved: wp.array[vec2],
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        fault: wp.array[int],
+        # out
+        point_xy_out: wp.array[vec2],
+        point_section_out: wp.array[vec2],
+    ):
+        """Sample the cubic through the moved points at the even spacing; both ends of a channel stay where they are."""
+        channel_count = channel_spacing.shape[0]
+        count = channel_start_next[channel_count]
+        if fault[0] != 0 or count > point_xy_out.shape[0]:
+            return
+        i = wp.tid() * chunk
+        end = wp.min(i + chunk, count)
+        if i >= end:
+            return
+        channel = line.channel_at(channel_start_next, channel_count, i)
+        while i < end:
+            stop = wp.min(end, channel_start_next[channel + 1])
+            old = wp.vec4i(channel_start[channel], channel_start[channel + 1] - 1, 0, 0)
+            new = wp.vec4i(channel_start_next[channel], channel_start_next[channel + 1] - 1, i, stop)
+            sweep_samples(
+                old, new, chunk, wp.float64(channel_spacing[channel]), point_moved, section_moved,
+                point_arc, chunk_offset, point_xy_out, point_section_out,
+            )  # fmt: skip
+            i = stop
+            channel += 1
+
+    @wp.kernel(module=name, enable_backward=False)
+    def commit_step(
+        # params
+        point_capacity: int,
+        # in
+        channel_start_next: wp.array[int],
+        channel_spacing_next: wp.array[scalar],
+        fault: wp.array[int],
+        # out
+        channel_start_out: wp.array[int],
+        channel_spacing_out: wp.array[scalar],
+    ):
+        """Take over the new starts and spacings, unless the step failed or its points do not fit."""
+        channel = wp.tid()
+        last = channel_start_next.shape[0] - 1
+        if fault[0] != 0 or channel_start_next[last] > point_capacity:
+            return
+        channel_start_out[channel] = channel_start_next[channel]
+        if channel < last:
+            channel_spacing_out[channel] = channel_spacing_next[channel]
+
+    return SimpleNamespace(
+        vec2=vec2,
+        vec4=vec4,
+        measure_chunks=measure_chunks,
+        count_samples=count_samples,
+        resample_points=resample_points,
+        commit_step=commit_step,
+    )

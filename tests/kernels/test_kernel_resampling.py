@@ -1,0 +1,470 @@
+"""Resampling kernels against a spline by SciPy through the same points, exact curves, and by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernel_arrays import CHUNKS, SCALARS, UNWRITTEN, chunk_count, forms, split, starts_of, to_device, unwritten
+
+from warpriver.kernels import polyline, resampling
+
+# Sums of some hundred chords of kilometres: 1e-13 of them; the positions are polynomials of the same numbers.
+ARC_TOLERANCE = 1e-9
+POINT_TOLERANCE = 1e-9
+# A float32 coordinate of a few km is off by 2.4e-4 m at most; the cubic combines a few of them.
+POINT_TOLERANCE_32 = 2e-3
+FAULT_NOT_FINITE = 1
+
+
+def smooth_line(rng, count, spacing=50.0):
+    """Points a bit unevenly spaced on a winding line, as a move leaves them."""
+    s = np.cumsum(spacing * rng.uniform(0.85, 1.15, count))
+    heading = rng.uniform(0.0, 6.0) + 1.2 * np.sin(s / rng.uniform(120.0, 250.0) + rng.uniform(0.0, 6.0))
+    steps = np.diff(s)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)[1:]
+    return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)]) + rng.uniform(-500.0, 500.0, 2)
+
+
+def with_copies(xy, pairs):
+    """The line as cutoffs leave it: the points i .. j - 1 of each pair stand at point i."""
+    return reference.cut_necks(xy, pairs)[0]
+
+
+@dataclasses.dataclass
+class Sampled:
+    """What all kernels together made of the lines of a case; ``points`` and ``sections`` by channel."""
+
+    points: list
+    sections: list | None
+    spacing: np.ndarray
+    start: np.ndarray
+    fault: int
+    needed: int
+    raw: np.ndarray
+
+
+class Case:
+    """Some moved channels on a device; each kernel has its method, and ``sampled`` runs them all."""
+
+    def __init__(self, lines, *, spacing=50.0, sections=None, dtype="float64", device="cpu", spare=5):
+        self.scalar = SCALARS[dtype]
+        self.kernel, self.device, self.lines = resampling.build(self.scalar), device, lines
+        self.start = starts_of(lines)
+        self.count, self.capacity = int(self.start[-1]), int(self.start[-1]) + spare
+        self.asked = np.broadcast_to(np.float64(spacing), len(lines))
+        self.sections = sections
+        beyond = np.full((spare, 2), np.nan)
+        self.point_moved = to_device(np.concatenate([*lines, beyond]), self.kernel.vec2, device)
+        self.section_moved = None
+        if sections is not None:
+            self.section_moved = to_device(np.concatenate([*sections, beyond]), self.kernel.vec2, device)
+        self.channel_start = to_device(self.start, wp.int32, device)
+        # Only the spacing asked for is for these kernels.
+        self.form = forms(np.nan, np.nan, np.nan, self.asked, self.scalar, device)
+
+    def launch(self, kernel, dim, inputs, outputs):
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+    def measured(self, chunk, threads=None):
+        """Arc lengths in the chunks, and the length of each chunk, both on the device."""
+        threads = threads or chunk_count(self.capacity, chunk)
+        arc = unwritten(self.capacity, wp.float64, self.device)
+        length = unwritten(threads, wp.float64, self.device)
+        inputs = [self.channel_start, len(self.lines), chunk, self.point_moved]
+        self.launch(self.kernel.measure_chunks, threads, inputs, [arc, length])
+        return arc, length
+
+    def counted(self, chunk, arc, offset, fault):
+        """Points and even spacing of each channel, both on the device."""
+        samples = unwritten(len(self.lines), wp.int32, self.device)
+        spacing = unwritten(len(self.lines), self.scalar, self.device)
+        inputs = [self.channel_start, self.form, chunk, arc, offset]
+        self.launch(self.kernel.count_samples, len(self.lines), inputs, [samples, spacing, fault])
+        return samples, spacing
+
+    def sampled(self, chunk=64, capacity=None, fault=0):
+        """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
+        channels, flag = len(self.lines), to_device([fault], wp.int32, self.device)
+        most = int(sum(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum() / s + 4 for xy, s in zip(self.lines, self.asked)))
+        threads = chunk_count(max(most if np.isfinite(most) else 0, self.capacity), chunk)
+        arc, length = self.measured(chunk, threads)
+        offset = unwritten(threads, wp.float64, self.device)
+        wp.utils.array_scan(length, offset, inclusive=True)
+        samples, spacing = self.counted(chunk, arc, offset, flag)
+        start_next = wp.zeros(channels + 1, dtype=wp.int32, device=self.device)
+        wp.utils.array_scan(samples, start_next[1:], inclusive=True)
+        needed = int(start_next.numpy()[-1])
+        capacity = needed + 4 if capacity is None else capacity
+        points = unwritten(capacity, self.kernel.vec2, self.device)
+        sections = None if self.sections is None else unwritten(capacity, self.kernel.vec2, self.device)
+        inputs = [self.channel_start, spacing, chunk, start_next, self.point_moved, self.section_moved, arc, offset, flag]
+        self.launch(self.kernel.resample_points, threads, inputs, [points, sections])
+        start_out = to_device(self.start, wp.int32, self.device)
+        spacing_out = to_device(np.full(channels, 123.0), self.scalar, self.device)
+        inputs = [capacity, start_next, spacing, flag]
+        self.launch(self.kernel.commit_step, channels + 1, inputs, [start_out, spacing_out])
+        raw, start = points.numpy().astype(np.float64), start_out.numpy()
+        by_channel = split(raw, start_next.numpy())
+        if sections is not None:
+            sections = split(sections.numpy().astype(np.float64), start_next.numpy())
+        return Sampled(by_channel, sections, spacing_out.numpy(), start, int(flag.numpy()[0]), needed, raw)
+
+    def twins(self):
+        sections = [None] * len(self.lines) if self.sections is None else self.sections
+        return [
+            reference.resample(xy, s, section)
+            for xy, s, section in zip(self.lines, self.asked, sections, strict=True)
+        ]
+
+
+def assert_sampled(case, chunk, tolerance=POINT_TOLERANCE):
+    """Points, sections, counts and spacings are the twin's; the ends are the moved ends to the bit."""
+    actual = case.sampled(chunk)
+    assert actual.fault == 0
+    assert np.isnan(actual.raw[actual.needed :]).all()
+    start = [0]
+    for c, (xy, (points, section, spacing)) in enumerate(zip(case.lines, case.twins(), strict=True)):
+        assert len(actual.points[c]) == len(points), f"channel {c}"
+        error = np.abs(actual.points[c] - points).max()
+        assert error <= tolerance, f"channel {c}: {error}"
+        assert (actual.points[c][[0, -1]] == xy[[0, -1]]).all(), f"channel {c}"
+        assert actual.spacing[c] == pytest.approx(spacing, abs=tolerance)
+        if section is not None:
+            error = np.abs(actual.sections[c] - section).max()
+            assert error <= tolerance, f"channel {c}: section off by {error} at {np.abs(actual.sections[c] - section).argmax() // 2}"
+        start.append(start[-1] + len(points))
+    assert actual.start.tolist() == start
+    return actual
+
+
+# ---- lengths and counts
+
+
+@pytest.mark.parametrize("chunk", CHUNKS)
+def test_arc_lengths_by_chunk(device, chunk):
+    """Each point's arc from its chunk's first point; nothing is added between one channel and the next."""
+    rng = np.random.default_rng(3)
+    case = Case([smooth_line(rng, n) for n in (3, 70, 4, 3, 3, 129, 64)], device=device)
+    step = np.linalg.norm(np.diff(np.concatenate(case.lines), axis=0), axis=1)
+    step[case.start[1:-1] - 1] = 0.0
+    total = np.concatenate([[0.0], np.cumsum(step)])
+    arc, length = (a.numpy() for a in case.measured(chunk))
+    threads = chunk_count(case.capacity, chunk)
+    # A chunk also owns the segment that leads to its first point, so that the chunks' lengths add up.
+    ends = total[np.minimum(np.arange(1, threads + 1) * chunk, case.count) - 1]
+    owned = np.diff(np.concatenate([[0.0], ends]))
+    assert length == pytest.approx(owned, abs=ARC_TOLERANCE)
+    before = np.concatenate([[0.0], ends[:-1]])[np.arange(case.count) // chunk]
+    assert arc[: case.count] == pytest.approx(total - before, abs=ARC_TOLERANCE)
+    assert np.isnan(arc[case.count :]).all()
+
+
+def test_counts_by_hand(device):
+    """Straight lines of 2,000 m, 2,024 m, 2,025 m, 60 m and 1 m at 50 m: halves go up, and two segments are the least."""
+    lengths = np.array([2000.0, 2024.0, 2025.0, 60.0, 1.0])
+    lines = [np.stack([length * np.array([0.0, 0.25, 1.0]), np.zeros(3)], axis=1) for length in lengths]
+    result = Case(lines, device=device).sampled()
+    assert np.diff(result.start).tolist() == [41, 41, 42, 3, 3]
+    assert result.spacing == pytest.approx(lengths / [40, 40, 41, 2, 2], rel=1e-15)
+    for length, points in zip(lengths, result.points, strict=True):
+        assert points[:, 0] == pytest.approx(np.linspace(0.0, length, len(points)), abs=ARC_TOLERANCE)
+        assert (points[:, 1] == 0.0).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", [0, 6, 13])
+def test_a_point_that_is_not_finite_sets_the_fault_and_nothing_else_changes(device, value, where):
+    rng = np.random.default_rng(3)
+    lines = [smooth_line(rng, n) for n in (20, 14, 30)]
+    lines[1][where, 1] = value
+    for chunk in CHUNKS:
+        result = Case(lines, device=device).sampled(chunk, capacity=500)
+        assert result.fault == FAULT_NOT_FINITE
+        assert np.isnan(result.raw).all()
+        assert result.start.tolist() == starts_of(lines).tolist()
+        assert (result.spacing == 123.0).all()
+
+
+@pytest.mark.parametrize("fault", [1, 2])
+def test_an_earlier_fault_is_kept_and_stops_the_step(device, fault):
+    lines = [smooth_line(np.random.default_rng(1), 40)]
+    result = Case(lines, device=device).sampled(fault=fault)
+    assert result.fault == fault
+    assert np.isnan(result.raw).all() and (result.spacing == 123.0).all()
+    assert result.start.tolist() == [0, 40]
+
+
+def test_points_that_do_not_fit_change_nothing_and_tell_their_number(device):
+    rng = np.random.default_rng(1)
+    lines = [smooth_line(rng, n) for n in (40, 3, 60)]
+    case = Case(lines, spacing=20.0, device=device)
+    needed = case.sampled().needed
+    for chunk in CHUNKS:
+        short = case.sampled(chunk, capacity=needed - 1)
+        assert short.needed == needed
+        assert np.isnan(short.raw).all() and (short.spacing == 123.0).all()
+        assert short.start.tolist() == starts_of(lines).tolist()
+        exact = case.sampled(chunk, capacity=needed)
+        assert np.isfinite(exact.raw).all() and exact.start[-1] == needed
+
+
+# ---- samples
+
+
+@pytest.mark.parametrize("chunk", CHUNKS)
+def test_samples_match_the_spline(device, chunk):
+    rng = np.random.default_rng(6)
+    lines = [smooth_line(rng, n) for n in (3, 4, 5, 120, 3, 3, 260, 64, 6)]
+    spacing = np.array([50.0, 20.0, 50.0, 35.0, 400.0, 10.0, 61.0, 50.0, 50.0])
+    assert_sampled(Case(lines, spacing=spacing, device=device), chunk)
+
+
+@pytest.mark.parametrize("chunk", CHUNKS)
+def test_samples_with_sections(device, chunk):
+    """Width and depth are linear between the moved points, and the ends keep theirs."""
+    rng = np.random.default_rng(6)
+    lines = [smooth_line(rng, n) for n in (3, 40, 150)]
+    sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
+    assert_sampled(Case(lines, sections=sections, spacing=33.0, device=device), chunk)
+
+
+CUTS = {
+    "inside": [(20, 41)],
+    "head": [(0, 30)],
+    "tail": [(100, 129)],
+    "all but the ends": [(0, 129)],
+    "end to end": [(10, 30), (30, 64), (64, 90)],
+    "head and tail": [(0, 64), (64, 129)],
+    "on chunk boundaries": [(7, 14), (63, 65), (70, 128)],
+    "next to the ends": [(1, 40), (90, 128)],
+    "two segments apart": [(1, 3), (4, 6), (7, 9), (126, 129)],
+}
+
+
+@pytest.mark.parametrize("cuts", CUTS.values(), ids=CUTS)
+def test_copies_left_by_cutoffs_are_passed_over(device, cuts):
+    """At heads, tails and chunk boundaries, with channels before and after; the sections of copies do not count."""
+    rng = np.random.default_rng(9)
+    lines = [smooth_line(rng, n) for n in (5, 130, 3, 130)]
+    lines[1], lines[3] = with_copies(lines[1], cuts), with_copies(lines[3], cuts)
+    sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
+    for chunk in CHUNKS:
+        assert_sampled(Case(lines, device=device), chunk)
+        case = Case(lines, sections=sections, device=device)
+        result = case.sampled(chunk)
+        for c, (_, section, _) in enumerate(case.twins()):
+            # The last sample has a test of its own.
+            assert np.abs(result.sections[c] - section)[:-1].max() <= POINT_TOLERANCE
+
+
+def test_the_last_sample_keeps_the_section_of_the_last_point(device):
+    """Twelve to ninety metres wide at the outlet, and so it stays, step after step."""
+    rng = np.random.default_rng(10)
+    lines = [smooth_line(rng, n) for n in (3, 40)]
+    sections = [np.stack([np.linspace(12.0, 90.0, len(xy)), np.linspace(1.0, 3.0, len(xy))], axis=1) for xy in lines]
+    result = Case(lines, sections=sections, device=device).sampled()
+    for section, sampled in zip(sections, result.sections, strict=True):
+        assert sampled[0] == pytest.approx(section[0], rel=1e-15)
+        assert sampled[-1] == pytest.approx(section[-1], rel=1e-15)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
+@given(
+    counts=st.lists(st.integers(3, 100), min_size=1, max_size=6),
+    chunk=st.integers(1, 130),
+    seed=st.integers(0, 2**32 - 1),
+    spacing=st.floats(5.0, 300.0),
+    cut=st.booleans(),
+)
+def test_any_lines_match_the_spline(counts, chunk, seed, spacing, cut):
+    rng = np.random.default_rng(seed)
+    lines = [smooth_line(rng, n) for n in counts]
+    if cut:
+        for c, n in enumerate(counts):
+            ends = np.unique(rng.integers(0, n, 4))
+            pairs = [(i, j) for i, j in zip(ends[:-1], ends[1:], strict=True) if j - i > 1]
+            lines[c] = with_copies(lines[c], pairs)
+    assert_sampled(Case(lines, spacing=spacing), chunk)
+
+
+def test_samples_lie_at_an_even_spacing(device):
+    """A gently winding line of uneven points becomes even: within what chords of arcs differ, and no drift along it."""
+    lines = [smooth_line(np.random.default_rng(2), 300)]
+    result = Case(lines, device=device).sampled()
+    chord = np.linalg.norm(np.diff(result.points[0], axis=0), axis=1)
+    # Bends of 100 m radius: a chord of 50 m is 1% shorter than its arc, the old chords likewise.
+    assert chord == pytest.approx(result.spacing[0], rel=0.02)
+    again = Case(result.points, device=device).sampled()
+    assert np.diff(again.start)[0] == len(result.points[0])
+    chord = np.linalg.norm(np.diff(again.points[0], axis=0), axis=1)
+    assert chord == pytest.approx(again.spacing[0], rel=0.002)
+
+
+def test_even_points_on_a_line_stay_where_they_are(device):
+    """Sampling at the spacing that the points have already gives them back."""
+    angle = 0.1 * np.arange(60)
+    circle = 500.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    straight = np.stack([50.0 * np.arange(40), 20.0 * np.arange(40)], axis=1)
+    chord = 1000.0 * np.sin(0.05)
+    result = Case([circle, straight], spacing=[chord, np.hypot(50.0, 20.0)], device=device).sampled(7)
+    for points, xy in zip(result.points, (circle, straight), strict=True):
+        assert np.abs(points - xy).max() <= POINT_TOLERANCE
+
+
+@pytest.mark.parametrize("shape", ["circle", "sine"])
+def test_samples_of_a_smooth_curve_are_of_fourth_order(shape):
+    """Halving the spacing divides the distance from the curve by 2^3.5 or more, away from the ends."""
+    errors = []
+    for count in (61, 121, 241):
+        t = np.linspace(0.0, 1.0, count)
+        t = t + 0.03 * np.sin(2.0 * np.pi * t)  # unevenly, but smoothly
+        if shape == "circle":
+            xy = 300.0 * np.stack([np.cos(5.0 * t), np.sin(5.0 * t)], axis=1)
+        else:
+            xy = np.stack([2000.0 * t, 200.0 * np.sin(14.0 * t)], axis=1)
+        spacing = 0.83 * np.linalg.norm(np.diff(xy, axis=0), axis=1).mean()
+        points = Case([xy], spacing=spacing).sampled().points[0]
+        points = points[len(points) // 5 : -len(points) // 5]
+        if shape == "circle":
+            off = np.hypot(*points.T) - 300.0
+        else:
+            slope = 200.0 * 14.0 / 2000.0 * np.cos(14.0 * points[:, 0] / 2000.0)
+            off = (points[:, 1] - 200.0 * np.sin(14.0 * points[:, 0] / 2000.0)) / np.hypot(1.0, slope)
+        errors.append(np.abs(off).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders >= 3.5).all(), (orders, errors)
+
+
+def test_samples_turn_and_shift_with_the_line(device):
+    rng = np.random.default_rng(6)
+    lines = [smooth_line(rng, n) for n in (3, 80, 130)]
+    c, s = np.cos(0.7), np.sin(0.7)
+    plain = Case(lines, device=device).sampled()
+    for image in (np.array([[c, s], [-s, c]]), np.diag([1.0, -1.0])):
+        result = Case([xy @ image + [300.0, -200.0] for xy in lines], device=device).sampled()
+        for a, b in zip(result.points, plain.points, strict=True):
+            assert np.abs(a - (b @ image + [300.0, -200.0])).max() <= POINT_TOLERANCE
+
+
+def test_a_channel_cut_to_a_point_stays_finite(device):
+    """A ring whose first and last point coincide, cut where it begins: no length is left, and nothing divides by it."""
+    ring = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 50.0], [0.0, 0.0]])
+    result = Case([with_copies(ring, [(0, 4)])], device=device).sampled()
+    assert result.fault == 0
+    assert result.points[0].tolist() == [[0.0, 0.0]] * 3
+
+
+def test_a_loop_cut_at_a_crossing_that_is_a_point_stays_finite(device):
+    """Both neck points at one place, inside and at the tail: the copies reach one point farther than after other cuts."""
+    xy = smooth_line(np.random.default_rng(4), 60)
+    for i, j in ((20, 40), (0, 30), (45, 59)):
+        crossed = xy.copy()
+        crossed[j] = crossed[i]
+        line = with_copies(crossed, [(i, j)])
+        for chunk in CHUNKS:
+            result = Case([line], device=device).sampled(chunk)
+            assert np.isfinite(result.points[0]).all()
+            assert (result.points[0][[0, -1]] == line[[0, -1]]).all()
+            chord = np.linalg.norm(np.diff(result.points[0], axis=0), axis=1)
+            assert chord.max() <= 2.0 * result.spacing[0]
+
+
+def test_single_precision_samples(device):
+    rng = np.random.default_rng(16)
+    lines = [np.float32(smooth_line(rng, n)).astype(np.float64) for n in (3, 130, 70, 3)]
+    lines[1] = with_copies(lines[1], [(5, 40), (63, 70)])
+    for chunk in CHUNKS:
+        assert_sampled(Case(lines, dtype="float32", device=device), chunk, POINT_TOLERANCE_32)
+
+
+# ---- shared functions
+
+
+def test_channel_of_a_point(device):
+    start = np.array([0, 3, 6, 106, 109], np.int32)
+    channel_at = polyline.build(wp.float64).channel_at
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(channel_start: wp.array[int], channel_out: wp.array[int]):
+        i = wp.tid()
+        channel_out[i] = channel_at(channel_start, channel_start.shape[0] - 1, i)
+
+    out = unwritten(109, wp.int32, device)
+    wp.launch(evaluate, dim=109, inputs=[to_device(start, wp.int32, device)], outputs=[out], device=device)
+    assert out.numpy().tolist() == [0] * 3 + [1] * 3 + [2] * 100 + [3] * 3
+
+
+def test_tangents_match_the_parabola_and_its_correction(device, dtype):
+    """Three-point tangents on uneven points, and the fourth-order ones from three of them, as in the twin's spline."""
+    rng = np.random.default_rng(3)
+    scalar = SCALARS[dtype]
+    line = polyline.build(scalar)
+    central_tangent, fourth_order_tangent = line.central_tangent, line.fourth_order_tangent
+    vec2 = line.vec2
+    xy = smooth_line(rng, 40).astype(np.float32).astype(np.float64)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(point: wp.array[vec2], tangent_out: wp.array[vec2], corrected_out: wp.array[vec2]):
+        i = wp.tid() + 2
+        za = point[i - 1] - point[i - 2]
+        ab = point[i] - point[i - 1]
+        bc = point[i + 1] - point[i]
+        cd = point[i + 2] - point[i + 1]
+        before = central_tangent(za, ab, wp.length(za), wp.length(ab))
+        here = central_tangent(ab, bc, wp.length(ab), wp.length(bc))
+        after = central_tangent(bc, cd, wp.length(bc), wp.length(cd))
+        tangent_out[i] = here
+        corrected_out[i] = fourth_order_tangent(before, here, after, wp.length(ab), wp.length(bc))
+
+    out = [unwritten(len(xy), vec2, device) for _ in range(2)]
+    wp.launch(evaluate, dim=len(xy) - 4, inputs=[to_device(xy, vec2, device)], outputs=out, device=device)
+    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    curve, knots = reference.cubic_through(xy)
+    # A tangent is a few quotients of differences of coordinates.
+    tolerance = 1e-13 if dtype == "float64" else 2e-6
+    assert out[0].numpy()[2:-2] == pytest.approx(reference.three_point_tangents(t, xy)[1:-1], abs=tolerance)
+    assert out[1].numpy()[2:-2] == pytest.approx(curve(knots, 1)[2:-2], abs=tolerance)
+
+
+def test_curvature_of_degenerate_points_is_zero():
+    """Two points at one place, or a line that turns back on itself, have none; nothing is divided by zero."""
+    line = polyline.build(wp.float64)
+    circle_curvature, vec2 = line.circle_curvature, line.vec2
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(a: wp.array[vec2], b: wp.array[vec2], curvature_out: wp.array[wp.float64]):
+        i = wp.tid()
+        curvature_out[i] = circle_curvature(a[i], b[i], wp.length(a[i]), wp.length(b[i]))
+
+    a = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0], [1.0, 0.0], [0.0, 1.0]])
+    b = np.array([[1.0, 0.0], [0.0, 0.0], [-3.0, -4.0], [0.0, 1.0], [1.0, 0.0]])
+    out = unwritten(5, wp.float64, "cpu")
+    wp.launch(evaluate, dim=5, inputs=[to_device(v, vec2, "cpu") for v in (a, b)], outputs=[out], device="cpu")
+    # The circle through three corners of a unit square has the radius 1 / sqrt 2; to the left and to the right.
+    assert out.numpy() == pytest.approx([0.0, 0.0, 0.0, np.sqrt(2.0), -np.sqrt(2.0)], rel=1e-15)
+
+
+def test_extended_points_are_point_reflections(device):
+    line = polyline.build(wp.float64)
+    extended_point, vec2 = line.extended_point, line.vec2
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(point: wp.array[vec2], first: int, last: int, point_out: wp.array[vec2]):
+        i = wp.tid()
+        point_out[i] = extended_point(point, first + i - 2, first, last)
+
+    # Three points of a channel between two others.
+    xy = np.array([[9.0, 9.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [9.0, 9.0]])
+    out = unwritten(7, vec2, device)
+    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3], outputs=[out], device=device)
+    by_hand = [[-5.0, 1.0], [-2.0, -1.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [8.0, -3.0], [10.0, -2.0]]
+    assert out.numpy().tolist() == by_hand
+    assert reference.reflect_ends(xy[1:4]).tolist() == by_hand
+
+
+def test_unwritten_is_told_from_written():
+    """The marker of integers is no value that a kernel writes."""
+    assert UNWRITTEN < -1

@@ -1,0 +1,274 @@
+"""Float64 NumPy twins of the device kernels: slow and plain, written from the equations, to be read beside them.
+
+A channel is an (n, 2) array of points here, from upstream to downstream; nothing is packed and nothing is in chunks.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """Constants of one migration step, named as on the device; lengths in m, times in yr."""
+
+    time_step: float = 106.0 / 365.25
+    migration_rate: float = 60.0
+    friction: float = 0.011
+    local_weight: float = -1.0
+    upstream_weight: float = 2.5
+    scale_local: int = 0
+    scale_upstream: int = 1
+    end_damping: float = 5.0
+
+
+def reflect_ends(xy, extra=2):
+    """Continue a line by ``extra`` points at each end, as its point reflection through the end: (n + 2 extra, 2)."""
+    head = 2.0 * xy[0] - xy[extra:0:-1]
+    foot = 2.0 * xy[-1] - xy[-2 : -2 - extra : -1]
+    return np.concatenate([head, xy, foot])
+
+
+# ---- migration
+
+
+def circle_curvature(xy):
+    """Curvature of the circle through each three points in a row, left > 0: 4 area / (product of the sides), (n - 2,)."""
+    before, here, after = xy[:-2], xy[1:-1], xy[2:]
+    u, v = here - before, after - before
+    twice_area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    sides = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(after - here, axis=1)
+    return np.divide(2.0 * twice_area, sides, out=np.zeros(len(sides)), where=sides > 0.0)
+
+
+def curvature_and_change(xy):
+    """Curvature at every point, and its second difference along the line; both vanish at the ends, (n,) each."""
+    wide = circle_curvature(reflect_ends(xy, 2))
+    return wide[1:-1], wide[:-2] - 2.0 * wide[1:-1] + wide[2:]
+
+
+def decay_weights(x):
+    """Weights (q, w0, w1) of a segment of optical depth x, by the integrals that define them.
+
+    A point z e-foldings up from the segment's lower end counts with e^(-z) dz, and a linear v is there v1 + (v0 - v1) z / x.
+    """
+    if x == 0.0:
+        return 1.0, 0.0, 0.0
+    # In pieces of at most one e-folding each, which 20 nodes integrate to rounding; beyond 60 nothing counts.
+    nodes, node_weights = np.polynomial.legendre.leggauss(20)
+    edges = np.linspace(0.0, min(x, 60.0), int(np.ceil(min(x, 60.0))) + 1)
+    half = 0.5 * np.diff(edges)[:, None]
+    z = (edges[:-1, None] + half * (nodes + 1.0)).ravel()
+    density = (half * node_weights).ravel() * np.exp(-z)
+    return np.exp(-x), np.sum(density * (z / x)), np.sum(density * (1.0 - z / x))
+
+
+def upstream_mean(value, optical_depth):
+    """Weighted mean of the values upstream of every point, by the double sum over points and their segments.
+
+    Args:
+        value: (n,), linear between the points and 0 above the first.
+        optical_depth: (n - 1,), of each segment.
+    """
+    weights = np.array([decay_weights(x) for x in optical_depth]).reshape(-1, 3)
+    share = weights[:, 1] * value[:-1] + weights[:, 2] * value[1:]
+    mean = np.zeros(len(value))
+    for i in range(1, len(value)):
+        # Optical depth between the lower end of each segment upstream and point i.
+        between = np.concatenate([np.cumsum(optical_depth[1:i][::-1])[::-1], [0.0]])
+        mean[i] = np.sum(share[:i] * np.exp(-between))
+    return mean
+
+
+def optical_depths(xy, depth, friction):
+    """Optical depth alpha ds of each segment, alpha = 2 f / d as the mean of both ends, (n - 1,)."""
+    alpha = 2.0 * friction / depth
+    return 0.5 * (alpha[1:] + alpha[:-1]) * np.linalg.norm(np.diff(xy, axis=0), axis=1)
+
+
+def sinuosity_factor(xy, spacing):
+    """sigma^(-2/3), with sigma the length over the chord, never below 1."""
+    chord = np.linalg.norm(xy[-1] - xy[0])
+    return min(chord / (spacing * (len(xy) - 1)), 1.0) ** (2.0 / 3.0)
+
+
+def migration_rate(xy, spacing, width, depth, law):
+    """Rate mu of every point before any smoothing, m/yr, positive to the right: (n,).
+
+    mu = omega mu0 + sigma^(-2/3) gamma (upstream mean of mu0), mu0 = k w C, with C corrected to fourth order: minus a
+    twelfth of its second difference, and once more for the linear quadrature.
+    """
+    curvature, change = curvature_and_change(xy)
+    strength = law.migration_rate * width
+    factor = sinuosity_factor(xy, spacing)
+    local = law.local_weight * (factor if law.scale_local else 1.0)
+    gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
+    upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depths(xy, depth, law.friction))
+    return local * strength * (curvature - change / 12.0) + gamma * upstream
+
+
+def implicit_share(xy, spacing, widest, law):
+    """Factor c of (I - c d2): the least that keeps 1 - (16/3) b / (1 + 4 c) at or above -1/2, b = D dt / h^2."""
+    diffusivity = -law.local_weight * law.migration_rate * widest
+    if law.scale_local:
+        diffusivity *= sinuosity_factor(xy, spacing)
+    b = diffusivity * law.time_step / spacing**2
+    return max(0.0, ((16.0 / 3.0) * b / 1.5 - 1.0) / 4.0)
+
+
+def recurrence_root(c):
+    """Root r < 1 of c r^2 - (1 + 2 c) r + c = 0, so that 1 / (1 - c d2) = (1 - r)^2 / ((1 - r E)(1 - r / E))."""
+    if c == 0.0:
+        return 0.0
+    roots = np.roots([c, -(1.0 + 2.0 * c), c])
+    return float(np.min(roots.real))
+
+
+def fading_sum(value, r):
+    """u_i = (1 - r) v_i + r u_(i - 1) from u_0 = 0: the first half of the smoothing, (n,)."""
+    u = np.zeros(len(value))
+    for i in range(1, len(value)):
+        u[i] = (1.0 - r) * value[i] + r * u[i - 1]
+    return u
+
+
+def implicit_smoothing(value, c):
+    """Solve (I - c d2) u = v with u = 0 beyond both ends, as a dense system."""
+    n = len(value)
+    second_difference = np.eye(n, k=1) - 2.0 * np.eye(n) + np.eye(n, k=-1)
+    return np.linalg.solve(np.eye(n) - c * second_difference, value)
+
+
+def end_weight(count, spacing, reach):
+    """Smoothstep of each point's distance along the channel to its nearer end, 1 from ``reach`` on, (count,)."""
+    i = np.arange(count)
+    away = np.minimum(i, count - 1 - i) * spacing
+    t = np.ones(count) if reach == 0.0 else np.minimum(away / reach, 1.0)
+    return 3.0 * t**2 - 2.0 * t**3
+
+
+def right_normals(xy):
+    """Unit normals to the right of the flow at the inner points, by the chord between both neighbours: (n - 2, 2)."""
+    chord = xy[2:] - xy[:-2]
+    size = np.linalg.norm(chord, axis=1, keepdims=True)
+    right = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
+    return np.divide(right, size, out=np.zeros_like(right), where=size > 0.0)
+
+
+def move_points(xy, rate, spacing, mean_width, widest, law):
+    """Points after one step, from rates that are smoothed downstream already: p + n mu e dt, both ends held."""
+    r = recurrence_root(implicit_share(xy, spacing, widest, law))
+    speed = fading_sum(rate[::-1], r)[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width)
+    moved = xy.copy()
+    moved[1:-1] += right_normals(xy) * (speed[1:-1] * law.time_step)[:, None]
+    return moved
+
+
+# ---- cutoffs
+
+
+def find_necks(xy, spacing, reach, min_arc):
+    """First later point within reach of each point, -1 if none, by comparing all pairs: (n,) int.
+
+    Args:
+        xy: (n, 2) points.
+        spacing: Distance of neighbours along the channel before the move, m.
+        reach: (n, n) distance in m below which two points join.
+        min_arc: Points no farther apart along the channel than this, in m, never join.
+    """
+    neck = np.full(len(xy), -1)
+    for i in range(len(xy)):
+        for j in range(i + 1, len(xy)):
+            if (j - i) * spacing > min_arc and np.hypot(*(xy[j] - xy[i])) < reach[i, j]:
+                neck[i] = j
+                break
+    return neck
+
+
+def select_cuts(neck):
+    """Necks (i, j) kept on a walk down the channel: the first one met, then the first from its end on, and so forth."""
+    kept, i = [], 0
+    while i < len(neck):
+        if neck[i] >= 0:
+            kept.append((i, int(neck[i])))
+            i = int(neck[i])
+        else:
+            i += 1
+    return kept
+
+
+def cut_necks(xy, kept):
+    """Line after its loops were pulled onto the points where they begin, and the loops with both their ends."""
+    after, loops = xy.copy(), []
+    for i, j in kept:
+        loops.append(xy[i : j + 1].copy())
+        after[i:j] = xy[i]
+    return after, loops
+
+
+# ---- resampling
+
+
+def distinct_points(xy):
+    """Indices of the points left when each run of copies counts once: its first, but the channel's last point stays."""
+    kept = [0]
+    for i in range(1, len(xy) - 1):
+        if (xy[i] != xy[kept[-1]]).any():
+            kept.append(i)
+    if len(kept) > 1 and (xy[kept[-1]] == xy[-1]).all():
+        kept.pop()
+    return np.array([*kept, len(xy) - 1])
+
+
+def sample_count(length, spacing):
+    """Number of points for a length: round(length / spacing) segments, halves up, and at least 2."""
+    return max(2, int(np.floor(length / spacing + 0.5))) + 1
+
+
+def three_point_tangents(t, xy):
+    """Derivative at each inner point of the parabola through it and its neighbours: (n - 2, 2)."""
+    tangents = []
+    for k in range(1, len(t) - 1):
+        a, b, c = t[k - 1 : k + 2]
+        slopes = np.array([(b - c) / ((a - b) * (a - c)), 1 / (b - a) + 1 / (b - c), (b - a) / ((c - a) * (c - b))])
+        tangents.append(slopes @ xy[k - 1 : k + 2])
+    return np.array(tangents)
+
+
+def cubic_through(xy):
+    """The C1 cubic through distinct points, by chord length: Hermite with tangents of fourth order.
+
+    A three-point tangent is off by (la lb / 6) p''', and p''' is the second derivative of the tangents themselves. The
+    line is extended by its point reflection at both ends.
+    """
+    count = len(xy)
+    if count == 2:  # the reflection of a single segment has one inner point on each side only
+        wide = xy[0] + np.arange(-2, 4)[:, None] * (xy[1] - xy[0])
+    else:
+        wide = reflect_ends(xy, 2)
+    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wide, axis=0), axis=1))])
+    t -= t[2]
+    tangent = three_point_tangents(t, wide)
+    la, lb = np.diff(t)[1:-2], np.diff(t)[2:-1]
+    bend = 2.0 * (np.diff(tangent, axis=0)[1:] / lb[:, None] - np.diff(tangent, axis=0)[:-1] / la[:, None])
+    third = bend / (la + lb)[:, None]
+    corrected = tangent[1:-1] - (la * lb / 6.0)[:, None] * third
+    return CubicHermiteSpline(t[2:-2], xy, corrected), t[2:-2]
+
+
+def resample(xy, spacing, section=None):
+    """Even points on the cubic through a moved line, copies skipped; with it the sections, linear in between.
+
+    Returns:
+        Points (m, 2), sections (m, 2) or None, and the even spacing.
+    """
+    kept = distinct_points(xy)
+    curve, t = cubic_through(xy[kept])
+    count = sample_count(t[-1], spacing)
+    target = np.linspace(0.0, t[-1], count)
+    points = curve(target)
+    points[0], points[-1] = xy[0], xy[-1]
+    if section is not None:
+        section = np.stack([np.interp(target, t, column) for column in section[kept].T], axis=1)
+    return points, section, t[-1] / (count - 1)

@@ -1,0 +1,151 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from warpriver import History, RiverNetwork, generate, write_network
+from warpriver.cli import main
+
+
+@pytest.fixture
+def river(tmp_path):
+    """A small CSV river, 60 m wide."""
+    line = generate.noisy_line(9_000.0, 30.0, 60.0, 4)
+    write_network(RiverNetwork.from_polylines([line], width=60.0, crs="EPSG:32619"), tmp_path / "river.csv")
+    return tmp_path / "river.csv"
+
+
+def run(capsys, *arguments):
+    code = main([str(a) for a in arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_simulate_writes_run_lines_and_map_and_continues(river, tmp_path, capsys):
+    out = tmp_path / "out"
+    code, said, err = run(capsys, "simulate", river, "--years", 40, "--record-every", 20, "-o", out, "--no-progress")
+    assert code == 0, err
+    assert "sinuosity" in said and "ms a step" in said and str(out) in said
+    for name in ("run/run.json", "channels.csv", "belt.png"):
+        assert (out / name).stat().st_size > 0, name
+    first = History.load(out / "run")
+    assert first.crs == "EPSG:32619" and first.steps[-1] == 138 and first.params.spacing == 50.0
+    assert "EPSG:32619" in (out / "channels.csv").read_text().splitlines()[0]
+    code, _, err = run(capsys, "simulate", out / "run", "--years", 10, "--no-progress")
+    assert code == 0, err
+    assert History.load(out / "run").steps[-1] == 138 + 35
+
+
+def test_every_parameter_is_a_flag(river, tmp_path, capsys):
+    flags = "--step-days 50 --spacing 20 --migration-rate 30 --friction 0.02 --local-weight -0.9 --upstream-weight 2 "
+    flags += (
+        "--sinuosity-scaling whole --cutoff-distance 1.5 --cutoff-min-arc 6 --end-damping 2 --seed 3 --dtype float32"
+    )
+    code, _, err = run(capsys, "simulate", river, "--years", 2, *flags.split(), "-o", tmp_path / "o", "--no-progress")
+    assert code == 0, err
+    history = History.load(tmp_path / "o" / "run")
+    p = history.params
+    assert (p.spacing, p.migration_rate, p.friction, p.local_weight, p.upstream_weight) == (20, 30, 0.02, -0.9, 2)
+    assert (p.sinuosity_scaling, p.cutoff_distance, p.cutoff_min_arc, p.end_damping) == ("whole", 1.5, 6, 2)
+    assert p.time_step == pytest.approx(50 / 365.25) and history.seed == 3 and history.dtype == "float32"
+
+
+def test_render_and_info_of_a_run(river, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(capsys, "simulate", river, "--years", 20, "-o", out, "--no-progress")[0] == 0
+    for name, extra in (("a.png", []), ("b.gif", ["--every", "3"]), ("c.png", ["--until", "10"])):
+        code, said, err = run(capsys, "render", out, "-o", tmp_path / name, *extra)
+        assert code == 0, err
+        assert (tmp_path / name).stat().st_size > 0 and name in said
+    code, said, _ = run(capsys, "info", out / "run")
+    assert code == 0 and "records" in said and "channel 0" in said
+    code, said, _ = run(capsys, "render", river, "-o", tmp_path / "d.png")
+    assert code == 0 and (tmp_path / "d.png").stat().st_size > 0
+
+
+def test_info_says_what_the_installation_can_do(capsys):
+    code, said, _ = run(capsys, "info")
+    assert code == 0 and "device cpu" in said and "extra gis" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["simulate", "nowhere.csv", "--width", "50"], "nowhere.csv"),
+        (["simulate", "{river}", "--spacing", "80"], "coarser than channel 0"),
+        (["simulate", "{river}", "--width", "-5"], "positive"),
+        (["simulate", "{river}", "--width", "99999"], "99999"),
+        (["simulate", "{river}", "--friction", "0"], "friction"),
+        (["simulate", "{river}", "--device", "cuda:17"], "it has: cpu"),
+        (["simulate", "{river}", "--step-days", "9158400"], "is it in years"),
+        (["simulate", "{river}", "--years", "nan"], "years"),
+        (["simulate", "{river}", "--record-every", "0"], "Every"),
+        (["simulate", "{river}", "-o", "{river}/x"], "river.csv"),
+        (["simulate", "{full}"], "holds an earlier run"),
+        (["simulate", "{text}", "--width", "50"], "text.csv"),
+        (["render", "{river}", "-o", "x.gif"], "not a run"),
+        (["render", "{river}", "-o", "x.bmp"], ".png, .gif or .mp4"),
+        (["info", "nowhere.csv"], "nowhere.csv"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(river, tmp_path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out" / "full" / "run").mkdir(parents=True)
+    (tmp_path / "full.csv").write_bytes(river.read_bytes())
+    (tmp_path / "text.csv").write_text("once upon a time\nthere was a river\nand another\n")
+    places = {"river": river, "full": tmp_path / "full.csv", "text": tmp_path / "text.csv"}
+    code, _, err = run(capsys, *[a.format(**places) for a in arguments])
+    assert code == 2
+    assert err.count("\n") == 1 and words in err and "Traceback" not in err
+    assert not (tmp_path / "out" / "river" / "run").exists(), "nothing is begun on bad input"
+
+
+def test_a_wrong_flag_exits_with_2(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", "x.csv", "--no-such-flag"])
+    assert caught.value.code == 2
+
+
+def test_help_is_quick_and_explains_units_and_defaults():
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "warpriver", "simulate", "--help"], capture_output=True, text=True, check=True
+    )
+    # Generous: it takes 0.1 s where nothing else runs; waiting for Warp would take 0.6 s more.
+    assert time.perf_counter() - begin < 5.0
+    for word in ("m/yr", "default 60.0", "widths", "examples:", "--step-days", "106"):
+        assert word in done.stdout
+
+
+def test_an_interrupted_command_leaves_a_readable_run(river, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "warpriver", "simulate", str(river), "--years", "1e6", "-o", str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    run_file = tmp_path / "out" / "run" / "run.json"
+    deadline = time.monotonic() + 60.0
+    while not run_file.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.kill(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "interrupted" in err and "Traceback" not in err
+    history = History.load(tmp_path / "out" / "run")
+    assert len(history) > 1 and np.isfinite(history.networks[-1].points()).all()
+    assert json.loads(run_file.read_text())["stop_reason"] == "INTERRUPTED"
+
+
+def test_demo_writes_its_pictures(tmp_path, capsys):
+    code, said, err = run(capsys, "demo", "--years", 60, "--length", 8, "-o", tmp_path / "demo", "--no-progress")
+    assert code == 0, err
+    for name in ("channels.csv", "belt.png", "belt.gif", "run/run.json"):
+        assert (tmp_path / "demo" / name).stat().st_size > 0, name
+    assert "3-D" in said

@@ -1,0 +1,48 @@
+import dataclasses
+import math
+
+import pytest
+
+from warpriver.params import DAYS_PER_YEAR, MeanderParams, describe
+
+
+def test_paper_values_are_table_1():
+    p = MeanderParams.paper()
+    assert p.time_step * DAYS_PER_YEAR == pytest.approx(106.0, rel=1e-15)
+    assert p.migration_rate / DAYS_PER_YEAR == pytest.approx(0.164, rel=1e-15)
+    assert (p.spacing, p.friction, p.local_weight, p.upstream_weight) == (50.0, 0.011, -1.0, 2.5)
+    # The default, 60 m/yr, is the same number rounded.
+    assert MeanderParams().migration_rate == pytest.approx(p.migration_rate, rel=2e-3)
+
+
+def test_every_field_states_unit_source_and_meaning():
+    for name, default, unit, source, doc in describe(MeanderParams):
+        assert default is not None and unit and source and doc, name
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"time_step": 0.0}, "time_step"),
+        ({"spacing": -1.0}, "spacing"),
+        ({"friction": math.nan}, "friction"),
+        ({"migration_rate": math.inf}, "migration_rate"),
+        ({"local_weight": 0.5}, "local_weight"),
+        ({"sinuosity_scaling": "half"}, "'upstream', 'whole', 'none'"),
+        ({"cutoff_min_arc": 1.0}, "cutoff_min_arc"),
+        ({"spacing": "50"}, "spacing"),
+        ({"end_damping": True}, "end_damping"),
+    ],
+)
+def test_a_value_out_of_range_is_named(change, word):
+    with pytest.raises(ValueError, match=word):
+        MeanderParams(**change)
+
+
+def test_params_are_frozen_and_replaceable():
+    p = MeanderParams()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        p.spacing = 10.0
+    assert p.replace(spacing=10.0).spacing == 10.0
+    with pytest.raises(ValueError, match="spacing"):
+        p.replace(spacing=0.0)

@@ -1,0 +1,123 @@
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import warpriver
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Imports go one way: a room may use rooms of its own level or lower.
+LEVELS = [
+    {"params", "network", "progress"},
+    {"meander", "metrics", "generate"},
+    {"history"},
+    {"simulation"},
+    {"io"},
+    {"viz"},
+    {"cli", "__main__"},
+]
+HEAVY = ("pyvista", "vtk", "matplotlib", "rasterio", "pyogrio", "geopandas", "shapely", "pyproj", "rich", "imageio")
+
+
+def python(code):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def modules():
+    return [m.name for m in pkgutil.walk_packages(warpriver.__path__, "warpriver.")]
+
+
+def room(name):
+    return name.split(".")[1] if "." in name else "__init__"
+
+
+def level(name):
+    return next((k for k, rooms in enumerate(LEVELS) if room(name) in rooms), None)
+
+
+def imports_of(path, package):
+    """Every warpriver module that a file imports, at the top or inside a function."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*parts, base]) if base else ".".join(parts)
+            found |= {f"{base}.{alias.name}" for alias in node.names} if base == "warpriver" else {base}
+    return {name for name in found if name.startswith("warpriver.")}
+
+
+def test_every_room_has_a_level():
+    assert {room(m) for m in modules()} == set().union(*LEVELS)
+
+
+def test_imports_go_one_way():
+    wrong = []
+    for name in modules():
+        path = Path(importlib.util.find_spec(name).origin)
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        for used in imports_of(path, package):
+            if level(used) is not None and level(used) > level(name):
+                wrong.append(f"{name} imports {used}")
+    # The command line is the top; nothing else may look at it.
+    assert not wrong, wrong
+
+
+def test_importing_loads_nothing_heavy_and_compiles_nothing():
+    out = python(
+        "import sys, warpriver as wr\n"
+        "assert 'warp' not in sys.modules, 'the bare import waits for Warp'\n"
+        "wr.RiverNetwork, wr.Simulation, wr.read_network, wr.History\n"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])\n"
+    )
+    assert out.strip().endswith("[]")
+
+
+def test_every_public_name_is_there_and_has_a_docstring():
+    for name in warpriver.__all__:
+        thing = getattr(warpriver, name)
+        assert inspect.getdoc(thing), name
+    assert set(warpriver.__all__) <= set(dir(warpriver))
+    with pytest.raises(AttributeError, match="no attribute 'Manager'"):
+        _ = warpriver.Manager
+
+
+def test_the_package_list_is_the_tree():
+    text = (ROOT / "pyproject.toml").read_text()
+    listed = set(re.findall(r'"(warpriver[\w.]*)"', text.split("packages = [", 1)[1].split("]", 1)[0]))
+    found = {"warpriver." + p.parent.name for p in (ROOT / "warpriver").glob("*/__init__.py")}
+    assert listed == found | {"warpriver", "warpriver.kernels"}
+
+
+def test_version_is_stated_once():
+    assert f'version = "{warpriver.__version__}"' in (ROOT / "pyproject.toml").read_text()
+
+
+def test_every_source_key_is_in_the_bibliography():
+    known = set(re.findall(r"@\w+\{(\w+),", (ROOT / "warpriver" / "references.bib").read_text()))
+    used = set()
+    for folder in ("warpriver", "kernels"):
+        for path in (ROOT / folder).rglob("*.py"):
+            used |= set(re.findall(r"\b([A-Z][a-z]+(?:19|20)\d\d)\b", path.read_text()))
+    assert used <= known, used - known
+
+
+def test_the_readme_names_commands_that_exist():
+    readme = (ROOT / "README.md").read_text()
+    help_text = python("from warpriver.cli import _parser; print(_parser().format_help())")
+    for command in set(re.findall(r"^ *\$? *warpriver (\w+)", readme, flags=re.M)):
+        assert command in help_text, command
+    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.M))
+    assert set(re.findall(r"^ *\$? *make (\w+)", readme, flags=re.M)) <= targets

@@ -1,0 +1,294 @@
+import os
+import signal
+import threading
+import warnings
+
+import numpy as np
+import pytest
+import warp as wp
+
+from warpriver import Every, History, MeanderParams, RiverNetwork, Simulation, StopReason, generate
+from warpriver.meander import checks
+
+
+def wandering(seed=0, length=12_000.0, width=50.0, channels=1, **options):
+    """A network of noisy straight channels, far enough apart not to meet."""
+    lines = [generate.noisy_line(length, 50.0, width, seed + k) + [0.0, 8000.0 * k] for k in range(channels)]
+    return RiverNetwork.from_polylines(lines, width=width, **options)
+
+
+def states_equal(a, b):
+    """True when two simulations hold the same bits."""
+    n = a.network.point_count
+    return n == b.network.point_count and np.array_equal(a.network.point_xy.numpy()[:n], b.network.point_xy.numpy()[:n])
+
+
+@pytest.fixture(scope="module")
+def long_run():
+    """300 years of one channel, with cutoffs, every phase checked."""
+    sim = Simulation(wandering(), check=True)
+    return sim, sim.run(years=300, record_every=50)
+
+
+def test_a_channel_meanders_and_cuts_off(long_run):
+    sim, history = long_run
+    assert history.stop_reason is StopReason.COMPLETED
+    assert sim.network.channel_lengths()[0] > 1.9 * 12_000
+    assert len(history.cutoffs) > 0
+    for cutoff in history.cutoffs:
+        assert 0 < cutoff.time <= sim.time and cutoff.channel == 0 and cutoff.width == 50.0
+        neck = np.hypot(*(cutoff.xy[-1] - cutoff.xy[0]))
+        assert neck < 50.0, "the two ends of a loop are a neck"
+        assert np.hypot(*np.diff(cutoff.xy, axis=0).T).sum() >= 5 * 50.0
+
+
+def test_ends_stay_where_they_were(long_run):
+    _, history = long_run
+    first = history.networks[0].polylines()[0]
+    for network in history.networks:
+        line = network.polylines()[0]
+        np.testing.assert_array_equal(line[[0, -1]], first[[0, -1]])
+
+
+def test_points_are_evenly_spaced(long_run):
+    sim, history = long_run
+    for network in history.networks[1:]:
+        step = np.hypot(*np.diff(network.polylines()[0], axis=0).T)
+        # The spacing asked for is met by the mean; a chord is shorter than its arc, at a fresh neck much.
+        assert np.mean(step) == pytest.approx(sim.params.spacing, rel=0.01)
+        assert np.median(step) == pytest.approx(sim.params.spacing, rel=0.005)
+        assert step.max() < 1.3 * sim.params.spacing
+
+
+def test_same_seed_same_bits():
+    one, two = (Simulation(wandering(seed=3)) for _ in range(2))
+    one.run(steps=700)
+    two.run(steps=700)
+    assert states_equal(one, two)
+    assert [c.xy.tobytes() for c in one.history.cutoffs] == [c.xy.tobytes() for c in two.history.cutoffs]
+    assert len(one.history.cutoffs) > 0
+
+
+@pytest.mark.parametrize("options", [{"capture": False}, {"check": True}])
+def test_replayed_plain_and_checked_steps_are_equal_to_the_bit(options):
+    replayed, other = Simulation(wandering(channels=3)), Simulation(wandering(channels=3), **options)
+    replayed.run(steps=600, record_every=1000)
+    other.run(steps=600, record_every=1000)
+    assert len(replayed.history.cutoffs) > 0
+    assert states_equal(replayed, other)
+
+
+def test_growing_buffers_changes_nothing():
+    roomy, tight = Simulation(wandering(channels=2)), Simulation(wandering(channels=2))
+    tight._grow(tight.network.point_count, 1, 8)
+    for sim in (roomy, tight):
+        sim.run(steps=700, record_every=1000)
+    assert len(roomy.history.cutoffs) > 1
+    assert tight.buffers.oxbow_capacity > 8 and tight.buffers.point_capacity > tight.history.networks[0].point_count
+    assert states_equal(roomy, tight)
+
+
+@pytest.mark.parametrize("where", ["folder", "file", "memory"])
+def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where):
+    whole = Simulation(wandering(seed=5))
+    whole.run(steps=600, record_every=7)
+    half = Simulation(wandering(seed=5))
+    history = half.run(steps=300, record_every=7, store=tmp_path / "run" if where == "folder" else None)
+    if where == "file":
+        history.save(tmp_path / "run.npz")
+    source = {"folder": tmp_path / "run", "file": tmp_path / "run.npz", "memory": history}[where]
+    again = Simulation.resume(source)
+    assert again.step_count == 300
+    again.run(steps=300, record_every=7)
+    assert states_equal(whole, again)
+    assert len(again.history.cutoffs) == len(whole.history.cutoffs) > 0
+    for a, b in zip(again.history.cutoffs, whole.history.cutoffs, strict=True):
+        assert a.time == b.time
+        np.testing.assert_array_equal(a.xy, b.xy)
+    assert set(whole.history.steps) <= set(again.history.steps) | {300}
+
+
+def test_width_that_varies_is_carried_along():
+    line = generate.noisy_line(12_000.0, 50.0, 50.0, 1)
+    width = np.linspace(60.0, 120.0, len(line))
+    sim = Simulation(RiverNetwork.from_polylines([line], width=[width]), check=True)
+    sim.run(steps=500)
+    now = sim.network.point_widths()[0]
+    assert len(now) == sim.network.point_count
+    assert now[0] == pytest.approx(60.0) and now[-1] == pytest.approx(120.0)
+    assert (np.diff(now) > -1e-9).all(), "widths still grow downstream, cutoffs or not"
+    if sim.history.cutoffs:
+        assert all(60.0 < c.width < 120.0 for c in sim.history.cutoffs)
+
+
+def test_a_constant_width_given_per_point_is_the_same_channel():
+    line = generate.noisy_line(12_000.0, 50.0, 50.0, 2)
+    width = np.full(len(line), 50.0)
+    width[-1] += 1e-9  # enough to be carried per point
+    plain = Simulation(RiverNetwork.from_polylines([line], width=50.0))
+    varied = Simulation(RiverNetwork.from_polylines([line], width=[width]))
+    for sim in (plain, varied):
+        sim.run(steps=50)
+    # A relative change of 2e-11 at one end grows with the bends, e-fold in some 8 years here.
+    np.testing.assert_allclose(varied.network.polylines()[0], plain.network.polylines()[0], atol=1e-6)
+
+
+def test_float32_follows_float64():
+    double, single = Simulation(wandering(seed=1)), Simulation(wandering(seed=1), dtype="float32")
+    for sim in (double, single):
+        sim.run(steps=20)
+    # float32 curvature errs by 4e-5 of 1/w near the origin; 20 steps of 17 m at most carry it on.
+    np.testing.assert_allclose(single.network.polylines()[0], double.network.polylines()[0], atol=0.3)
+    single.run(steps=600)
+    assert single.network.channel_lengths()[0] > 1.5 * 12_000
+
+
+def test_the_network_given_is_left_alone():
+    network = wandering()
+    before = network.polylines()[0]
+    Simulation(network).run(steps=50)
+    np.testing.assert_array_equal(network.polylines()[0], before)
+
+
+def test_a_figure_of_eight_is_allowed_and_cut_at_its_crossing():
+    t = np.linspace(0.0, 1.0, 200)
+    loop = np.stack([3000.0 * t, np.zeros(200)], axis=1)
+    angle = np.linspace(0.0, 2.0 * np.pi, 120)[1:]
+    circle = np.stack([3000.0 + 600.0 * np.sin(angle), 600.0 - 600.0 * np.cos(angle)], axis=1)
+    tail = np.stack([3000.0 + 3000.0 * t[5:], np.zeros(195)], axis=1)
+    sim = Simulation(RiverNetwork.from_polylines([np.concatenate([loop, circle, tail])], width=60.0))
+    sim.step()
+    assert len(sim.history.cutoffs) == 1
+    assert len(sim.history.cutoffs[0].xy) == pytest.approx(2 * np.pi * 600.0 / 50.0, rel=0.1)
+
+
+def test_long_steps_are_done_in_parts():
+    sim = Simulation(wandering(width=60.0), MeanderParams(time_step=2.0))
+    assert sim.substeps == int(np.ceil(2.0 / sim.stable_dt)) > 1
+    sim.step()
+    assert sim.time == 2.0
+    narrow = generate.noisy_line(600.0, 2.0, 1.0, 0)
+    sim = Simulation(RiverNetwork.from_polylines([narrow], width=2.0), MeanderParams(spacing=2.0), check=True)
+    assert sim.run(years=20).stop_reason is StopReason.COMPLETED
+
+
+def test_a_time_step_out_of_proportion_is_refused():
+    with pytest.raises(ValueError, match="is it in years"):
+        Simulation(wandering(), MeanderParams(time_step=106.0 * 86400.0))
+
+
+def test_spacing_wider_than_a_channel_is_refused():
+    with pytest.raises(ValueError, match=r"spacing 50 m is coarser than channel 0 is wide \(20 m\)"):
+        Simulation(wandering(width=20.0))
+
+
+def test_schedules():
+    sim = Simulation(wandering())
+    seen = []
+    history = sim.run(
+        steps=40, record_every=Every(years=2.0), callbacks=[(Every(steps=10), lambda s: seen.append(s.step_count))]
+    )
+    assert seen == [10, 20, 30, 40]
+    assert history.steps[0] == 0 and history.steps[-1] == 40
+    inner = history.times[1:-1]
+    np.testing.assert_array_equal(np.floor(inner / 2.0), np.arange(1, len(inner) + 1))
+    assert [k for k in range(1, 31) if Every(years=1.0).due(k, 0.1)] == [10, 20, 30]
+    for bad in ({}, {"steps": 0}, {"years": -1.0}, {"steps": 1, "years": 1.0}, {"steps": 1.5}):
+        with pytest.raises(ValueError, match="Every"):
+            Every(**bad)
+
+
+def test_a_callback_may_stop_the_run():
+    sim = Simulation(wandering())
+    history = sim.run(steps=100, callbacks=[lambda s: s.step_count == 13])
+    assert history.stop_reason is StopReason.CALLBACK and history.steps[-1] == 13
+    assert sim.run(steps=2).stop_reason is StopReason.COMPLETED and sim.step_count == 15
+
+
+@pytest.mark.parametrize("bad", [{}, {"years": 1, "steps": 1}, {"steps": -1}, {"steps": 1.5}, {"years": np.nan}])
+def test_run_says_what_it_needs(bad):
+    with pytest.raises(ValueError, match=r"steps|years"):
+        Simulation(wandering()).run(**bad)
+
+
+def test_zero_years_record_the_start():
+    history = Simulation(wandering()).run(years=0)
+    assert len(history) == 1 and history.stop_reason is StopReason.COMPLETED
+
+
+def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before():
+    sim = Simulation(wandering())
+    sim.run(steps=5)
+    before = sim.network.polylines()[0]
+    sim.buffers.point_moved.zero_()
+    poison = sim._form.numpy().copy()
+    poison[0, 1] = np.nan  # a depth of NaN makes every rate NaN
+    sim._form.assign(poison)
+    history = sim.run(steps=5)
+    assert history.stop_reason is StopReason.NOT_FINITE and "report" in history.stop_reason.advice
+    assert sim.step_count == 5
+    np.testing.assert_array_equal(sim.network.polylines()[0], before)
+    with pytest.raises(FloatingPointError, match="step 6"):
+        sim.step()
+
+
+def test_a_broken_phase_is_found(monkeypatch):
+    sim = Simulation(wandering(), check=True)
+    real = checks._check_resampled
+
+    def shifted(network, spacing):
+        xy = network.point_xy.numpy().copy()
+        xy[10] += 500.0
+        network.point_xy.assign(xy)
+        real(network, spacing)
+
+    monkeypatch.setattr(checks, "_check_resampled", shifted)
+    with pytest.raises(checks.PhaseError, match="too far from the next"):
+        sim.run(steps=3)
+    assert sim.history.stop_reason is StopReason.CHECK_FAILED
+
+
+def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path):
+    assert threading.current_thread() is threading.main_thread()
+    before = signal.getsignal(signal.SIGINT)
+    sim = Simulation(wandering())
+
+    def interrupt(s):
+        if s.step_count == 37:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    history = sim.run(steps=1000, record_every=10, store=tmp_path / "run", callbacks=[interrupt])
+    assert history.stop_reason is StopReason.INTERRUPTED
+    assert sim.step_count == 37
+    assert signal.getsignal(signal.SIGINT) is before
+    reopened = History.load(tmp_path / "run")
+    assert reopened.stop_reason is StopReason.INTERRUPTED
+    assert reopened.steps.tolist() == [0, 10, 20, 30, 37]
+    rest = Simulation.resume(tmp_path / "run")
+    rest.run(steps=63)
+    whole = Simulation(wandering())
+    whole.run(steps=100)
+    assert states_equal(rest, whole)
+
+
+def test_a_run_emits_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Simulation(wandering()).run(steps=50)
+
+
+def test_repr_says_where_the_run_stands(long_run):
+    text = repr(long_run[0])
+    for word in ("300", "step", "cpu", "float64", "stable up to", "spacing 50 m", "cutoffs", "completed"):
+        assert word in text
+
+
+def test_memory_grows_with_the_points():
+    sims = [Simulation(wandering(length=length)) for length in (20_000.0, 200_000.0)]
+    per_point = [
+        (s.buffers.nbytes + s.network.point_xy.shape[0] * wp.types.type_size_in_bytes(s.network.point_xy.dtype))
+        / s.network.point_count
+        for s in sims
+    ]
+    # A few buffers are sized by chunk and channel; what grows is under 2 kB a point by far.
+    assert max(per_point) < 400.0 and per_point[1] <= per_point[0]

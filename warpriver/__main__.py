@@ -1,0 +1,7 @@
+"""``python -m warpriver``."""
+
+import sys
+
+from warpriver.cli import main
+
+sys.exit(main())

@@ -1,0 +1,453 @@
+"""The command line: calls the public API and nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpriver import __version__
+from warpriver.params import DAYS_PER_YEAR, MeanderParams
+
+if TYPE_CHECKING:
+    from warpriver.history import History
+    from warpriver.network import RiverNetwork
+    from warpriver.simulation import Simulation
+
+__all__ = ["main"]
+
+OK, STOPPED_EARLY, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+EXTRAS = {
+    "viz": ("matplotlib", "pyvista"),
+    "movie": ("imageio_ffmpeg",),
+    "gis": ("pyogrio", "geopandas", "shapely", "pyproj"),
+    "bench": ("meanderpy", "h5py"),
+}
+
+# Frames of the demo's movie; more make the file larger, not the film better.
+DEMO_FRAMES = 60
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.command(options)
+    except (ValueError, OSError, ImportError, RuntimeError) as error:
+        text = " ".join(str(error).split())
+        if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
+            text += f": {error.filename}"
+        print(f"warpriver {options.name}: {text}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"warpriver {options.name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="warpriver",
+        description="Rivers that meander, on the GPU or the CPU: migrate channel networks, real or not, and draw them.",
+        epilog="warpriver COMMAND --help explains the flags of a command with their units and defaults.",
+    )
+    parser.add_argument("--version", action="version", version=f"warpriver {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_demo(commands)
+    _add_simulate(commands)
+    _add_render(commands)
+    _add_info(commands)
+    return parser
+
+
+def _command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], int], **texts: str
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **texts)
+    parser.set_defaults(command=run, name=name)
+    return parser
+
+
+# ---- demo
+
+
+def _add_demo(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "demo",
+        _demo,
+        help="the main job on built-in input: a made-up river meanders for centuries",
+        description="Let a made-up river of one channel meander, and draw what it leaves: a map of its belt, a movie,\n"
+        "a 3-D preview. Needs no file from outside.",
+    )
+    parser.add_argument("--width", type=float, default=100.0, metavar="M", help="bankfull width in m (default 100)")
+    parser.add_argument("--length", type=float, default=40.0, metavar="KM", help="valley length in km (default 40)")
+    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest part")
+    _add_run_options(parser, out="out/demo", years=400.0)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from warpriver import generate
+    from warpriver.network import RiverNetwork
+
+    _quiet_warp()
+    folder = _fresh_folder(options.out)
+    spacing = options.spacing or min(50.0, options.width)
+    line = generate.noisy_line(1e3 * options.length, spacing, options.width, options.seed)
+    network = RiverNetwork.from_polylines([line], width=options.width, device=options.device, dtype=options.dtype)
+    simulation = _simulation(network, options, spacing)
+    code = _run(simulation, options, folder)
+    _write_results(simulation, folder)
+    _draw_results(simulation.history, folder, movie=not options.no_movie)
+    return code
+
+
+# ---- simulate
+
+
+def _add_simulate(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "simulate",
+        _simulate,
+        help="let the rivers of a file migrate, or go on with a stored run",
+        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; downstream order), let\n"
+        "them migrate and cut off their bends, and write the run, the final lines and a map into a folder.\n"
+        "INPUT may also be the run folder of an earlier command: it is then continued and grows.",
+        epilog="examples:\n"
+        "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
+        "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
+        "  warpriver simulate out/river/run --years 100",
+    )
+    parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
+    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
+    parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
+    parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    _add_run_options(parser, out=None, years=200.0)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from warpriver.io.lines import read_network
+    from warpriver.simulation import Simulation
+
+    _quiet_warp()
+    source = Path(options.input)
+    if _is_run(source):
+        run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
+        simulation = Simulation.resume(run, device=options.device)
+        folder = Path(options.out) if options.out else run.parent
+        if options.out or run.is_file():
+            folder = _fresh_folder(options.out or f"out/{run.stem}")
+    else:
+        network = read_network(
+            source,
+            width=options.width,
+            depth=options.depth,
+            layer=options.layer,
+            crs=options.crs,
+            to_crs=options.to_crs,
+            dtype=options.dtype,
+            device=options.device,
+        )
+        spacing = options.spacing or min(50.0, min(float(w.min()) for w in network.point_widths()))
+        simulation = _simulation(network, options, spacing)
+        folder = _fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
+    code = _run(simulation, options, folder)
+    _write_results(simulation, folder)
+    _draw_results(simulation.history, folder, movie=False, scene=False)
+    return code
+
+
+def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: float) -> None:
+    """Flags of every command that runs a simulation."""
+    run = parser.add_argument_group("run")
+    run.add_argument("--years", type=float, default=years, help=f"how long to run, in years (default {years:g})")
+    run.add_argument("--record-every", type=int, default=10, metavar="STEPS", help="steps between records (default 10)")
+    run.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
+    run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    run.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
+    run.add_argument("--check", action="store_true", help="check every phase of every step (slow)")
+    run.add_argument("--no-progress", action="store_true", help="no progress bar")
+    where = out or "out/NAME"
+    run.add_argument("-o", "--out", default=out, metavar="FOLDER", help=f"where results go (default {where})")
+    model = parser.add_argument_group("model (Paris et al. 2023, Table 1)")
+    model.add_argument("--step-days", type=float, metavar="DAYS", help="time step in days (default 106)")
+    model.add_argument(
+        "--spacing", type=float, metavar="M", help="distance between points in m (default 50, or the narrowest width)"
+    )
+    for field in dataclasses.fields(MeanderParams):
+        if field.name in ("time_step", "spacing"):
+            continue
+        meta = field.metadata
+        kind = str if meta["choices"] else float
+        unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
+        model.add_argument(
+            "--" + field.name.replace("_", "-"),
+            type=kind,
+            choices=meta["choices"] or None,
+            metavar=None if meta["choices"] else "X",
+            help=f"{meta['doc']}{unit} (default {field.default})",
+        )
+
+
+def _simulation(network: RiverNetwork, options: argparse.Namespace, spacing: float) -> Simulation:
+    from warpriver.simulation import Simulation
+
+    given = {
+        field.name: getattr(options, field.name)
+        for field in dataclasses.fields(MeanderParams)
+        if getattr(options, field.name, None) is not None
+    }
+    given["spacing"] = spacing
+    if options.step_days is not None:
+        given["time_step"] = options.step_days / DAYS_PER_YEAR
+    return Simulation(network, MeanderParams(**given), seed=options.seed, check=options.check)
+
+
+def _run(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
+    """Run with a progress bar and say what came of it."""
+    from warpriver.history import StopReason
+
+    store = simulation.history.path or folder / "run"
+    begin_step, begin = simulation.step_count, time.perf_counter()
+    history = simulation.run(
+        years=options.years,
+        record_every=options.record_every,
+        store=store,
+        progress=not options.no_progress,
+    )
+    seconds = time.perf_counter() - begin
+    steps = simulation.step_count - begin_step
+    print(f"{simulation!r}")
+    if steps:
+        print(f"  {steps} steps in {seconds:.2f} s, {1e3 * seconds / steps:.3g} ms a step")
+    reason = history.stop_reason or StopReason.COMPLETED
+    print(f"  run      {store}")
+    if reason is StopReason.COMPLETED:
+        return OK
+    print(f"warpriver {options.name}: {reason.value}: {reason.advice}", file=sys.stderr)
+    return INTERRUPTED if reason is StopReason.INTERRUPTED else STOPPED_EARLY
+
+
+def _write_results(simulation: Simulation, folder: Path) -> None:
+    """Write the final lines, and say what a river expert would ask first."""
+    from warpriver import metrics
+    from warpriver.io.lines import write_network
+
+    network = simulation.network
+    write_network(network, folder / "channels.csv")
+    print(f"  lines    {folder / 'channels.csv'}")
+    longest = int(network.channel_lengths().argmax())
+    xy, width = network.polylines()[longest], float(network.channel_width[longest])
+    wave = metrics.wavelength(xy, width)
+    print(
+        f"  longest channel: sinuosity {metrics.sinuosity(xy):.3g}, meander wavelength {wave:.4g} m "
+        f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs in all"
+    )
+
+
+def _draw_results(history: History, folder: Path, *, movie: bool, scene: bool = True) -> None:
+    """Draw what can be drawn on this machine; what cannot is named, and is no failure."""
+    if importlib.util.find_spec("matplotlib") is None:
+        print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+        return
+    from warpriver import viz
+
+    viz.draw_belt(history, folder / "belt.png")
+    print(f"  map      {folder / 'belt.png'}")
+    if scene:
+        try:
+            viz.render_scene(history, folder / "preview.png")
+            print(f"  3-D      {folder / 'preview.png'}")
+        except (RuntimeError, ImportError) as error:
+            print(f"  no 3-D preview: {error}")
+    if movie:
+        every = max(1, len(history) // DEMO_FRAMES)
+        viz.movie(history, folder / "belt.gif", every=every, size=(960, 540), fps=10.0)
+        print(f"  movie    {folder / 'belt.gif'}")
+
+
+# ---- render
+
+
+def _add_render(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "render",
+        _render,
+        help="draw a stored run or river lines: map, movie or 3-D preview",
+        description="Draw a stored run (its channel belt: old courses by age, oxbow lakes, the channel) or lines.\n"
+        "The ending of OUT says what: .png a map, or with --scene a 3-D preview; .gif or .mp4 a movie.",
+        epilog="examples:\n"
+        "  warpriver render out/river/run -o belt.png\n"
+        "  warpriver render out/river/run -o belt.gif --every 2\n"
+        "  warpriver render out/river/run --scene -o preview.png\n"
+        "  warpriver render river.csv --width 80 -o map.png",
+    )
+    parser.add_argument("input", metavar="INPUT", help="run folder or .npz, or river lines")
+    parser.add_argument("-o", "--out", required=True, metavar="OUT", help="picture or movie to write")
+    parser.add_argument("--scene", action="store_true", help="3-D preview instead of a map")
+    parser.add_argument("--until", type=float, metavar="YEARS", help="draw the state at this time (default: the last)")
+    parser.add_argument(
+        "--window", type=float, nargs=4, metavar=("W", "S", "E", "N"), help="part to draw, in m (default: everything)"
+    )
+    parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
+    parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
+    parser.add_argument("--title", help="title of a map or movie")
+    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+
+
+def _render(options: argparse.Namespace) -> int:
+    from warpriver import viz
+    from warpriver.history import History
+    from warpriver.io.lines import read_network
+
+    _quiet_warp()
+    source, out = Path(options.input), Path(options.out)
+    is_movie = out.suffix.lower() in (".gif", ".mp4")
+    if not is_movie and out.suffix.lower() != ".png":
+        raise ValueError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
+    window = options.window
+    if not _is_run(source):
+        if is_movie:
+            raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
+        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+        if options.scene:
+            viz.render_scene(network, out, window=window)
+        else:
+            viz.draw_network(network, out, window=window, title=options.title)
+        print(out)
+        return OK
+    history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+    until = None
+    if options.until is not None:
+        until = int((history.times <= options.until).sum()) - 1
+        if until < 0:
+            raise ValueError(f"--until {options.until:g}: the run begins at {history.times[0]:g} yr")
+    if is_movie:
+        viz.movie(history, out, fps=options.fps, window=window, every=options.every, title=options.title)
+    elif options.scene:
+        viz.render_scene(history, out, window=window, until=until)
+    else:
+        viz.draw_belt(history, out, window=window, until=until, title=options.title)
+    print(out)
+    return OK
+
+
+# ---- info
+
+
+def _add_info(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "info",
+        _info,
+        help="what this installation can do, or what a file holds",
+        description="Without FILE: versions, devices, optional parts, and whether 3-D previews can be drawn.\n"
+        "With FILE: what the run or the lines hold.",
+    )
+    parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
+    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+
+
+def _info(options: argparse.Namespace) -> int:
+    _quiet_warp()
+    if options.file is not None:
+        return _info_file(options)
+    import numpy
+    import scipy
+    import warp as wp
+
+    wp.init()
+    print(f"warpriver {__version__}, Warp {wp.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}")
+    for device in wp.get_devices():
+        memory = f", {device.total_memory / 2**30:.0f} GiB" if device.is_cuda else ""
+        print(f"device {device.alias}: {device.name}{memory}")
+    for extra, modules in EXTRAS.items():
+        missing = [m for m in modules if importlib.util.find_spec(m) is None]
+        state = "installed" if not missing else f'not installed (pip install "warpriver[{extra}]")'
+        print(f"extra {extra}: {state}")
+    if importlib.util.find_spec("pyvista") is not None:
+        from warpriver import viz
+
+        probe = viz.gl.probe()
+        print(f"3-D previews: {'yes' if probe.ok else probe.message}")
+    return OK
+
+
+def _info_file(options: argparse.Namespace) -> int:
+    from warpriver import metrics
+    from warpriver.history import History
+    from warpriver.io.lines import read_network
+
+    source = Path(options.file)
+    if _is_run(source):
+        history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+        print(history)
+        network = history.networks[-1]
+    else:
+        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+    print(network)
+    west, south, east, north = network.bounds()
+    print(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
+    lines, lengths = network.polylines(), network.channel_lengths()
+    for c in lengths.argsort()[::-1][:10]:
+        sinuosity = metrics.sinuosity(lines[c])
+        print(
+            f"channel {c}: {lengths[c] / 1e3:.4g} km, {len(lines[c])} points, width {network.channel_width[c]:.4g} m, "
+            f"depth {network.channel_depth[c]:.3g} m, sinuosity {sinuosity:.3g}"
+        )
+    if network.channel_count > 10:
+        print(f"... and {network.channel_count - 10} shorter ones")
+    return OK
+
+
+# ---- shared
+
+
+def _is_run(source: Path) -> bool:
+    return source.suffix == ".npz" or any((p / "run.json").is_file() for p in (source, source / "run"))
+
+
+def _fresh_folder(path: str) -> Path:
+    """Make the folder for results; one that holds an earlier run is not written over."""
+    folder = Path(path)
+    if (folder / "run").exists():
+        raise ValueError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _quiet_warp() -> None:
+    """Start Warp without its greeting, and without its native warning where a machine has no CUDA driver."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        said.seek(0)
+        for line in said.read().decode(errors="replace").splitlines():
+            if "CUDA driver" not in line:
+                print(line, file=sys.stderr)

@@ -1,0 +1,447 @@
+"""History: the networks, cutoffs and times that a run records; kept in memory or streamed to a folder.
+
+On disk a run is a folder of numbered NumPy archives ("segments") beside ``run.json``, or one such archive. A segment is
+written under another name and then renamed, so that a run that is interrupted, killed, or out of disk space leaves
+everything recorded before readable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+import os
+import time
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.network import RiverNetwork
+from warpriver.params import MeanderParams
+
+__all__ = ["Cutoff", "History", "Record", "StopReason"]
+
+FORMAT = "warpriver-run-1"
+HEADER = "run.json"
+
+# A segment is written when it holds this much or when the last one is this old: a killed run loses no more than that.
+SEGMENT_BYTES = 16 * 2**20
+SEGMENT_SECONDS = 5.0
+
+
+class StopReason(enum.Enum):
+    """Why a run ended; ``advice`` says what to do next."""
+
+    COMPLETED = "completed"
+    INTERRUPTED = "interrupted"
+    CALLBACK = "stopped by a callback"
+    NOT_FINITE = "a point is no longer finite"
+    CHECK_FAILED = "a phase check failed"
+    STORE_FAILED = "the run could not be written"
+
+    @property
+    def advice(self) -> str:
+        """What to do about it, in one sentence."""
+        return {
+            StopReason.COMPLETED: "nothing to do; call run again to go on",
+            StopReason.INTERRUPTED: "the run stands at a step boundary; call run again, or resume from what was stored",
+            StopReason.CALLBACK: "call run again to go on",
+            StopReason.NOT_FINITE: "the state before the failing step is kept; look for extreme widths or rates there, "
+            "and report it if there are none",
+            StopReason.CHECK_FAILED: "the state after the failing phase is kept; report it with the input",
+            StopReason.STORE_FAILED: "make room or choose another folder, then save the history, which is still in "
+            "memory, and run again",
+        }[self]
+
+
+@dataclasses.dataclass(frozen=True)
+class Cutoff:
+    """One neck cutoff: the loop that a channel left behind as an oxbow lake.
+
+    Attributes:
+        time: Time of the cutoff, yr.
+        channel: Index of the channel.
+        width: Bankfull width there, m.
+        xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included.
+    """
+
+    time: float
+    channel: int
+    width: float
+    xy: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """The state of a network at one time, in the precision of the device, so that a run can go on from it.
+
+    Attributes:
+        step: Number of steps done.
+        time: yr.
+        cutoffs_before: Number of cutoffs up to this time.
+        point_xy: (P, 2) m, relative to ``origin``.
+        point_section: (P, 2) width and depth in m, or None where they are constant along each channel.
+        channel_start: (C + 1,) int32.
+        channel_spacing: (C,) m.
+        channel_width, channel_depth: (C,) m.
+        channel_discharge: (C,) m3/s.
+    """
+
+    step: int
+    time: float
+    cutoffs_before: int
+    point_xy: np.ndarray
+    point_section: np.ndarray | None
+    channel_start: np.ndarray
+    channel_spacing: np.ndarray
+    channel_width: np.ndarray
+    channel_depth: np.ndarray
+    channel_discharge: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays in bytes."""
+        return sum(a.nbytes for a in vars(self).values() if isinstance(a, np.ndarray))
+
+
+RECORD_ARRAYS = (
+    "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
+    "channel_discharge",
+)  # fmt: skip
+
+
+class _Networks(Sequence):
+    """The recorded networks, each built when it is asked for."""
+
+    def __init__(self, history: History):
+        self._history = history
+
+    def __len__(self) -> int:
+        return len(self._history.times)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        return self._history.network(index)
+
+
+class History:
+    """What a run recorded, in order of time; read it while the run goes on or after reopening it.
+
+    Attributes:
+        params: The run's constants.
+        time_step: yr.
+        seed: Seed of the run.
+        origin: (2,) absolute position of the recorded points' zero, m.
+        crs: Coordinate reference system or None.
+        dtype: Precision of the run.
+        cutoffs: List of :class:`Cutoff`, in order of time.
+        stop_reason: Why the last run ended, or None while it has not.
+        path: Folder that the run is streamed to, or None.
+    """
+
+    def __init__(
+        self,
+        params: MeanderParams,
+        *,
+        seed: int = 0,
+        origin: Sequence[float] | np.ndarray = (0.0, 0.0),
+        crs: str | None = None,
+        dtype: str = "float64",
+    ):
+        """Start an empty history."""
+        self.params = params
+        self.seed = seed
+        self.origin = np.array(origin, np.float64)
+        self.crs = crs
+        self.dtype = dtype
+        self.cutoffs: list[Cutoff] = []
+        self.stop_reason: StopReason | None = None
+        self.path: Path | None = None
+        self._times: list[float] = []
+        self._steps: list[int] = []
+        # A record in memory, or where to find it: (segment file, index in it).
+        self._records: list[Record | tuple[Path, int]] = []
+        self._pending: list[int] = []
+        self._cutoffs_stored = 0
+        self._segments = 0
+        self._flushed = time.monotonic()
+        self._cache: tuple[Path, list[Record]] | None = None
+
+    # ---- reading
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the records in yr, (K,) float64."""
+        return np.array(self._times)
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Steps done at the records, (K,) int64."""
+        return np.array(self._steps, np.int64)
+
+    @property
+    def networks(self) -> Sequence[RiverNetwork]:
+        """The recorded networks, a sequence of K; each is built when asked for."""
+        return _Networks(self)
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def record(self, index: int) -> Record:
+        """Return one record, from memory or from disk."""
+        held = self._records[index]
+        if isinstance(held, Record):
+            return held
+        path, row = held
+        if self._cache is None or self._cache[0] != path:
+            self._cache = (path, _read_segment(path)[0])
+        return self._cache[1][row]
+
+    def network(self, index: int) -> RiverNetwork:
+        """Return the network of one record, on the CPU device."""
+        record = self.record(index)
+        return RiverNetwork(
+            record.point_xy,
+            record.channel_start,
+            channel_width=record.channel_width,
+            channel_depth=record.channel_depth,
+            channel_discharge=record.channel_discharge,
+            point_section=record.point_section,
+            origin=self.origin,
+            crs=self.crs,
+            dtype=self.dtype,
+        )
+
+    def cutoffs_until(self, index: int) -> list[Cutoff]:
+        """Return the cutoffs up to the time of one record."""
+        return self.cutoffs[: self.record(index).cutoffs_before]
+
+    def __repr__(self) -> str:
+        if not self._times:
+            return "History(empty)"
+        reason = self.stop_reason.value if self.stop_reason else "still running"
+        where = f", stored in {self.path}" if self.path else ""
+        return (
+            f"History({len(self)} records, {self._times[0]:.4g} to {self._times[-1]:.4g} yr, "
+            f"{len(self.cutoffs)} cutoffs, {reason}{where})"
+        )
+
+    # ---- writing
+
+    def append(self, record: Record) -> None:
+        """Add a record; it goes to disk with its segment when the history is stored."""
+        self._records.append(record)
+        self._times.append(record.time)
+        self._steps.append(record.step)
+        if self.path is None:
+            return
+        self._pending.append(len(self._records) - 1)
+        size = sum(self.record(k).nbytes for k in self._pending)
+        if size >= SEGMENT_BYTES or time.monotonic() - self._flushed >= SEGMENT_SECONDS:
+            self.flush()
+
+    def store_in(self, path: str | os.PathLike) -> None:
+        """Stream what is and will be recorded into a folder.
+
+        Args:
+            path: A folder to make, or the one that this history was loaded from, which then grows.
+
+        Raises:
+            FileExistsError: The folder holds something else.
+            OSError: It cannot be written.
+        """
+        folder = Path(path)
+        if self.path is not None and folder.resolve() == self.path.resolve():
+            return
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FileExistsError(f"{folder} exists and is not empty; name another folder, or resume the run in it")
+        folder.mkdir(parents=True, exist_ok=True)
+        self._pending = list(range(len(self._records)))
+        if self.path is not None:  # stored elsewhere so far: bring the records along
+            self._records = [self.record(k) for k in range(len(self._records))]
+        self._cutoffs_stored = self._segments = 0
+        self.path = folder
+        self._write_header()
+        self.flush()
+
+    def flush(self) -> None:
+        """Write the pending records and cutoffs as one segment; nothing to do for a history in memory."""
+        if self.path is None:
+            return
+        self._flushed = time.monotonic()
+        cutoffs = self.cutoffs[self._cutoffs_stored :]
+        if not self._pending and not cutoffs:
+            return
+        target = self.path / f"segment_{self._segments:06d}.npz"
+        _write_segment(target, [self.record(k) for k in self._pending], cutoffs)
+        for row, k in enumerate(self._pending):
+            self._records[k] = (target, row)
+        self._pending = []
+        self._cutoffs_stored = len(self.cutoffs)
+        self._segments += 1
+
+    def close(self, reason: StopReason) -> None:
+        """Note why the run ended and write what is pending."""
+        self.stop_reason = reason
+        self.flush()
+        if self.path is not None:
+            self._write_header()
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write everything to one ``.npz`` file, or to a new folder for any other name.
+
+        Raises:
+            FileExistsError: The folder holds something already (a file is replaced).
+            OSError: It cannot be written; nothing half-written is left.
+        """
+        target = Path(path)
+        if target.suffix == ".npz":
+            records = [self.record(k) for k in range(len(self))]
+            _write_segment(target, records, self.cutoffs, header=self._header())
+            return
+        copy = History(self.params, seed=self.seed, origin=self.origin, crs=self.crs, dtype=self.dtype)
+        copy.cutoffs = list(self.cutoffs)
+        for k in range(len(self)):
+            copy.append(self.record(k))
+        copy.stop_reason = self.stop_reason
+        copy.store_in(target)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> History:
+        """Reopen a run that was saved or streamed; records of a folder are read when asked for.
+
+        Raises:
+            FileNotFoundError: Nothing is there.
+            ValueError: It is not a run, or is damaged.
+        """
+        source = Path(path)
+        if not source.exists():
+            raise FileNotFoundError(f"no run at {source}")
+        if source.is_file():
+            records, cutoffs, header = _read_segment(source)
+            history = cls._from_header(header, source)
+            history.cutoffs = cutoffs
+            for record in records:
+                history.append(record)
+            return history
+        header_file = source / HEADER
+        if not header_file.is_file():
+            raise ValueError(f"{source} is not a run: it has no {HEADER}")
+        history = cls._from_header(header_file.read_text(), source)
+        for segment in sorted(source.glob("segment_*.npz")):
+            records, cutoffs, _ = _read_segment(segment)
+            history.cutoffs += cutoffs
+            for row, record in enumerate(records):
+                history.append(record)
+                history._records[-1] = (segment, row)
+        history.path = source
+        history._segments = len(list(source.glob("segment_*.npz")))
+        history._cutoffs_stored = len(history.cutoffs)
+        return history
+
+    def _header(self) -> str:
+        values = {
+            "format": FORMAT,
+            "params": dataclasses.asdict(self.params),
+            "seed": self.seed,
+            "origin": self.origin.tolist(),
+            "crs": self.crs,
+            "dtype": self.dtype,
+            "stop_reason": self.stop_reason.name if self.stop_reason else None,
+        }
+        return json.dumps(values, indent=2)
+
+    def _write_header(self) -> None:
+        assert self.path is not None
+        temporary = self.path / (HEADER + ".tmp")
+        temporary.write_text(self._header())
+        os.replace(temporary, self.path / HEADER)
+
+    @classmethod
+    def _from_header(cls, text: str | None, source: Path) -> History:
+        try:
+            values = json.loads(text or "")
+            if values["format"] != FORMAT:
+                raise ValueError(f"{source} has format {values['format']!r}; this version reads {FORMAT!r}")
+            history = cls(
+                MeanderParams(**values["params"]),
+                seed=values["seed"],
+                origin=values["origin"],
+                crs=values["crs"],
+                dtype=values["dtype"],
+            )
+        except (json.JSONDecodeError, KeyError, TypeError) as error:
+            raise ValueError(f"{source} is not a warpriver run or is damaged ({error})") from error
+        if values["stop_reason"]:
+            history.stop_reason = StopReason[values["stop_reason"]]
+        return history
+
+
+def _write_segment(
+    target: Path, records: Sequence[Record], cutoffs: Sequence[Cutoff], header: str | None = None
+) -> None:
+    """Write records and cutoffs as one archive, under another name first."""
+    arrays: dict[str, Any] = {
+        "record_step": np.array([r.step for r in records], np.int64),
+        "record_time": np.array([r.time for r in records], np.float64),
+        "record_cutoffs": np.array([r.cutoffs_before for r in records], np.int64),
+        "cutoff_time": np.array([c.time for c in cutoffs], np.float64),
+        "cutoff_channel": np.array([c.channel for c in cutoffs], np.int64),
+        "cutoff_width": np.array([c.width for c in cutoffs], np.float64),
+        "cutoff_start": np.cumsum([0] + [len(c.xy) for c in cutoffs]),
+        "cutoff_xy": np.concatenate([c.xy for c in cutoffs]) if cutoffs else np.zeros((0, 2)),
+    }
+    for name in RECORD_ARRAYS:
+        parts = [getattr(r, name) for r in records]
+        if not parts or parts[0] is None:
+            continue
+        arrays[name] = np.concatenate(parts)
+        arrays[f"{name}_start"] = np.cumsum([0] + [len(p) for p in parts])
+    if header is not None:
+        arrays["header"] = np.array(header)
+    temporary = target.with_name(target.name + ".tmp")
+    try:
+        with open(temporary, "wb") as file:
+            np.savez(file, **arrays)
+        os.replace(temporary, target)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OSError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
+
+
+def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], str | None]:
+    """Read one archive back."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            data = {name: archive[name] for name in archive.files}
+        return _decode_segment(data)
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        raise ValueError(f"{path} is not a warpriver run or is damaged ({error})") from error
+
+
+def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cutoff], str | None]:
+    def split(name: str) -> Iterator[np.ndarray | None]:
+        if name not in data:
+            return iter([None] * len(data["record_step"]))
+        return iter(np.split(data[name], data[f"{name}_start"][1:-1]))
+
+    columns = [split(name) for name in RECORD_ARRAYS]
+    records = [
+        Record(int(step), float(at), int(before), *arrays)
+        for step, at, before, *arrays in zip(
+            data["record_step"], data["record_time"], data["record_cutoffs"], *columns, strict=True
+        )
+    ]
+    loops = np.split(data["cutoff_xy"], data["cutoff_start"][1:-1]) if len(data["cutoff_time"]) else []
+    cutoffs = [
+        Cutoff(float(at), int(channel), float(width), xy)
+        for at, channel, width, xy in zip(
+            data["cutoff_time"], data["cutoff_channel"], data["cutoff_width"], loops, strict=True
+        )
+    ]
+    header = str(data["header"]) if "header" in data else None
+    return records, cutoffs, header

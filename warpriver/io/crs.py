@@ -1,0 +1,204 @@
+"""Coordinate reference systems: what a file states, whether it is metric, and bringing files into one system."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.io.files import need
+from warpriver.io.source import Line, Source
+
+__all__ = ["crs_text", "one_crs", "reproject", "settled_crs", "within_degrees"]
+
+log = logging.getLogger("warpriver")
+
+# What is known of geographic systems where pyproj is not installed.
+GEOGRAPHIC = "CRS84 CRS83 CRS27 4326 4258 4267 4269 4283 4490 4617 4674 4979 7844".split()
+MERCATOR_RADIUS = 6378137.0  # m, the sphere of EPSG:3857
+
+# Lengths in a projection may differ from those on the ground by this part: first a warning, then a refusal.
+SCALE_WARN = 0.01
+SCALE_REFUSE = 0.05
+
+
+def crs_text(crs: Any, where: str) -> str | None:
+    """Return a CRS as "AUTHORITY:CODE" or else as WKT; None for the "undefined" ones of GIS files."""
+    text = crs.to_wkt() if hasattr(crs, "to_wkt") else str(crs).strip()
+    if re.match(r'\w+\["Undefined', text, re.IGNORECASE):
+        return None
+    code = re.fullmatch(r"(?:urn:ogc:def:crs:)?(EPSG|OGC|ESRI):(?:[^:]*:)?(\w+)", text, re.IGNORECASE)
+    if code:
+        text = f"{code[1]}:{code[2]}".upper()
+    pyproj = _pyproj()
+    if pyproj is None:
+        return text
+    try:
+        known = pyproj.CRS.from_user_input(text)
+    except pyproj.exceptions.CRSError as error:
+        raise ValueError(f'{where}: pyproj does not know the CRS {text!r}; write it like "EPSG:32619"') from error
+    authority = known.to_authority(min_confidence=100)
+    return ":".join(authority) if authority else known.to_wkt()
+
+
+def within_degrees(lines: list[Line]) -> bool:
+    """Tell whether all points could be longitude and latitude."""
+    return all((np.abs(line.xy) <= (180.0, 90.0)).all() for line in lines)
+
+
+def settled_crs(source: Source, stated: str | None) -> str | None:
+    """Return the CRS of a file from what it says and what the caller says."""
+    said = None if stated is None else crs_text(stated, "crs=")
+    if source.crs is not None and said is not None and not _same_crs(source.crs, said):
+        raise ValueError(
+            f"{source.path}: the file is in {_short_name(source.crs)} but crs= says {_short_name(said)}; "
+            "leave crs= out, or use to_crs= to reproject"
+        )
+    found = source.crs or said
+    if not source.lonlat:
+        return found
+    if found is not None and not _is_geographic(found):
+        raise ValueError(
+            f"{source.path}: its coordinates are longitude and latitude by format or name, but its CRS is "
+            f"said to be {_short_name(found)}; correct one of them"
+        )
+    return found or "EPSG:4326"
+
+
+def one_crs(sources: list[Source]) -> str | None:
+    """Return the CRS that all files share, or raise ``ValueError`` if they differ or it is not metric."""
+    first = sources[0]
+    for source in sources[1:]:
+        if not _same_crs(first.crs, source.crs):
+            raise ValueError(
+                f"{first.path} is in {_short_name(first.crs)} and {source.path} in "
+                f"{_short_name(source.crs)}; pass to_crs= to bring them together, or read them one by one"
+            )
+    for source in sources:
+        _check_metric(source.path, source.crs, source.lines)
+    return first.crs
+
+
+def reproject(sources: list[Source], to_crs: str) -> str:
+    """Bring the lines of all files into one CRS and return it."""
+    (pyproj,) = need("to_crs", "pyproj")
+    for source in sources:
+        if source.crs is None:
+            raise ValueError(f"{source.path}: the file states no CRS to reproject from; pass it as crs=")
+    target = _utm_zone(pyproj, sources) if to_crs.lower() == "utm" else crs_text(to_crs, "to_crs=")
+    if target is None:
+        raise ValueError(f"to_crs= is {_short_name(to_crs)!r}, an undefined CRS; write it like \"EPSG:32619\"")
+    for source in sources:
+        if not _same_crs(source.crs, target):
+            xy = _transformed(pyproj, source, target)
+            parts = np.split(xy, np.cumsum([len(line.xy) for line in source.lines])[:-1])
+            for line, part in zip(source.lines, parts, strict=True):
+                line.xy = part
+            log.info("%s: reprojected from %s to %s", source.path, source.crs, target)
+        _check_metric(source.path, target, source.lines)
+    return target
+
+
+def _transformed(pyproj: Any, source: Source, target: str) -> np.ndarray:
+    """Return all points of a file in another CRS, or raise ``ValueError`` where that is impossible."""
+    change = pyproj.Transformer.from_crs(source.crs, target, always_xy=True)
+    xy = np.stack(change.transform(*_packed(source.lines).T), axis=1)
+    if not np.isfinite(xy).all():
+        raise ValueError(
+            f"{source.path}: {int((~np.isfinite(xy)).any(axis=1).sum())} points cannot be brought from "
+            f"{_short_name(source.crs)} to {_short_name(target)}; is the CRS of the file right?"
+        )
+    return xy
+
+
+def _utm_zone(pyproj: Any, sources: list[Source]) -> str:
+    """Return the WGS 84 / UTM zone of the mean point of all files."""
+    lon, lat = np.radians(np.concatenate([_transformed(pyproj, s, "EPSG:4326") for s in sources])).T
+    # A mean of directions, so that lines on both sides of the 180th meridian have their mean there.
+    middle = math.degrees(math.atan2(np.sin(lon).mean(), np.cos(lon).mean()))
+    height = math.degrees(lat.mean())
+    if not -80.0 <= height <= 84.0:
+        raise ValueError(f"UTM has no zone at {height:.4g} degrees of latitude; name a polar CRS as to_crs=")
+    zone = int((middle + 180.0) // 6.0) % 60 + 1
+    return f"EPSG:{32600 + zone if height >= 0.0 else 32700 + zone}"
+
+
+def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
+    """Raise ``ValueError`` unless x and y in this CRS are metres on the ground."""
+    if crs is None:
+        return
+    advice = 'pass to_crs="utm" or to_crs="EPSG:..."'
+    if _is_geographic(crs):
+        raise ValueError(f"{path}: {_short_name(crs)} is longitude and latitude, not metres; {advice}")
+    mean = _packed(lines).mean(axis=0)
+    pyproj, scale = _pyproj(), 1.0
+    if pyproj is not None:
+        system = pyproj.CRS(crs)
+        unit = system.axis_info[0] if system.axis_info else None
+        if unit is not None and abs(unit.unit_conversion_factor - 1.0) > 1e-9:
+            raise ValueError(f"{path}: {_short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
+        if system.is_projected:
+            scale = _ground_scale(pyproj, system, mean)
+    elif crs == "EPSG:3857":
+        scale = math.cosh(mean[1] / MERCATOR_RADIUS)
+    off = abs(scale - 1.0)
+    if not off > SCALE_WARN:
+        return
+    text = f"{path}: lengths in {_short_name(crs)} are {scale:.3g} times those on the ground there"
+    if off > SCALE_REFUSE:
+        raise ValueError(f"{text}; {advice}")
+    warnings.warn(f"{text}; to_crs= would correct them", UserWarning, stacklevel=4)
+
+
+def _ground_scale(pyproj: Any, system: Any, xy: np.ndarray) -> float:
+    """Return length in a projection over length on the ground, the worse of two directions; NaN outside."""
+    to_degrees = pyproj.Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
+    step = 100.0
+    scales = []
+    for dx, dy in ((step, 0.0), (0.0, step)):
+        lon, lat = to_degrees.transform(xy[0] + np.array([-dx, dx]), xy[1] + np.array([-dy, dy]))
+        if not np.isfinite([lon, lat]).all():
+            return math.nan
+        ground = system.get_geod().inv(lon[0], lat[0], lon[1], lat[1])[2]
+        scales.append(2.0 * step / ground if ground > 0.0 else math.nan)
+    return scales[int(np.abs(np.array(scales) - 1.0).argmax())]
+
+
+def _is_geographic(crs: str) -> bool:
+    """Tell whether a CRS is in degrees; without pyproj only the common ones are known."""
+    pyproj = _pyproj()
+    if pyproj is None:
+        return crs.split(":")[-1] in GEOGRAPHIC or crs.startswith(("GEOG", "GEODCRS"))
+    return bool(pyproj.CRS(crs).is_geographic)
+
+
+def _same_crs(a: str | None, b: str | None) -> bool:
+    """Tell whether two CRS, as :func:`crs_text` gives them, are the same."""
+    pyproj = _pyproj()
+    if a == b or a is None or b is None or pyproj is None:
+        return a == b
+    return bool(pyproj.CRS(a).equals(pyproj.CRS(b), ignore_axis_order=True))
+
+
+def _short_name(crs: str | None) -> str:
+    """Return a CRS for a message."""
+    return "no CRS" if crs is None else crs if len(crs) < 40 else f"{crs[:40]}..."
+
+
+def _packed(lines: list[Line]) -> np.ndarray:
+    """Return the points of all lines end to end."""
+    return np.concatenate([line.xy for line in lines])
+
+
+def _pyproj() -> Any:
+    """Return pyproj, or None where it is not installed."""
+    try:
+        return importlib.import_module("pyproj")
+    except ImportError:
+        return None

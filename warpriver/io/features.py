@@ -1,0 +1,367 @@
+"""Lines as features: GeoJSON, GeoPackage, GeoParquet, shapefile, FlatGeobuf."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import logging
+import math
+import re
+import shutil
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.io.crs import crs_text, within_degrees
+from warpriver.io.files import decoded, need
+from warpriver.io.source import NAMES, Line, Source
+from warpriver.network import RiverNetwork
+
+__all__ = [
+    "JSON",
+    "NEEDS",
+    "OGR",
+    "PARQUET",
+    "SHAPEFILE_PARTS",
+    "read_geojson",
+    "read_ogr",
+    "read_parquet",
+    "write_geojson",
+    "write_ogr",
+    "write_parquet",
+]
+
+log = logging.getLogger("warpriver")
+
+JSON = (".geojson", ".json")
+OGR = {".gpkg": "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
+PARQUET = ".parquet"
+# Modules beyond the core that a format needs; all of them come with the extra "gis".
+NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
+# A .prj or an index that an older shapefile left behind would be taken for one of the new file.
+SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
+
+# A feature is its kind of geometry, the (n, 2) arrays of its parts, and its attributes by lower-case name.
+_Feature = tuple[str, list[np.ndarray], dict[str, Any]]
+
+
+def read_geojson(path: Path, wanted: Sequence[str]) -> Source:
+    """Read lines from GeoJSON."""
+    try:
+        root = json.loads(decoded(path))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: not whole JSON ({error}); is it cut short?") from error
+    kind = root.get("type") if isinstance(root, dict) else None
+    if kind == "FeatureCollection":
+        features = root.get("features")
+    elif kind == "Feature":
+        features = [root]
+    else:
+        features = [{"geometry": root}] if kind is not None and "coordinates" in root else None
+    if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
+        raise ValueError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
+    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted)
+    member = root.get("crs")
+    named = member.get("properties") if isinstance(member, dict) else None
+    name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
+    crs = None if name is None else crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
+    return Source(path, lines, crs, "crs" not in root and within_degrees(lines))
+
+
+def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) -> Source:
+    """Read lines through GDAL."""
+    pyogrio, raw, shapely = need(f"reading {suffix}", "pyogrio", "pyogrio.raw", "shapely")
+    _refuse_cut(path, suffix)
+    try:
+        chosen = _line_layer(path, layer, pyogrio.list_layers(path))
+        info = pyogrio.read_info(path, layer=chosen)
+        names = [name for name in info["fields"] if name.lower() in _useful(wanted)]
+        meta, _, wkb, data = raw.read(path, layer=chosen, columns=names, force_2d=True)
+    except (RuntimeError, IndexError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: cannot be read as {OGR[suffix]} ({_reason(error)}); is it cut short?") from error
+    if wkb is None or len(wkb) < info["features"]:
+        count = 0 if wkb is None else len(wkb)
+        raise ValueError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
+    attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
+    with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
+        geometries = shapely.from_wkb(wkb, on_invalid="ignore")
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
+    return Source(path, lines, None if meta["crs"] is None else crs_text(meta["crs"], str(path)))
+
+
+def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
+    """Read lines from GeoParquet."""
+    geopandas, pyarrow, shapely = need("reading .parquet", "geopandas", "pyarrow", "shapely")
+    try:
+        frame = geopandas.read_parquet(path)
+        geometries = shapely.force_2d(frame.geometry.to_numpy())
+        useful = [name for name in frame.columns if str(name).lower() in _useful(wanted)]
+        attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
+    except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
+        raise ValueError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
+    return Source(path, lines, None if frame.crs is None else crs_text(frame.crs, str(path)))
+
+
+def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
+    """Write GeoJSON with a "crs" member."""
+    crs = None
+    if network.crs is not None:
+        code = re.fullmatch(r"(\w+):(\w+)", network.crs)
+        name = f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else network.crs
+        crs = {"type": "name", "properties": {"name": name}}
+    columns = {name: c if isinstance(c, list) else c.tolist() for name, c in _features_out(network).items()}
+    features = [
+        {
+            "type": "Feature",
+            "properties": {name: column[c] for name, column in columns.items()},
+            "geometry": {"type": "LineString", "coordinates": xy.tolist()},
+        }
+        for c, xy in enumerate(network.polylines())
+    ]
+    head = {"type": "FeatureCollection", "name": layer, "crs": crs}
+    # One feature a line, so that versions of a file can be compared.
+    body = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
+    data = f'{json.dumps(head)[:-1]}, "features": [\n{body}\n]}}\n'.encode()
+    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix.lower() == ".gz" else data)
+
+
+def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, layer: str) -> None:
+    """Write through GDAL; the layers of an existing GeoPackage at ``path`` are taken over."""
+    raw, shapely = need(f"writing {suffix}", "pyogrio.raw", "shapely")
+    columns = _features_out(network)
+    data = [
+        np.array([None if v is None else json.dumps(v) for v in c], object) if isinstance(c, list) else c
+        for c in columns.values()
+    ]
+    if suffix == ".gpkg" and path.exists():
+        shutil.copyfile(path, temporary)
+    # A FlatGeobuf with an index would have its channels in another order.
+    options = {"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="'crs' was not provided")
+            raw.write(
+                temporary,
+                geometry=shapely.to_wkb(_line_strings(shapely, network)),
+                field_data=data,
+                fields=np.array(list(columns)),
+                geometry_type="LineString",
+                crs=network.crs,
+                driver=OGR[suffix],
+                layer=layer if suffix == ".gpkg" else None,
+                **options,
+            )
+    except RuntimeError as error:
+        raise ValueError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
+
+
+def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
+    """Write GeoParquet."""
+    geopandas, shapely = need("writing .parquet", "geopandas", "shapely")
+    columns = {
+        name: [None if v is None else json.dumps(v) for v in c] if isinstance(c, list) else c
+        for name, c in _features_out(network).items()
+    }
+    try:
+        frame = geopandas.GeoDataFrame(columns, geometry=_line_strings(shapely, network), crs=network.crs)
+        frame.to_parquet(temporary, index=False)
+    except RuntimeError as error:
+        raise ValueError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
+
+
+# ---- reading ----
+
+
+def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str]) -> list[Line]:
+    """Turn features into channels, or raise ``ValueError`` if none is a line."""
+    lines: list[Line] = []
+    others: Counter[str] = Counter()
+    for k, (kind, parts, attributes) in enumerate(features):
+        if kind not in ("LineString", "MultiLineString") or not any(map(len, parts)):
+            others[f"{'empty ' if 'LineString' in kind else ''}{kind}"] += 1
+            continue
+        where = f"{path}, feature {k}"
+        for xy in _chained([part for part in parts if len(part)]):
+            if not np.isfinite(xy).all():
+                point = int((~np.isfinite(xy)).any(axis=1).argmax())
+                raise ValueError(f"{where}: point {point} is not finite; remove or repair it")
+            line = Line(xy, where)
+            for name in wanted:
+                value = _point_list(attributes.get(f"point_{name}"), name, len(xy), where)
+                setattr(line, name, _attribute(attributes, name, where) if value is None else value)
+            lines.append(line)
+    found = ", ".join(f"{count} {kind}" for kind, count in others.items())
+    if not lines:
+        raise ValueError(f"{path}: no lines in it; it holds {found or 'no features'}")
+    if others:
+        log.info("%s: passed over %s", path, found)
+    return lines
+
+
+def _chained(parts: list[np.ndarray]) -> list[np.ndarray]:
+    """Join parts that follow end to start; where more than two parts meet, none is joined."""
+    heads = [(float(p[0, 0]), float(p[0, 1])) for p in parts]
+    tails = [(float(p[-1, 0]), float(p[-1, 1])) for p in parts]
+    starts, ends = Counter(heads), Counter(tails)
+    joint = {point for point in starts if starts[point] == ends[point] == 1}
+    follower = {head: k for k, head in enumerate(heads) if head in joint}
+    chains, used = [], set()
+    # Heads of chains first; what is left after them are rings, which start with their first part.
+    for k in sorted(range(len(parts)), key=lambda k: heads[k] in joint):
+        chain: list[np.ndarray] = []
+        following: int | None = k
+        while following is not None and following not in used:
+            used.add(following)
+            chain.append(parts[following] if not chain else parts[following][1:])
+            following = follower.get(tails[following])
+        if chain:
+            chains.append((k, np.concatenate(chain)))
+    return [xy for _, xy in sorted(chains, key=lambda item: item[0])]
+
+
+def _attribute(attributes: dict[str, Any], role: str, where: str) -> float | None:
+    """Return the number that plays a role, None if there is none, or raise ``ValueError``."""
+    for name in NAMES[role]:
+        value = attributes.get(name)
+        if value is None or value == "":
+            continue
+        try:
+            number = float(value)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{where}: {name} is {value!r}, not a number") from error
+        if not math.isnan(number):
+            return number
+    return None
+
+
+def _point_list(value: Any, role: str, count: int, where: str) -> np.ndarray | None:
+    """Return a list of one number a point, None if there is none, or raise ``ValueError``."""
+    if value is None or isinstance(value, float):
+        return None
+    try:
+        array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: point_{role} is not a list of numbers ({error})") from error
+    if array.shape != (count,):
+        raise ValueError(
+            f"{where}: point_{role} has {array.size} numbers for {count} points; remove it, or pass {role}="
+        )
+    return array
+
+
+def _useful(wanted: Sequence[str]) -> set[str]:
+    """Return the attribute names that may be read, lower case."""
+    return {alias for role in wanted for alias in (*NAMES[role], f"point_{role}")}
+
+
+def _geojson_feature(path: Path, k: int, feature: dict[str, Any]) -> _Feature:
+    """Return one GeoJSON object as a feature."""
+    geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
+    try:
+        kind = str(geometry.get("type"))
+        attributes = {str(name).lower(): value for name, value in properties.items()}
+        if kind not in ("LineString", "MultiLineString"):
+            return kind, [], attributes
+        parts: list[Any] = geometry["coordinates"]
+        parts = [parts] if kind == "LineString" else parts
+        arrays = [np.array([p[:2] for p in part], np.float64).reshape(-1, 2) for part in parts]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}, feature {k}: its coordinates are not pairs of numbers ({error})") from error
+    return kind, arrays, attributes
+
+
+def _shapely_features(shapely: Any, geometries: np.ndarray, attributes: dict[str, Any]) -> Iterator[_Feature]:
+    """Yield shapely geometries, with columns of attributes, as features."""
+    pieces, owner = shapely.get_parts(geometries, return_index=True)
+    counts = shapely.get_num_coordinates(pieces)
+    split = np.split(shapely.get_coordinates(pieces), np.cumsum(counts)[:-1])
+    parts: list[list[np.ndarray]] = [[] for _ in geometries]
+    for k, xy in zip(owner, split, strict=False):
+        parts[k].append(xy)
+    for k, geometry in enumerate(geometries):
+        kind = "unreadable geometry" if geometry is None else geometry.geom_type
+        yield kind, parts[k], {name: column[k] for name, column in attributes.items()}
+
+
+def _line_layer(path: Path, layer: str | None, layers: np.ndarray) -> str:
+    """Return the layer to read: the named one, or the only one that holds lines."""
+    listed = ", ".join(f"{name} ({kind})" for name, kind in layers)
+    if layer is not None:
+        if layer not in [name for name, _ in layers]:
+            raise ValueError(f"{path}: no layer {layer!r} in it; it has {listed}")
+        return layer
+    kinds = {name: str(kind) for name, kind in layers if kind is not None}
+    lines = [name for name, kind in kinds.items() if "LineString" in kind]
+    lines = lines or [name for name, kind in kinds.items() if "Unknown" in kind or "Collection" in kind]
+    if not lines:
+        raise ValueError(f"{path}: no lines in it; it has {listed or 'no layers'}")
+    if len(lines) > 1:
+        raise ValueError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
+    return str(lines[0])
+
+
+def _refuse_cut(path: Path, suffix: str) -> None:
+    """Raise ``ValueError`` for a file shorter than its header says: GDAL may read a part without a word."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(100)
+    needed = 0
+    if suffix == ".gpkg" and head.startswith(b"SQLite format 3"):
+        page = int.from_bytes(head[16:18], "big")
+        needed = max(100, (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big"))
+    elif suffix == ".shp" and head.startswith((9994).to_bytes(4, "big")):
+        needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
+    if size < needed:
+        raise ValueError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
+
+
+def _reason(error: Exception) -> str:
+    """Return what a library says of its failure, as a part of one line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+# ---- writing ----
+
+
+def _features_out(network: RiverNetwork) -> dict[str, Any]:
+    """Return the attributes of the channels; lists a point stay lists."""
+    columns: dict[str, Any] = {
+        "seg_id": np.arange(network.channel_count, dtype=np.int32),
+        "down_id": _down_ids(network),
+        "from_node": network.channel_from,
+        "to_node": network.channel_to,
+        "width": network.channel_width,
+        "depth": network.channel_depth,
+        "discharge": network.channel_discharge,
+        "length": network.channel_lengths(),
+    }
+    if network.point_section is not None:
+        for name, arrays in (
+            ("point_width", network.point_widths()),
+            ("point_depth", _point_depths(network)),
+        ):
+            columns[name] = [None if np.ptp(a) == 0.0 else a.tolist() for a in arrays]
+    return columns
+
+
+def _down_ids(network: RiverNetwork) -> np.ndarray:
+    """Return for each channel the one that it flows into, -1 for none; (C,) int32."""
+    heir: dict[int, int] = {}
+    # From the least discharge to the greatest, of equals from the last to the first: the last entry stays.
+    order = sorted(range(network.channel_count), key=lambda c: (network.channel_discharge[c], -c))
+    for c in order:
+        if network.channel_from[c] != network.channel_to[c]:
+            heir[int(network.channel_from[c])] = c
+    down = [heir.get(int(node), -1) for node in network.channel_to]
+    return np.array([-1 if d == c else d for c, d in enumerate(down)], np.int32)
+
+
+def _line_strings(shapely: Any, network: RiverNetwork) -> np.ndarray:
+    """Return the channels as shapely LineStrings."""
+    owner = np.repeat(np.arange(network.channel_count), np.diff(network.starts()))
+    return shapely.linestrings(network.points(), indices=owner)

@@ -1,0 +1,77 @@
+"""Files as wholes: read and unpacked at once, replaced in one move; and the modules that their formats need."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import importlib
+import os
+import shutil
+import tempfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["beside", "decoded", "need"]
+
+
+def need(purpose: str, *names: str) -> list[Any]:
+    """Import modules of the extra "gis", or raise ``ImportError`` that says how to get them."""
+    modules = []
+    for name in names:
+        try:
+            modules.append(importlib.import_module(name))
+        except ImportError as error:
+            raise ImportError(f'{purpose} needs {name.split(".")[0]}: pip install "warpriver[gis]"') from error
+    return modules
+
+
+def decoded(path: Path) -> str:
+    """Return the text of a file, unpacked if its name ends in .gz, or raise ``ValueError``."""
+    data = path.read_bytes()
+    if path.suffix.lower() == ".gz":
+        try:
+            data = gzip.decompress(data)
+        except (OSError, EOFError, zlib.error) as error:
+            raise ValueError(f"{path}: not a whole gzip file ({error}); fetch it again") from error
+    if b"\0" in data:
+        raise ValueError(f"{path}: holds zero bytes, so it is not UTF-8 text; is it binary, or UTF-16?")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    if not text.strip():
+        raise ValueError(f"{path}: the file is empty")
+    return text
+
+
+@contextlib.contextmanager
+def beside(path: Path, parts: Sequence[str] = ()) -> Iterator[Path]:
+    """Give a path of that name in a new folder beside it; at the end what is in there moves to its place.
+
+    Args:
+        path: File to write.
+        parts: Suffixes of further files that belong to it; those that are not written anew are removed.
+
+    Raises:
+        OSError: The file cannot be written; what was there before is untouched.
+    """
+    folder = None
+    try:
+        if path.is_dir():
+            raise IsADirectoryError("it is a directory; give a file name")
+        folder = Path(tempfile.mkdtemp(prefix=".writing-", dir=path.parent))
+        yield folder / path.name
+        made = {file.name for file in folder.iterdir()}
+        for stale in (path.with_suffix(part) for part in parts):
+            if stale.name not in made:
+                stale.unlink(missing_ok=True)
+        # The file itself last: once it is in place, its parts are there as well.
+        for name in sorted(made, key=lambda name: name == path.name):
+            os.replace(folder / name, path.parent / name)
+    except OSError as error:
+        raise type(error)(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)

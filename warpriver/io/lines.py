@@ -1,0 +1,332 @@
+"""Channel lines from and to files: text, GeoJSON, GeoPackage, GeoParquet, shapefile, FlatGeobuf."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import gzip
+import importlib
+import importlib.util
+import itertools
+import json
+import logging
+import math
+import operator
+import os
+import re
+import shutil
+import tempfile
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
+
+__all__ = ["line_formats", "read_network", "write_network"]
+
+log = logging.getLogger("warpriver")
+
+TEXT = (".csv", ".txt", ".dat", ".xy")
+JSON = (".geojson", ".json")
+OGR = {".gpkg": "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
+PARQUET = ".parquet"
+# Modules beyond the core that a format needs; all of them come with the extra "gis".
+NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
+KNOWN = ", ".join((*TEXT, *JSON, *OGR, PARQUET)) + " (text and GeoJSON also with .gz)"
+
+def line_formats() -> dict[str, bool]:
+    """Return the suffixes of line files, each with whether the modules that it needs are installed here."""
+    suffixes = (*TEXT, *JSON, *OGR, PARQUET)
+    return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in suffixes}
+
+
+def read_network(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    width: Any = None,
+    depth: Any = None,
+    discharge: Any = None,
+    layer: str | None = None,
+    crs: str | None = None,
+    to_crs: str | None = None,
+    dtype: str = "float64",
+    device: Any = "cpu",
+    repeated: str = "drop",
+    short: str = "error",
+) -> RiverNetwork:
+    """Read channels that run downstream from a file, or from several files of one CRS.
+
+    The suffix names the format. ``.csv``, ``.txt``, ``.dat``, ``.xy`` and ``.geojson``, ``.json`` (all also
+    with ``.gz``) need nothing but NumPy; ``.gpkg``, ``.shp``, ``.fgb``, ``.parquet`` need ``warpriver[gis]``.
+
+    What is read, by name in any case; the first name that holds a value counts:
+
+    =============== ================================================= ======================================
+    what            column (text, a point) or attribute (GIS, a line) if the file has none
+    =============== ================================================= ======================================
+    x, y            x, x_m, easting, east, x_coord, point_x;          the first two columns, if none has a
+                    y likewise (text only)                            name; further ones are ignored
+    longitude,      lon, longitude, long, lng; lat, latitude          (these need ``to_crs``)
+    latitude        (text only)
+    channel         channel, channel_id, seg_id, id (text only)       blank lines part channels
+    width, m        width, width_m, width1, mean_width_m,             ``width`` must be passed
+                    median_width_m; point_width (GIS, a list)
+    depth, m        depth, depth_m; point_depth (GIS, a list)         from the width
+    discharge, m3/s discharge, discharge_m3s                          from the width
+    =============== ================================================= ======================================
+
+    *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces.
+    ``#`` starts a comment. One that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=`` takes the rest of
+    the line), ``units=`` must say metres or degrees, and ``order=upstream`` turns the lines round. Lines
+    before the numbers that start with a word and name no columns, like ``RMTEXT 350 2``, are passed over.
+    The rows of a channel stand together. An ``id`` that differs in every row numbers points, not channels.
+    Width and depth may vary along a channel; discharge is averaged over it.
+
+    *GIS files.* LineString and MultiLineString; z and m are dropped. Parts of a MultiLineString that follow
+    end to start become one channel, each other part is a channel of its own. Other geometries are passed
+    over. Widths are in metres, whatever the unit of the coordinates. ``point_width`` and ``point_depth`` are
+    lists (JSON text) of one number a point, as ``write_network`` writes them where the section varies.
+
+    *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a
+    projection whose lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17
+    degrees of latitude (from 1 % on it warns). Without pyproj only common geographic codes and EPSG:3857 are
+    known. A GeoJSON without a "crs" member is longitude and latitude unless its numbers exceed 180 and 90;
+    ``"crs": null`` means unknown. Numbers of unknown CRS are taken as metres with one exception: all within
+    180 and 90, while half or more of the lines are shorter than they are wide. That can only be degrees.
+
+    *Points.* A line of two points gets a third in its middle.
+
+    Args:
+        path: File name, or a list of file names.
+        width: Bankfull width in m: one number, one a channel in file order, or one (n,) array a channel
+            with a number for each point of the file; overrides the file.
+        depth: Bankfull depth in m, in the same forms; overrides the file.
+        discharge: Bankfull discharge in m3/s, one number or one a channel; overrides the file.
+        layer: Layer of a GeoPackage; needed only where several hold lines.
+        crs: CRS of a file that states none.
+        to_crs: CRS to reproject to: "EPSG:...", WKT, or "utm" for the WGS 84 / UTM zone of the mean point.
+        dtype: Precision on the device, "float64" or "float32".
+        device: Warp device name, "cpu" or "cuda:0".
+        repeated: What to do about points that stand twice in a row: "drop" (the count is logged) or "error".
+        short: What to do about channels shorter than they are wide, as linework has at junctions: "error",
+            "drop" (leaves gaps in the network), or "narrow" (the width becomes the length; depth and
+            discharge stay those of the full width).
+
+    Returns:
+        The network; its ``crs`` is "EPSG:..." where the authority has a code for it, else WKT, or None.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ImportError: The format, or ``to_crs``, needs a module that is not installed.
+        ValueError: The file is empty, cut short, not of its format, has no lines, no width, or points that
+            are not finite; several line layers and none named; a CRS unknown, not metric, or in conflict.
+    """
+    for name, value, choices in (("repeated", repeated, REPEATED), ("short", short, SHORT)):
+        if value not in choices:
+            raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
+    paths = [Path(path)] if isinstance(path, (str, os.PathLike)) else [Path(p) for p in path]
+    if not paths:
+        raise ValueError("no file to read: the list of paths is empty")
+    given = {"width": width, "depth": depth, "discharge": discharge}
+    wanted = tuple(name for name, value in given.items() if value is None)
+    sources = [_read_source(p, layer, wanted) for p in paths]
+    for source in sources:
+        source.crs = _settled_crs(source, crs)
+    found = _one_crs(sources) if to_crs is None else _reproject(sources, to_crs)
+    lines = [line for source in sources for line in source.lines]
+    for name, value in given.items():
+        if value is not None:
+            _override(lines, name, value)
+    label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
+    _check_width(lines, label)
+    _clean(lines, repeated, label)
+    lines = _settle_short(lines, short, found, label)
+    try:
+        return RiverNetwork.from_polylines(
+            [line.xy for line in lines],
+            width=_filled(lines, "width", None),
+            depth=_filled(lines, "depth", bankfull_depth),
+            discharge=_filled(lines, "discharge", lambda w: bankfull_discharge(np.mean(w))),
+            crs=found,
+            dtype=dtype,
+            device=device,
+        )
+    except ValueError as error:
+        raise ValueError(f"{label}: {error}") from error
+
+
+def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
+    """Write channels to a file whose suffix names the format; ``read_network`` reads it back.
+
+    Text formats hold a row a point: channel, x, y, width, depth, discharge, in digits that give back the
+    same numbers, under a comment line with CRS, units and order. GIS formats hold a LineString a channel
+    with
+
+    =========== ============================================================================================
+    attribute   what
+    =========== ============================================================================================
+    seg_id      index of the channel, from 0
+    down_id     channel that starts where this one ends, the one with most discharge if several; else -1
+    from_node   node at the upstream end
+    to_node     node at the downstream end
+    width       m, the mean
+    depth       m, the mean
+    discharge   m3/s
+    length      m
+    point_width m, a list of one number a point (text; an array in GeoJSON), only where the width varies
+    point_depth m, likewise
+    =========== ============================================================================================
+
+    GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read
+    (RFC 7946 knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold
+    lists, so a section that varies is refused there, and its attributes have 15 decimals.
+
+    The file is written beside its place and then renamed, so that a failure leaves the old one as it was. An
+    existing GeoPackage keeps its other layers.
+
+    Args:
+        network: What to write.
+        path: File name.
+        layer: Name of the layer in a GeoPackage, and of the collection in GeoJSON.
+
+    Raises:
+        ImportError: The format needs a module that is not installed.
+        OSError: The file cannot be written there.
+        ValueError: Unknown suffix, or a CRS or a section that the format cannot hold.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    _need(f"writing {suffix}", *NEEDS.get(suffix, ()))
+    if suffix == ".shp" and network.point_section is not None:
+        raise ValueError(
+            f"{path}: a shapefile cannot hold a width or depth that varies along a channel; "
+            "write .gpkg, .geojson, .parquet, .fgb or .csv"
+        )
+    with _beside(path) as temporary:
+        if suffix in TEXT:
+            _write_text(network, temporary, "," if suffix == ".csv" else " ")
+        elif suffix in JSON:
+            _write_geojson(network, temporary, layer)
+        elif suffix in OGR:
+            _write_ogr(network, temporary, path, suffix, layer)
+        else:
+            _write_parquet(network, temporary, path)
+
+
+def _suffix(path: Path) -> str:
+    """Return the lower-case suffix that names the format, without .gz, or raise ``ValueError``."""
+    suffixes = [s.lower() for s in path.suffixes]
+    packed = suffixes[-1:] == [".gz"]
+    suffix = (suffixes[:-1] if packed else suffixes)[-1:]
+    known = (*TEXT, *JSON) if packed else (*TEXT, *JSON, *OGR, PARQUET)
+    if not suffix or suffix[0] not in known:
+        raise ValueError(f"{path}: {''.join(suffixes[-2:]) or 'no suffix'} names no format; known are {KNOWN}")
+    return suffix[0]
+
+
+def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> _Source:
+    """Read one file; ``wanted`` are the roles to look for beyond the coordinates."""
+    suffix = _suffix(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a directory; give a file")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty")
+    _need(f"reading {suffix}", *NEEDS.get(suffix, ()))
+    if layer is not None and suffix not in OGR:
+        raise ValueError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
+    if suffix in TEXT:
+        return _read_text(path, wanted)
+    if suffix in JSON:
+        return _read_geojson(path, wanted)
+    if suffix in OGR:
+        return _read_ogr(path, suffix, layer, wanted)
+    return _read_parquet(path, wanted)
+
+
+def _override(lines: list[_Line], name: str, value: Any) -> None:
+    """Set width, depth or discharge of all lines from an argument."""
+    many = isinstance(value, (list, tuple)) or np.ndim(value)
+    values = list(value) if many else [value] * len(lines)
+    if len(values) != len(lines):
+        raise ValueError(f"{name}: {len(values)} values for {len(lines)} channels; give one number or one a channel")
+    for c, (line, item) in enumerate(zip(lines, values, strict=True)):
+        try:
+            array = np.array(item, np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{name} of channel {c} is {item!r}, not a number") from error
+        if array.ndim and (name == "discharge" or array.shape != (len(line.xy),)):
+            fits = "one number" if name == "discharge" else f"one number or ({len(line.xy)},)"
+            raise ValueError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
+        setattr(line, name, array)
+
+
+def _check_width(lines: list[_Line], label: str) -> None:
+    """Raise ``ValueError`` where neither file nor argument gives a width."""
+    missing = [line for line in lines if line.width is None]
+    if len(missing) == len(lines):
+        raise ValueError(f"{label}: the file gives no width; pass width= (bankfull width in m)")
+    if missing:
+        raise ValueError(f"{missing[0].where}: no width ({len(missing)} of {len(lines)} lines have none); pass width=")
+
+
+def _clean(lines: list[_Line], repeated: str, label: str) -> None:
+    """Remove points that stand twice in a row, and give lines of two points a third."""
+    dropped = added = 0
+    for line in lines:
+        same = (np.diff(line.xy, axis=0) == 0.0).all(axis=1)
+        if same.any():
+            k = int(same.argmax())
+            if repeated == "error":
+                raise ValueError(
+                    f"{line.where}: points {k} and {k + 1} are both at ({line.xy[k, 0]:g}, "
+                    f"{line.xy[k, 1]:g}); remove one, or pass repeated='drop'"
+                )
+            dropped += int(same.sum())
+            kept = np.flatnonzero(np.concatenate([[True], ~same]))
+            _map_points(line, operator.itemgetter(kept))
+        if len(line.xy) == 1:
+            raise ValueError(f"{line.where}: only one distinct point; a channel needs two")
+        if len(line.xy) == 2:
+            added += 1
+            _map_points(line, lambda a: np.stack([a[0], 0.5 * (a[0] + a[1]), a[1]]))
+    if dropped:
+        log.info("%s: %d points that stood twice in a row were dropped", label, dropped)
+    if added:
+        log.info("%s: %d lines of two points got a third in the middle", label, added)
+
+
+def _settle_short(lines: list[_Line], short: str, crs: str | None, label: str) -> list[_Line]:
+    """Deal with lines that are shorter than they are wide, as the argument ``short`` says."""
+    lengths = [float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines]
+    wide = [bool(np.max(line.width) > length) for line, length in zip(lines, lengths, strict=True)]
+    count, first = sum(wide), wide.index(True) if any(wide) else 0
+    if not count:
+        return lines
+    if crs is None and 2 * count >= len(lines) and _within_degrees(lines):
+        raise ValueError(
+            f"{label}: x and y look like longitude and latitude (within 180 and 90, lines shorter than wide) "
+            'and no CRS is stated; pass crs="EPSG:4326" and to_crs="utm", or check the unit of the width'
+        )
+    if short == "error" or count == len(lines):
+        advice = "" if count == len(lines) else ", or pass short='narrow' or short='drop'"
+        raise ValueError(
+            f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
+            f"({count} of {len(lines)} lines are like that); check the units of both{advice}"
+        )
+    log.info("%s: %d of %d lines are shorter than wide; short=%r", label, count, len(lines), short)
+    if short == "drop":
+        return [line for line, w in zip(lines, wide, strict=True) if not w]
+    for line, w, length in zip(lines, wide, lengths, strict=True):
+        if w:
+            line.depth = bankfull_depth(line.width) if line.depth is None else line.depth
+            line.discharge = bankfull_discharge(np.mean(line.width)) if line.discharge is None else line.discharge
+            line.width = np.minimum(line.width, NARROWED * length)
+    return lines

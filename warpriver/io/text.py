@@ -1,0 +1,252 @@
+"""Lines as columns of numbers: CSV and its kin, plain or with .gz."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import gzip
+import itertools
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.io.crs import crs_text
+from warpriver.io.files import decoded
+from warpriver.io.source import NAMES, Line, Source
+from warpriver.network import RiverNetwork
+
+__all__ = ["TEXT", "read_text", "write_text"]
+
+TEXT = (".csv", ".txt", ".dat", ".xy")
+
+METRES = ("m", "metre", "metres", "meter", "meters")
+DEGREES = ("degree", "degrees", "deg")
+
+
+def read_text(path: Path, wanted: Sequence[str]) -> Source:
+    """Read points from columns of numbers; ``wanted`` are the roles to look for beyond the coordinates."""
+    rows = decoded(path).replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
+    first, names, comments = _scan_head(path, rows)
+    separator = _separator(rows[first].partition("#")[0])
+    if separator == ";":
+        rows[first:] = [row.replace(",", ".") for row in rows[first:]]
+    columns, lonlat = _columns(names, wanted)
+    crs, upstream, degrees = _header_facts(path, comments)
+    channel, fields = columns.get("channel"), _fields(rows[first])
+    if channel is not None and channel < len(fields) and not _is_number(fields[channel]):
+        del columns["channel"]
+    table = dict(zip(columns, _load_columns(path, rows, first, separator, columns).T, strict=True))
+    if channel is None:
+        breaks = _breaks_by_blank(rows[first:])
+        labels: list[Any] = list(range(len(breaks) + 1))
+    else:
+        ids = table["channel"] if "channel" in table else _load_words(path, rows[first:], separator, channel)
+        breaks, labels = _breaks_by_id(path, ids, names[channel])
+    lines = []
+    for begin, end, label in zip([0, *breaks], [*breaks, len(table["x"])], labels, strict=True):
+        part = slice(begin, end)
+        xy = np.stack([table["x"][part], table["y"][part]], axis=1)
+        line = Line(xy, f"{path}, channel {label}" if len(labels) > 1 else str(path))
+        for name in wanted:
+            if name in table:
+                values = table[name][part]
+                along = values.mean() if name == "discharge" else values.copy()
+                setattr(line, name, values[0] if np.ptp(values) == 0.0 else along)
+        if upstream:
+            line.map_points(lambda a: a[::-1].copy())
+        lines.append(line)
+    return Source(path, lines, crs, lonlat or degrees)
+
+
+def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
+    """Write a row a point."""
+    facts = "units=m order=downstream"
+    if network.crs is not None:
+        crs = " ".join(str(network.crs).split())
+        facts = f"{facts} crs_wkt={crs}" if " " in crs or "[" in crs else f"crs={crs} {facts}"
+    names = separator.join(("channel", "x", "y", "width", "depth", "discharge"))
+    packed = path.suffix.lower() == ".gz"
+    widths, depths = network.point_widths(), network.point_depths()
+    with path.open("wb") as raw, contextlib.ExitStack() as stack:
+        # No time in the gzip header: the same network gives the same bytes.
+        out = stack.enter_context(gzip.GzipFile("", "wb", fileobj=raw, mtime=0)) if packed else raw
+        out.write(f"# {facts}\n{names}\n".encode())
+        for c, xy in enumerate(network.polylines()):
+            flow = float(network.channel_discharge[c])
+            table = np.column_stack([xy, widths[c], depths[c]]).tolist()
+            rows = (separator.join((str(c), *map(repr, row), repr(flow))) for row in table)
+            out.write(("\n".join(rows) + "\n").encode())
+
+
+# ---- the head of a file ----
+
+
+def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
+    """Return the index of the first row of numbers, and the column names and comments before it."""
+    names: list[str] = []
+    words: list[str] = []
+    comments: list[str] = []
+    for first, row in enumerate(rows):
+        if not row.strip():
+            continue
+        if row.lstrip().startswith("#"):
+            comments.append(row.strip().lstrip("# "))
+            continue
+        fields = _fields(row)
+        if names or _is_number(fields[0]):
+            break
+        words = _words(fields)
+        names = words if _has_xy(words) else []
+    else:
+        raise ValueError(f"{path}: no row of numbers in it; expected x and y in columns")
+    if not names and comments:
+        said = _words(_fields(comments[-1]))
+        names = said if _has_xy(said) and len(said) == len(fields) else []
+    if not names and len(words) == len(fields) > 1 and not any(map(_is_number, words)):
+        raise ValueError(f"{path}: its columns are {', '.join(words)}; name two of them x and y (or lon and lat)")
+    return first, names, comments
+
+
+def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bool]:
+    """Return from comments the CRS, whether lines run upstream, and whether units are degrees."""
+    facts: dict[str, str] = {}
+    for comment in comments:
+        plain, _, wkt = comment.partition("crs_wkt=")
+        if wkt:
+            facts["crs"] = wkt
+        for key, value in re.findall(r"(?:^|[\s,;])(crs|units|order)\s*=\s*([^\s,;]+)", plain, re.IGNORECASE):
+            facts.setdefault(key.lower(), value)
+    units = facts.get("units", "m").lower()
+    if units not in METRES + DEGREES:
+        raise ValueError(f"{path}: its header says units={units}; only metres are read, so convert it first")
+    order = facts.get("order", "downstream").lower()
+    if order not in ("downstream", "upstream"):
+        raise ValueError(f"{path}: its header says order={order}; use downstream or upstream")
+    crs = crs_text(facts["crs"], str(path)) if "crs" in facts else None
+    return crs, order == "upstream", units in DEGREES
+
+
+def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], bool]:
+    """Return the column of each role, and whether x and y are named longitude and latitude."""
+    if not names:
+        return {"x": 0, "y": 1}, False
+    lonlat = any(_find(names, role) is None for role in "xy")
+    found = {"x": _find(names, "lon" if lonlat else "x"), "y": _find(names, "lat" if lonlat else "y")}
+    found |= {role: _find(names, role) for role in ("channel", *wanted)}
+    return {role: column for role, column in found.items() if column is not None}, lonlat
+
+
+def _find(names: Sequence[str], role: str) -> int | None:
+    """Return the index of the first name that plays a role."""
+    return next((names.index(alias) for alias in NAMES[role] if alias in names), None)
+
+
+def _has_xy(names: Sequence[str]) -> bool:
+    return any(all(_find(names, role) is not None for role in pair) for pair in (("x", "y"), ("lon", "lat")))
+
+
+# ---- rows ----
+
+
+def _separator(row: str) -> str | None:
+    """Return what parts the columns of a row; None for spaces."""
+    return next((s for s in (";", ",", "\t") if s in row), None)
+
+
+def _fields(row: str) -> list[str]:
+    """Split a row into its columns; beside semicolons a comma is a decimal point."""
+    row = row.partition("#")[0].strip()
+    separator = _separator(row)
+    if separator == ";":
+        row = row.replace(",", ".")
+    return row.split() if separator is None else next(csv.reader([row], delimiter=separator))
+
+
+def _words(fields: list[str]) -> list[str]:
+    return [field.strip(" \"'").lower() for field in fields]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _data_rows(rows: list[str], first: int) -> Iterator[tuple[int, str]]:
+    """Yield the rows that hold numbers with their line number in the file."""
+    for k in range(first, len(rows)):
+        if rows[k].partition("#")[0].strip():
+            yield k + 1, rows[k]
+
+
+def _load_columns(
+    path: Path, rows: list[str], first: int, separator: str | None, columns: dict[str, int]
+) -> np.ndarray:
+    """Return columns of finite numbers, (rows, columns) float64, or raise ``ValueError`` with the line."""
+    try:
+        table = np.loadtxt(rows[first:], delimiter=separator, usecols=tuple(columns.values()), quotechar='"', ndmin=2)
+    except ValueError as error:
+        for number, row in _data_rows(rows, first):
+            fields = _fields(row)
+            for role, column in columns.items():
+                if column >= len(fields):
+                    text = f"{len(fields)} columns; {role} should be in column {column + 1}"
+                    raise ValueError(f"{path}, line {number}: {text}") from error
+                if not _is_number(fields[column]):
+                    text = f"{fields[column]!r} is not a number (column {column + 1}, {role})"
+                    raise ValueError(f"{path}, line {number}: {text}") from error
+        raise ValueError(f"{path}: its numbers cannot be read ({error})") from error
+    bad = ~np.isfinite(table)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        number, _ = next(itertools.islice(_data_rows(rows, first), int(row), None))
+        raise ValueError(f"{path}, line {number}: {list(columns)[column]} is {table[row, column]}; remove or repair it")
+    return table
+
+
+def _load_words(path: Path, rows: list[str], separator: str | None, column: int) -> np.ndarray:
+    """Return a column of channel names, or raise ``ValueError``."""
+    try:
+        return np.loadtxt(rows, delimiter=separator, usecols=column, quotechar='"', dtype=str, ndmin=1)
+    except ValueError as error:
+        raise ValueError(f"{path}: its channels cannot be read ({error})") from error
+
+
+# ---- where channels begin: the points at which a new one starts (but for the first) ----
+
+
+def _breaks_by_id(path: Path, ids: np.ndarray, name: str) -> tuple[list[int], list[Any]]:
+    """Return the breaks where a column changes, and the label of each channel."""
+    breaks = np.flatnonzero(ids[1:] != ids[:-1]) + 1
+    if name == "id" and len(breaks) == len(ids) - 1:  # it numbers points, not channels
+        return [], [0]
+    labels = ids[np.concatenate([[0], breaks])].tolist()
+    labels = [int(v) if isinstance(v, float) and v.is_integer() else v for v in labels]
+    label, times = Counter(labels).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{path}: the rows of channel {label} do not stand together; sort them by channel")
+    return breaks.tolist(), labels
+
+
+def _breaks_by_blank(rows: list[str]) -> list[int]:
+    """Return the breaks at blank lines."""
+    # Most files have none, and a million rows are searched in no time before they are counted.
+    if "" not in map(str.strip, rows):
+        return []
+    breaks, seen, gap = [], 0, False
+    for row in rows:
+        bare = row.strip()
+        if not bare:
+            gap = True
+        elif not bare.startswith("#"):
+            if gap and seen:
+                breaks.append(seen)
+            gap = False
+            seen += 1
+    return breaks

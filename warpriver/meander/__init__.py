@@ -1,0 +1,1 @@
+"""What a meandering channel does in one step: migrate, cut off, be resampled."""

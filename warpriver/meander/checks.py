@@ -1,0 +1,75 @@
+"""Checks of what each phase of a step promises; slow, on the host, for ``Simulation(check=True)``."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from warpriver.meander.buffers import FAULT_NONE, StepBuffers
+from warpriver.network import RiverNetwork
+
+__all__ = ["PhaseError", "check_phase"]
+
+# Points are even by the chords of the old ones. Where a cutoff joined two points far apart, the cubic between them has
+# the speed |3/2 c - (Tb + Tc)/4| in its middle, at most 3/2 + 5/6 with tangents of up to 5/3; the next step evens it.
+LONGEST_CHORD = 2.34
+
+
+class PhaseError(AssertionError):
+    """A phase of a step broke its promise; the text says which, where and by how much."""
+
+
+def check_phase(phase: str, network: RiverNetwork, buffers: StepBuffers, spacing: wp.array) -> None:
+    """Check the state after one phase.
+
+    Args:
+        phase: "migrate", "cut off" or "resample".
+        network: The network.
+        buffers: The step's scratch.
+        spacing: (C,) even spacing, m.
+
+    Raises:
+        PhaseError: A promise is broken.
+    """
+    if int(buffers.fault.numpy()[0]) != FAULT_NONE:
+        return  # the step will not be taken over
+    if phase == "resample":
+        if int(buffers.channel_start_next.numpy()[-1]) <= buffers.point_capacity:
+            _check_resampled(network, spacing.numpy().astype(np.float64))
+    else:
+        _check_moved(phase, network, buffers)
+
+
+def _check_moved(phase: str, network: RiverNetwork, buffers: StepBuffers) -> None:
+    """The points are finite, the ends have not moved, and cutoffs are in order and lie within their channels."""
+    start = network.starts()
+    moved = buffers.point_moved.numpy()[: start[-1]]
+    before = network.point_xy.numpy()[: start[-1]]
+    _require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
+    for ends in (start[:-1], start[1:] - 1):
+        _require((moved[ends] == before[ends]).all(axis=1), phase, "lost its anchored end", "channel")
+    if phase == "cut off":
+        cut = buffers.cut.numpy()[: int(buffers.channel_cuts_sum.numpy()[-1])]
+        _require(np.diff(cut[:, 0]) >= 0, phase, "is out of order", "cutoff")
+        _require(cut[:, 2] >= 3, phase, "has no loop", "cutoff")
+        total = int(buffers.channel_cut_points_sum.numpy()[-1])
+        following = np.concatenate([cut[1:, 1], [total]])[: len(cut)]
+        _require(following == cut[:, 1] + cut[:, 2], phase, "has a gap", "cutoff")
+
+
+def _check_resampled(network: RiverNetwork, spacing: np.ndarray) -> None:
+    """Starts ascend, points are finite, and no two neighbours are farther apart than the spacing allows."""
+    start = network.starts()
+    _require(np.diff(start) >= 3, "resample", "has fewer than 3 points", "channel")
+    xy = network.point_xy.numpy()[: start[-1]].astype(np.float64)
+    _require(np.isfinite(xy).all(axis=1), "resample", "is not finite", "point")
+    chord = np.hypot(*np.diff(xy, axis=0).T)
+    owner = np.repeat(np.arange(len(spacing)), np.diff(start))[:-1]
+    chord[start[1:-1] - 1] = 0.0
+    _require(chord <= LONGEST_CHORD * spacing[owner], "resample", "is too far from the next", "point")
+
+
+def _require(good: np.ndarray, phase: str, problem: str, kind: str) -> None:
+    if not good.all():
+        index = int(np.argmin(good))
+        raise PhaseError(f"after {phase!r}: {kind} {index} {problem} ({int((~good).sum())} in all)")

@@ -1,0 +1,321 @@
+"""RiverNetwork: channels and nodes on the host, their points packed end to end on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+__all__ = ["RiverNetwork", "bankfull_depth", "bankfull_discharge", "bankfull_width"]
+
+PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
+
+# Two channel ends closer than this part of the narrower width are one node.
+NODE_TOLERANCE = 1e-3
+
+
+def bankfull_depth(width: Any) -> Any:
+    """Bankfull depth in m of a channel ``width`` m wide, from w = 18.8 d^1.41 [Konsoer2013]."""
+    return (np.asarray(width, np.float64) / 18.8) ** (1.0 / 1.41)
+
+
+def bankfull_width(depth: Any) -> Any:
+    """Bankfull width in m of a channel ``depth`` m deep, w = 18.8 d^1.41 [Konsoer2013]."""
+    return 18.8 * np.asarray(depth, np.float64) ** 1.41
+
+
+def bankfull_discharge(width: Any) -> Any:
+    """Bankfull discharge in m3/s of a channel ``width`` m wide, from w = 7.2 Q^0.5 [Andreadis2013]."""
+    return (np.asarray(width, np.float64) / 7.2) ** 2
+
+
+def resolve_device(device: Any) -> Any:
+    """Return the Warp device of that name, or raise ``ValueError`` that lists the devices of this machine."""
+    try:
+        return wp.get_device(device)
+    except Exception as error:
+        known = ", ".join(d.alias for d in wp.get_devices())
+        raise ValueError(f"device {device!r} is not on this machine; it has: {known}") from error
+
+
+class RiverNetwork:
+    """Channels between nodes, each a line of points from upstream to downstream.
+
+    Build one with :meth:`from_polylines` or ``warpriver.read_network``. The points of all channels lie end to end in
+    one device array, ``point_xy``, cut by ``channel_start``; what belongs to a whole channel is NumPy on the host.
+
+    Attributes:
+        channel_width: (C,) float64, bankfull width in m (the mean, where it varies along the channel).
+        channel_depth: (C,) float64, bankfull depth in m.
+        channel_discharge: (C,) float64, bankfull discharge in m3/s.
+        channel_from: (C,) int32, node at the upstream end.
+        channel_to: (C,) int32, node at the downstream end.
+        node_xy: (N, 2) float64, node positions in m, absolute.
+        origin: (2,) float64, absolute position of the device coordinates' zero.
+        crs: Coordinate reference system as text ("EPSG:32619", WKT ...), or None.
+        dtype: "float64" or "float32", the precision on the device.
+        point_xy: device array of 2-vectors, m, relative to ``origin``; only the first ``point_count`` are in use.
+        point_section: device array of (width, depth) in m at each point, or None where they are constant along a
+            channel.
+        channel_start: device int32 array (C + 1,): channel c owns the points channel_start[c] to
+            channel_start[c + 1] - 1.
+    """
+
+    def __init__(
+        self,
+        point_xy: np.ndarray,
+        channel_start: np.ndarray,
+        *,
+        channel_width: np.ndarray,
+        channel_depth: np.ndarray,
+        channel_discharge: np.ndarray,
+        point_section: np.ndarray | None = None,
+        origin: Sequence[float] | np.ndarray = (0.0, 0.0),
+        crs: str | None = None,
+        dtype: str = "float64",
+        device: Any = "cpu",
+    ):
+        """Wrap packed arrays that are known to be sound; users call :meth:`from_polylines`, which checks.
+
+        Args:
+            point_xy: (P, 2) points relative to ``origin``.
+            channel_start: (C + 1,) int32 offsets into the points.
+            channel_width: (C,) m.
+            channel_depth: (C,) m.
+            channel_discharge: (C,) m3/s.
+            point_section: (P, 2) width and depth at each point in m, or None.
+            origin: Absolute position of the points' zero, m.
+            crs: Coordinate reference system.
+            dtype: "float64" or "float32".
+            device: Warp device name.
+        """
+        if dtype not in PRECISIONS:
+            raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
+        _, vec2, real = PRECISIONS[dtype]
+        self.dtype = dtype
+        self.device = resolve_device(device)
+        self.origin = np.array(origin, np.float64)
+        self.crs = crs
+        self.channel_width = np.array(channel_width, np.float64)
+        self.channel_depth = np.array(channel_depth, np.float64)
+        self.channel_discharge = np.array(channel_discharge, np.float64)
+        start = np.array(channel_start, np.int32)
+        self.point_count = int(start[-1])
+        self.channel_start: wp.array = wp.array(start, dtype=wp.int32, device=self.device)
+        self.point_xy: wp.array = wp.array(np.asarray(point_xy, real), dtype=vec2, device=self.device)
+        self.point_section: wp.array | None = None
+        if point_section is not None:
+            self.point_section = wp.array(np.asarray(point_section, real), dtype=vec2, device=self.device)
+        self._connect(np.asarray(point_xy, np.float64), start)
+
+    @classmethod
+    def from_polylines(
+        cls,
+        polylines: Iterable[Any],
+        width: Any,
+        depth: Any = None,
+        discharge: Any = None,
+        *,
+        crs: str | None = None,
+        dtype: str = "float64",
+        device: Any = "cpu",
+    ) -> RiverNetwork:
+        """Build a network from lines that run downstream; ends that meet become one node.
+
+        Args:
+            polylines: One (n, 2) array of x, y in m per channel, upstream to downstream, n >= 3.
+            width: Bankfull width in m: one number, one number a channel, or one (n,) array a channel where it varies.
+            depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
+            discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
+            crs: Coordinate reference system; geographic ones are refused by the readers, since x and y are metres here.
+            dtype: Precision on the device, "float64" or "float32".
+            device: Warp device name, "cpu" or "cuda:0".
+
+        Raises:
+            ValueError: No line, a line of fewer than 3 points, a point that is not finite or stands twice in a row, a
+                width that is not positive or exceeds the line's length, or shapes that do not fit. A line may cross
+                itself: its first step cuts the loop off like any neck.
+        """
+        lines = [_checked_line(xy, c) for c, xy in enumerate(polylines)]
+        if not lines:
+            raise ValueError("a network needs at least one line; got none")
+        counts = [len(xy) for xy in lines]
+        point_width = _per_point(width, counts, "width", "m")
+        point_depth = [bankfull_depth(w) for w in point_width]
+        if depth is not None:
+            point_depth = _per_point(depth, counts, "depth", "m")
+        for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
+            length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
+            if w.max() > length:
+                raise ValueError(
+                    f"channel {c}: its width, {w.max():g} m, exceeds its length, {length:g} m; "
+                    "check the units of both, or drop the channel"
+                )
+        packed = np.concatenate(lines)
+        # A round origin keeps offsets exact in binary, so that moving a line by whole metres moves the result by them.
+        origin = np.round(0.5 * (packed.min(axis=0) + packed.max(axis=0)))
+        channel_width = np.array([_mean(w) for w in point_width])
+        varies = any(np.ptp(w) > 0.0 for w in point_width) or any(np.ptp(d) > 0.0 for d in point_depth)
+        section = np.stack([np.concatenate(point_width), np.concatenate(point_depth)], axis=1) if varies else None
+        flow = bankfull_discharge(channel_width)
+        if discharge is not None:
+            flow = np.array([q[0] for q in _per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
+        return cls(
+            packed - origin,
+            np.concatenate([[0], np.cumsum(counts)]),
+            channel_width=channel_width,
+            channel_depth=np.array([_mean(d) for d in point_depth]),
+            channel_discharge=flow,
+            point_section=section,
+            origin=origin,
+            crs=crs,
+            dtype=dtype,
+            device=device,
+        )
+
+    @property
+    def channel_count(self) -> int:
+        """Number of channels."""
+        return len(self.channel_width)
+
+    @property
+    def node_count(self) -> int:
+        """Number of nodes."""
+        return len(self.node_xy)
+
+    def starts(self) -> np.ndarray:
+        """Return ``channel_start`` as a host array, (C + 1,) int32."""
+        return self.channel_start.numpy().copy()
+
+    def points(self) -> np.ndarray:
+        """Return all points in absolute coordinates, (P, 2) float64 in m."""
+        return self.point_xy.numpy()[: self.point_count].astype(np.float64) + self.origin
+
+    def polylines(self) -> list[np.ndarray]:
+        """Return the channels' lines in absolute coordinates, a list of (n, 2) float64 arrays in m."""
+        return np.split(self.points(), self.starts()[1:-1])
+
+    def point_widths(self) -> list[np.ndarray]:
+        """Return the bankfull width in m at each point, a list of (n,) float64 arrays."""
+        return self._split_section(0, self.channel_width)
+
+    def point_depths(self) -> list[np.ndarray]:
+        """Return the bankfull depth in m at each point, a list of (n,) float64 arrays."""
+        return self._split_section(1, self.channel_depth)
+
+    def _split_section(self, column: int, constant: np.ndarray) -> list[np.ndarray]:
+        starts = self.starts()
+        if self.point_section is None:
+            values = np.repeat(constant, np.diff(starts))
+        else:
+            values = self.point_section.numpy()[: self.point_count, column].astype(np.float64)
+        return np.split(values, starts[1:-1])
+
+    def channel_lengths(self) -> np.ndarray:
+        """Return the length of each channel's line in m, (C,) float64."""
+        xy, starts = self.points(), self.starts()
+        step = np.hypot(*np.diff(xy, axis=0).T)
+        step[starts[1:-1] - 1] = 0.0
+        total = np.concatenate([[0.0], np.cumsum(step)])
+        return total[starts[1:] - 1] - total[starts[:-1]]
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return (west, south, east, north) of all points in m."""
+        xy = self.points()
+        (west, south), (east, north) = xy.min(axis=0), xy.max(axis=0)
+        return float(west), float(south), float(east), float(north)
+
+    def to(self, device: Any = None, dtype: str | None = None) -> RiverNetwork:
+        """Return a copy on another device or in another precision."""
+        section = None if self.point_section is None else self.point_section.numpy()[: self.point_count]
+        return RiverNetwork(
+            self.point_xy.numpy()[: self.point_count],
+            self.starts(),
+            channel_width=self.channel_width,
+            channel_depth=self.channel_depth,
+            channel_discharge=self.channel_discharge,
+            point_section=section,
+            origin=self.origin,
+            crs=self.crs,
+            dtype=dtype or self.dtype,
+            device=device or self.device,
+        )
+
+    def __repr__(self) -> str:
+        length = self.channel_lengths().sum() / 1e3
+        widths = self.channel_width
+        span = f"{widths.min():.4g}" if np.ptp(widths) == 0 else f"{widths.min():.4g}-{widths.max():.4g}"
+        varying = " varying along the channels," if self.point_section is not None else ""
+        return (
+            f"RiverNetwork({self.channel_count} channels, {self.node_count} nodes, {self.point_count} points, "
+            f"{length:.4g} km, width {span} m,{varying} crs={self.crs}, {self.dtype} on {self.device.alias})"
+        )
+
+    def _connect(self, xy: np.ndarray, start: np.ndarray) -> None:
+        """Find the nodes: channel ends that coincide (within a part of the width) are one node."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        count = self.channel_count
+        ends = np.concatenate([xy[start[:-1]], xy[start[1:] - 1]])
+        tolerance = NODE_TOLERANCE * float(self.channel_width.min())
+        pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
+        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
+        node_count, label = connected_components(graph, directed=False)
+        first = np.full(node_count, 2 * count, np.int64)
+        np.minimum.at(first, label, np.arange(2 * count))
+        self.node_xy = ends[first] + self.origin
+        self.channel_from = label[:count].astype(np.int32)
+        self.channel_to = label[count:].astype(np.int32)
+
+
+def _mean(values: np.ndarray) -> float:
+    """Mean that gives a constant back to the bit."""
+    return float(values[0] if np.ptp(values) == 0.0 else values.mean())
+
+
+def _checked_line(xy: Any, channel: int) -> np.ndarray:
+    """Return one line as (n, 2) float64, or raise ``ValueError`` that says what is wrong with it and where."""
+    try:
+        line = np.array(xy, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"channel {channel}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
+    if line.ndim != 2 or line.shape[1] != 2:
+        raise ValueError(f"channel {channel}: shape {line.shape}; give (n, 2) x, y in metres")
+    if len(line) < 3:
+        raise ValueError(f"channel {channel}: {len(line)} point(s); a channel needs at least 3, drop it or add points")
+    bad = ~np.isfinite(line).all(axis=1)
+    if bad.any():
+        raise ValueError(f"channel {channel}: point {int(bad.argmax())} is not finite; remove or repair it")
+    repeated = (np.diff(line, axis=0) == 0.0).all(axis=1)
+    if repeated.any():
+        k = int(repeated.argmax())
+        raise ValueError(
+            f"channel {channel}: points {k} and {k + 1} are both at ({line[k, 0]:g}, {line[k, 1]:g}); remove one "
+            f"({int(repeated.sum())} such pairs in all)"
+        )
+    return line
+
+
+def _per_point(value: Any, counts: list[int], name: str, unit: str) -> list[np.ndarray]:
+    """Spread a number, a number a channel, or an array a channel over the points; every value must be positive."""
+    if not isinstance(value, (list, tuple)) and np.ndim(value) == 0:
+        values: list[Any] = [value] * len(counts)
+    else:
+        values = list(value)
+    if len(values) != len(counts):
+        raise ValueError(f"{name}: {len(values)} values for {len(counts)} channels; give one number or one a channel")
+    spread = []
+    for c, (v, n) in enumerate(zip(values, counts, strict=True)):
+        array = np.array(v, np.float64)
+        if array.ndim > 1 or (array.ndim == 1 and len(array) != n):
+            raise ValueError(f"{name} of channel {c}: shape {array.shape} for {n} points; give one number or ({n},)")
+        array = np.broadcast_to(array, (n,)).copy()
+        if not (np.isfinite(array).all() and (array > 0.0).all()):
+            worst = array[~(np.isfinite(array) & (array > 0.0))][0]
+            raise ValueError(f"{name} of channel {c} is {worst:g} {unit}; it must be positive and finite")
+        spread.append(array)
+    return spread

@@ -1,0 +1,455 @@
+"""Simulation: the list of verbs that is one step, and runs of many steps."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver import progress as progress_bar
+from warpriver.history import Cutoff, History, Record, StopReason
+from warpriver.meander import checks
+from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, StepBuffers
+from warpriver.meander.cutoffs import cut_off
+from warpriver.meander.migration import migrate, migration_law, stable_dt
+from warpriver.meander.resampling import resample
+from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.params import MeanderParams
+
+__all__ = ["Every", "Simulation"]
+
+# Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
+HEADROOM = 1.5
+# A time step that needs more sub-steps than this is taken for a mistake in its unit.
+MAX_SUBSTEPS = 10_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Every:
+    """A schedule: every so many steps, or every so many years.
+
+    Attributes:
+        steps: Interval in steps, or None.
+        years: Interval in years, or None.
+    """
+
+    steps: int | None = None
+    years: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.steps is None) == (self.years is None):
+            raise ValueError("give Every either steps or years, not both")
+        interval = self.steps if self.steps is not None else self.years
+        if not interval or not interval > 0 or (self.steps is not None and self.steps != int(self.steps)):
+            raise ValueError(f"Every({self}): the interval must be positive, and whole for steps")
+
+    def due(self, step: int, time_step: float) -> bool:
+        """Tell whether the state after ``step`` steps of ``time_step`` yr is on the schedule."""
+        if self.steps is not None:
+            return step % self.steps == 0
+        assert self.years is not None
+        # A part in 1e9 of slack, so that 10 steps of 0.1 yr make a year.
+        now = math.floor(step * time_step / self.years + 1e-9)
+        return now > math.floor((step - 1) * time_step / self.years + 1e-9)
+
+
+class Simulation:
+    """A river network that migrates and cuts off its loops, step by step.
+
+    Attributes:
+        network: The network as it is now; the one given to the constructor is left as it was.
+        params: Constants.
+        history: What has been recorded so far.
+        step_count: Steps done.
+        substeps: Equal parts in which a step is done, so that each is at most ``stable_dt`` yr long.
+        stable_dt: Longest sub-step in yr for the narrowest, shallowest channel.
+        seed: Seed of random events; migration and cutoffs draw no random numbers.
+        check: True: every phase of every step is checked.
+    """
+
+    def __init__(
+        self,
+        network: RiverNetwork,
+        params: MeanderParams | None = None,
+        *,
+        seed: int = 0,
+        device: Any = None,
+        dtype: str | None = None,
+        check: bool = False,
+        capture: bool = True,
+    ):
+        """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
+
+        Args:
+            network: Where to start from.
+            params: Constants; by default those of [Paris2023].
+            seed: Seed of random events.
+            device: Warp device, by default the network's.
+            dtype: "float64" or "float32", by default the network's.
+            check: Check every phase of every step, slowly, and stop at the first that breaks its promise.
+            capture: Record the step once and replay it, where the device allows; same results, less overhead.
+
+        Raises:
+            ValueError: The spacing exceeds a channel's width, or the time step is out of all proportion.
+        """
+        self.params = params if params is not None else MeanderParams()
+        self._check_spacing(network)
+        self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture)
+        self._resample_start()
+        self._record_step()
+        self.history = History(
+            self.params,
+            seed=seed,
+            origin=self.network.origin,
+            crs=self.network.crs,
+            dtype=self.network.dtype,
+        )
+        self._record()
+
+    @classmethod
+    def resume(
+        cls,
+        history: History | str | os.PathLike,
+        *,
+        device: Any = "cpu",
+        check: bool = False,
+        capture: bool = True,
+    ) -> Simulation:
+        """Go on from the last record of a history, to the bit as if the run had not stopped there.
+
+        Args:
+            history: A history, or the path of a saved or streamed run; a streamed one grows when run again.
+            device: Warp device.
+            check: As in the constructor.
+            capture: As in the constructor.
+
+        Raises:
+            ValueError: The history is empty or damaged.
+        """
+        if not isinstance(history, History):
+            history = History.load(history)
+        if len(history) == 0:
+            raise ValueError("the history holds no record to go on from")
+        self = cls.__new__(cls)
+        self.params = history.params
+        record = history.record(-1)
+        network = history.network(-1).to(device)
+        self._prepare(network, seed=history.seed, check=check, capture=capture, spacing=record.channel_spacing)
+        self.step_count = record.step
+        self._record_step()
+        self.history = history
+        del history.cutoffs[record.cutoffs_before :]
+        return self
+
+    # ---- state
+
+    @property
+    def time(self) -> float:
+        """Time now, yr."""
+        return self.step_count * self.params.time_step
+
+    @property
+    def device(self) -> Any:
+        """The Warp device of the run."""
+        return self.network.device
+
+    def __repr__(self) -> str:
+        p = self.params
+        parts = f" in {self.substeps} sub-steps" if self.substeps > 1 else ""
+        return (
+            f"Simulation at {self.time:.4g} yr (step {self.step_count}) on {self.device.alias}, {self.network.dtype}\n"
+            f"  network  {self.network!r}\n"
+            f"  step     {p.time_step:.4g} yr{parts}, stable up to {self.stable_dt:.3g} yr; spacing {p.spacing:g} m\n"
+            f"  history  {self.history!r}"
+        )
+
+    # ---- running
+
+    def step(self) -> None:
+        """Advance by one time step: migrate, cut off, resample, in as many equal sub-steps as stability asks for.
+
+        Raises:
+            FloatingPointError: A point is no longer finite; the state before is kept.
+            AssertionError: ``check`` is on and a phase broke its promise.
+        """
+        begin = self.time
+        for k in range(self.substeps):
+            self._advance()
+            self._collect_cutoffs(begin + (k + 1) * self._law.time_step)
+        self.step_count += 1
+
+    def run(
+        self,
+        years: float | None = None,
+        *,
+        steps: int | None = None,
+        record_every: int | Every = 10,
+        store: str | os.PathLike | None = None,
+        callbacks: Iterable[Callable[[Simulation], Any] | tuple[Every, Callable[[Simulation], Any]]] = (),
+        progress: bool = False,
+    ) -> History:
+        """Run on and record; call it again to go on.
+
+        Args:
+            years: How long, in years; done in whole steps, so that the end may lie up to one step later.
+            steps: How long, in steps, instead of years.
+            record_every: Record every so many steps, or on a schedule; the state at the end is recorded always.
+            store: Folder to stream the history into; without it the history stays in memory.
+            callbacks: Functions of the simulation called after every step, or (schedule, function) pairs; one that
+                returns True ends the run.
+            progress: Show a bar with rate and remaining time on standard error.
+
+        Returns:
+            The history; its ``stop_reason`` says why the run ended. Ctrl-C ends it at the next step boundary.
+
+        Raises:
+            ValueError: The arguments do not fit.
+            OSError: ``store`` cannot be made.
+        """
+        count = self._count_steps(years, steps)
+        schedule = record_every if isinstance(record_every, Every) else Every(steps=record_every)
+        hooks = [c if isinstance(c, tuple) else (Every(steps=1), c) for c in callbacks]
+        if store is not None:
+            self.history.store_in(store)
+        self.history.stop_reason = None
+        reason = StopReason.COMPLETED
+        with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
+            try:
+                for _ in range(count):
+                    if interrupted.is_set():
+                        reason = StopReason.INTERRUPTED
+                        break
+                    self.step()
+                    if schedule.due(self.step_count, self.params.time_step):
+                        self._record()
+                    advance(1)
+                    due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
+                    if any([hook(self) is True for hook in due]):
+                        reason = StopReason.CALLBACK
+                        break
+                self._record_end()
+                self.history.close(reason)
+            except FloatingPointError:
+                self._record_end()
+                self.history.close(StopReason.NOT_FINITE)
+            except checks.PhaseError:
+                self.history.close(StopReason.CHECK_FAILED)
+                raise
+            except OSError:
+                self.history.stop_reason = StopReason.STORE_FAILED
+        return self.history
+
+    # ---- inside
+
+    def _check_spacing(self, network: RiverNetwork) -> None:
+        narrow = [float(w.min()) for w in network.point_widths()]
+        c = int(np.argmin(narrow))
+        if self.params.spacing > narrow[c]:
+            raise ValueError(
+                f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
+                f"be missed; set MeanderParams(spacing=...) to {narrow[c]:g} or less"
+            )
+
+    def _prepare(
+        self, network: RiverNetwork, *, seed: int, check: bool, capture: bool, spacing: np.ndarray | None = None
+    ) -> None:
+        self.network = network
+        self.seed = seed
+        self.check = check
+        self.step_count = 0
+        widths = network.point_widths()
+        narrow = np.array([w.min() for w in widths])
+        shallow = np.array([d.min() for d in network.point_depths()])
+        self.stable_dt = float(np.min(stable_dt(narrow, shallow, self.params)))
+        self.substeps = max(1, math.ceil(self.params.time_step / self.stable_dt * (1.0 - 1e-12)))
+        if self.substeps > MAX_SUBSTEPS:
+            raise ValueError(
+                f"a time step of {self.params.time_step:g} yr is {self.substeps} times what these channels allow "
+                f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
+            )
+        self._law = migration_law(self.params, self.params.time_step / self.substeps, network.dtype)
+        scalar, _, real = PRECISIONS[network.dtype]
+        form = np.stack(
+            [
+                network.channel_width,
+                network.channel_depth,
+                [w.max() for w in widths],
+                np.full(network.channel_count, self.params.spacing),
+            ],
+            axis=1,
+        ).astype(real)
+        self._form: wp.array = wp.array(form, dtype=wp.types.vector(4, scalar), device=network.device)
+        even = np.full(network.channel_count, self.params.spacing) if spacing is None else spacing
+        self._spacing: wp.array = wp.array(even.astype(real), dtype=scalar, device=network.device)
+        self._capture = capture
+        self._graph: Any = None
+        needed = max(network.point_count, int(network.channel_lengths().sum() / self.params.spacing))
+        self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
+
+    def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
+        """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
+        network = self.network
+        self.buffers = StepBuffers(network, points, cuts, oxbow_points)
+        self._graph = None
+        if points == network.point_xy.shape[0]:
+            return
+        for name in ("point_xy", "point_section"):
+            old = getattr(network, name)
+            if old is not None:
+                new = wp.zeros(points, dtype=old.dtype, device=network.device)
+                wp.copy(new, old, count=network.point_count)
+                setattr(network, name, new)
+
+    def _grow(self, points: int, cuts: int, oxbow_points: int) -> None:
+        """Make room during a run."""
+        self._allocate(points, cuts, oxbow_points)
+        self._record_step()
+
+    def _resample_start(self) -> None:
+        """Bring the lines as given to the even spacing."""
+        buffers, network = self.buffers, self.network
+        wp.copy(buffers.point_moved, network.point_xy)
+        if buffers.section_moved is not None and network.point_section is not None:
+            wp.copy(buffers.section_moved, network.point_section)
+        while True:
+            buffers.fault.zero_()
+            resample(network, self._form, self._spacing, buffers)
+            needed = int(buffers.channel_start_next.numpy()[-1])
+            if needed <= buffers.point_capacity:
+                break
+            moved, section = buffers.point_moved, buffers.section_moved
+            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+            buffers = self.buffers
+            wp.copy(buffers.point_moved, moved, count=network.point_count)
+            if buffers.section_moved is not None and section is not None:
+                wp.copy(buffers.section_moved, section, count=network.point_count)
+        network.point_count = needed
+
+    def _phases(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        """The verbs of one (sub-)step, in order."""
+        network, form, spacing, buffers = self.network, self._form, self._spacing, self.buffers
+        yield "migrate", lambda: migrate(network, form, spacing, self._law, buffers)
+        yield "cut off", lambda: cut_off(network, form, spacing, self.params, buffers)
+        yield "resample", lambda: resample(network, form, spacing, buffers)
+
+    def _launch(self) -> None:
+        """Run the phases on the device: replayed from a recording, or one by one when they are checked."""
+        if self._graph is None:
+            self.buffers.fault.zero_()
+            for name, phase in self._phases():
+                phase()
+                if self.check:
+                    checks.check_phase(name, self.network, self.buffers, self._spacing)
+            return
+        wp.capture_launch(self._graph)
+
+    def _record_step(self) -> None:
+        """Record the step for replay; this also compiles its kernels."""
+        if self.check or not self._capture:
+            return
+        with wp.ScopedCapture(device=self.device) as recording:
+            self.buffers.fault.zero_()
+            for _, phase in self._phases():
+                phase()
+        self._graph = recording.graph
+
+    def _advance(self) -> None:
+        """One (sub-)step; when it did not fit into the buffers, it changed nothing: make room and repeat."""
+        while True:
+            buffers = self.buffers
+            self._launch()
+            fault = int(buffers.fault.numpy()[0])
+            if fault == FAULT_NOT_FINITE:
+                raise FloatingPointError(
+                    f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
+                )
+            needed = int(buffers.channel_start_next.numpy()[-1])
+            if fault == FAULT_OXBOWS_FULL:
+                cuts = int(buffers.channel_cuts_sum.numpy()[-1])
+                loop_points = int(buffers.channel_cut_points_sum.numpy()[-1])
+                self._grow(
+                    buffers.point_capacity,
+                    max(buffers.cut_capacity, 2 * cuts),
+                    max(buffers.oxbow_capacity, 2 * loop_points),
+                )
+            elif needed > buffers.point_capacity:
+                self._grow(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+            else:
+                self.network.point_count = needed
+                return
+
+    def _collect_cutoffs(self, time: float) -> None:
+        """Move the cutoffs of the (sub-)step just done into the history."""
+        buffers, network = self.buffers, self.network
+        count = int(buffers.channel_cuts_sum.numpy()[-1])
+        if count == 0:
+            return
+        cut = buffers.cut.numpy()[:count]
+        xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
+        section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
+        for channel, begin, length, _ in cut:
+            width = network.channel_width[channel] if section is None else section[begin, 0]
+            loop = xy[begin : begin + length].copy()
+            self.history.cutoffs.append(Cutoff(time, int(channel), float(width), loop))
+
+    def _record(self) -> None:
+        network, count = self.network, self.network.point_count
+        section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
+        self.history.append(
+            Record(
+                step=self.step_count,
+                time=self.time,
+                cutoffs_before=len(self.history.cutoffs),
+                point_xy=network.point_xy.numpy()[:count].copy(),
+                point_section=section,
+                channel_start=network.starts(),
+                channel_spacing=self._spacing.numpy().copy(),
+                channel_width=network.channel_width.copy(),
+                channel_depth=network.channel_depth.copy(),
+                channel_discharge=network.channel_discharge.copy(),
+            )
+        )
+
+    def _record_end(self) -> None:
+        if self.history.steps[-1] != self.step_count:
+            self._record()
+
+    def _count_steps(self, years: float | None, steps: int | None) -> int:
+        if (years is None) == (steps is None):
+            raise ValueError("give run either years or steps")
+        if steps is not None:
+            if steps != int(steps) or steps < 0:
+                raise ValueError(f"steps is {steps!r}; give a whole number, 0 or more")
+            return int(steps)
+        assert years is not None
+        if not (math.isfinite(years) and years >= 0):
+            raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
+        return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
+
+
+@contextmanager
+def _interruption() -> Iterator[threading.Event]:
+    """Catch the first Ctrl-C as an event, so that a run stops between steps; a second one interrupts at once."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    previous = signal.getsignal(signal.SIGINT)
+
+    def note(signum: int, frame: Any) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, previous)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, previous)

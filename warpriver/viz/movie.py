@@ -1,0 +1,149 @@
+"""Movies of a growing channel belt: GIF by Pillow, MP4 by imageio-ffmpeg."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .maps import (
+    DEPOSIT_RAMP,
+    OXBOW_RAMP,
+    BeltSheet,
+    checked_record,
+    color_ramp,
+    history_bounds,
+    need_matplotlib,
+    replacing,
+)
+
+__all__ = ["movie"]
+
+
+def movie(
+    history: Any,
+    path: Any,
+    *,
+    fps: float = 12.0,
+    size: tuple[int, int] = (1280, 720),
+    window: Sequence[float] | None = None,
+    every: int = 1,
+    title: str | None = None,
+    dpi: float = 100.0,
+    hold: float = 2.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a movie of the channel belt as :func:`warpriver.viz.draw_belt` draws it, one frame a record.
+
+    Window, colours and scale of age are those of the whole history and stay fixed. Each frame adds its record
+    to the picture of the one before, so that the time taken grows with the number of frames and no faster.
+
+    Args:
+        history: History.
+        path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
+        fps: Frames a second, above 0 and at most 60.
+        size: Width and height in pixels; both even for .mp4.
+        window: (west, south, east, north) to show, in m; by default everything. It grows to fill the frame.
+        every: Show every n-th record; the last one is always shown.
+        title: Title at the upper left; None writes "Channel belt", "" leaves the line out.
+        dpi: Pixels per inch: sets the size of letters.
+        hold: Time in s for which the last frame stays.
+        progress: Called after each frame with the number of frames done and their total.
+
+    Raises:
+        ImportError: matplotlib is missing, or, for .mp4, imageio-ffmpeg.
+        ValueError: No record, a rate, size, step or window out of range, or an unknown suffix.
+        OSError: The file cannot be written.
+    """
+    need_matplotlib()
+    last = checked_record(history, None)
+    suffix = pathlib.Path(path).suffix.lower()
+    if not 0.0 < fps <= 60.0:
+        raise ValueError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
+    if every < 1:
+        raise ValueError(f"every is {every}; give 1 or more")
+    if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
+        raise ValueError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
+    records = [*range(0, last, every), last]
+    layout = {
+        "window": window,
+        "size": size,
+        "dpi": dpi,
+        "title": title,
+        "bounds": history_bounds(history, last),
+    }
+    with replacing(path, (".gif", ".mp4")) as temporary:
+        if suffix == ".mp4":
+            write = _mp4_writer()
+            write(temporary, _frames(history, records, layout, progress), fps, size, hold)
+        else:
+            # The last frame holds nearly every colour: its palette serves all, so that nothing flickers.
+            *_, sample = _frames(history, [last], layout, None)
+            _write_gif(temporary, _frames(history, records, layout, progress), sample, fps, hold)
+
+
+def _frames(
+    history: Any,
+    records: Sequence[int],
+    layout: dict[str, Any],
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[np.ndarray]:
+    """Yield the picture of each record in turn, (rows, columns, 3) uint8."""
+    page = BeltSheet(history, legend=True, age_span=None, **layout)
+    canvas: Any = page.sheet.figure.canvas
+    for done, record in enumerate(records, start=1):
+        page.turn_to(record)
+        canvas.draw()
+        yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        if progress is not None:
+            progress(done, len(records))
+
+
+def _write_gif(path: str, frames: Iterator[np.ndarray], sample: np.ndarray, fps: float, hold: float) -> None:
+    """Write a looping GIF with the palette of ``sample``."""
+    from PIL import Image
+
+    # The legend's colours are few but must not band: a patch of them gives them weight in the palette.
+    ramp = np.linspace(0.0, 1.0, sample.shape[1])
+    patch = np.stack([color_ramp(stops, ramp) for stops in (DEPOSIT_RAMP, OXBOW_RAMP)])
+    patch = np.repeat(np.round(255.0 * patch).astype(np.uint8), max(1, sample.shape[0] // 6), axis=0)
+    palette = Image.fromarray(np.concatenate([sample, patch])).quantize(256, method=Image.Quantize.MEDIANCUT)
+    pictures = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+    ]
+    # GIF counts in hundredths of a second, and viewers slow down what is faster than two of them.
+    tick = 10 * max(2, round(100.0 / fps))
+    duration = [tick] * (len(pictures) - 1) + [max(tick, round(1000.0 * hold))]
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False
+    )
+
+
+def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int], float], None]:
+    """Return the function that writes .mp4 files, or raise ``ImportError`` that says what to install."""
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise ImportError(
+            'an .mp4 movie needs imageio-ffmpeg: pip install "warpriver[movie]"; a .gif does without it'
+        ) from error
+
+    def write(
+        path: str, frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], hold: float
+    ) -> None:
+        stream = imageio_ffmpeg.write_frames(
+            path, size, fps=fps, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
+        )
+        stream.send(None)
+        try:
+            frame = None
+            for frame in frames:
+                stream.send(frame)
+            for _ in range(round(hold * fps)):
+                stream.send(frame)
+        finally:
+            stream.close()
+
+    return write
