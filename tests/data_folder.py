@@ -1,4 +1,4 @@
-"""Where the measured rivers and the golden cases lie; tests that need them skip with a reason where they are missing."""
+"""Where measured rivers and golden cases lie; tests that need them skip, with a reason, where they are missing."""
 
 import os
 from pathlib import Path

@@ -34,7 +34,7 @@ def reflect_ends(xy, extra=2):
 
 
 def circle_curvature(xy):
-    """Curvature of the circle through each three points in a row, left > 0: 4 area / (product of the sides), (n - 2,)."""
+    """Curvature of the circle through three points in a row, left > 0: 4 area / (product of the sides), (n - 2,)."""
     before, here, after = xy[:-2], xy[1:-1], xy[2:]
     u, v = here - before, after - before
     twice_area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -51,7 +51,7 @@ def curvature_and_change(xy):
 def decay_weights(x):
     """Weights (q, w0, w1) of a segment of optical depth x, by the integrals that define them.
 
-    A point z e-foldings up from the segment's lower end counts with e^(-z) dz, and a linear v is there v1 + (v0 - v1) z / x.
+    A point z e-foldings up from the lower end counts with e^(-z) dz; a linear v is there v1 + (v0 - v1) z / x.
     """
     if x == 0.0:
         return 1.0, 0.0, 0.0

@@ -96,6 +96,7 @@ TWICE = np.concatenate([LINE[:2], LINE[1:]])
         ([LINE], {"depth": 0.0}, "depth of channel 0"),
         ([LINE], {"discharge": -1.0}, "discharge of channel 0"),
         ([LINE], {"dtype": "float16"}, "use 'float64' or 'float32'"),
+        ([LINE], {"crs": "EPSG:4326"}, "longitude and latitude"),
         ([LINE], {"device": "tpu:7"}, "not on this machine; it has: cpu"),
     ],
 )

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
-    {"params", "network", "progress"},
+    {"crs", "params", "network", "progress"},
     {"meander", "metrics", "generate"},
     {"history"},
     {"simulation"},

@@ -32,13 +32,18 @@ def theory(width, q):
     return growth - 1j * q * celerity
 
 
+# With "upstream" scaling growth ends where gamma sigma^(-2/3) = 1, at a sinuosity of 2.5^1.5 = 3.95, cutoffs or not.
+SATURATION = GAMMA**1.5
+# Cutoffs keep every run below that by far: measured up to 3.5 ("upstream") and 3.8 ("whole", which does not saturate).
+SINUOSITY_LIMIT = 4.5
+
 # ---- linear theory
 
 
-# Two per cent were asked for at 16 points a wavelength; 0.10 % at most was measured (the error of fourth-order curvature
-# and quadrature, (q h)^4 / 24), so three times that.
+# Two per cent were asked for at 16 points a wavelength; 0.11 % at most was measured, of the size that fourth-order
+# curvature and quadrature leave, so three times that.
 LINEAR_ERROR = 0.003
-# Measured 3.97 to 3.99; second order was asked for. Below 3.8 one of the two fourth-order corrections is lost.
+# Measured 3.95 to 4.00; second order was asked for. Below 3.8 one of the two fourth-order corrections is lost.
 LINEAR_ORDER = 3.8
 # The spec gives the decay of the 375 m wave to three digits; at 7.5 points a wave an error of 1.5 % was measured, at 15
 # points 0.11 %.
@@ -148,3 +153,504 @@ def test_time_step_is_first_order(kind):
     print(f"{kind} from {first:.4f} yr: relative errors {np.array(errors) / abs(exact)}, orders {orders.round(3)}")
     low, high = STEP_ORDER[kind]
     assert (orders > low).all() and (orders < high).all()
+
+
+# Convergence of real bends with the spacing: rms distance in 4 yr from a run at 6.25 m, and how much it falls as the
+# spacing halves. Second order gives 4.2 and 5.0 (the reference has a quarter of the finest spacing's error); measured
+# 5.0 and 4.8 ("upstream"), 6.4 and 5.7 ("whole").
+BEND_GAIN = (3.8, 4.3)
+# The same for halving the step from 1/2 yr down, against 1/256 yr: first order gives 2.0 to 2.3; measured 2.1 to 2.7.
+STEP_GAIN = (1.9, 3.0)
+
+
+def bend_train(spacing):
+    """Eight bends of 1,226 m and sinuosity 1.5 (a fastest wave of a channel 100 m wide)."""
+    return wr.generate.kinoshita(1226.0, 1.2, 8, spacing)
+
+
+def distance_rms(xy, reference):
+    """Rms distance in m of a line from another, without 1.5 km at both ends; the other is taken as a smooth curve."""
+    from scipy.interpolate import CubicSpline
+
+    count = len(reference)
+    smooth = CubicSpline(np.arange(count), reference)(np.linspace(0, count - 1, 32 * (count - 1) + 1))
+    s = wr.metrics.arc_length(xy)
+    away = wr.metrics.migration(xy, smooth)[(s > 1500.0) & (s < s[-1] - 1500.0)]
+    assert np.isfinite(away).all()
+    return float(np.sqrt((away**2).mean()))
+
+
+@pytest.mark.parametrize("scaling", ["upstream", "whole"])
+def test_bends_converge_with_the_spacing(scaling):
+    # So short that the finest spacing, too, has no implicit share, and the same for all.
+    steps, years = 2428, 4.0
+    assert years / steps < longest_explicit(100.0, 6.25)
+    lines = []
+    for spacing in (50.0, 25.0, 12.5, 6.25):
+        params = wr.MeanderParams(spacing=spacing, sinuosity_scaling=scaling, cutoff_distance=0.0)
+        lines.append(phases.march(bend_train(spacing), 100.0, params, years / steps, steps))
+    rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
+    print(f"{scaling}: rms distance {rms.round(4)} m at 50, 25, 12.5 m; falls by {(rms[:-1] / rms[1:]).round(2)}")
+    assert (rms[:-1] / rms[1:] > BEND_GAIN).all()
+
+
+@pytest.mark.parametrize("scaling", ["upstream", "whole"])
+def test_bends_converge_with_the_time_step(scaling):
+    params = wr.MeanderParams(spacing=25.0, sinuosity_scaling=scaling, cutoff_distance=0.0)
+    lines = [phases.march(bend_train(25.0), 100.0, params, 8.0 / n, n) for n in (16, 32, 64, 128, 2048)]
+    rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
+    gain = rms[:-1] / rms[1:]
+    print(f"{scaling}: rms distance {rms.round(3)} m at 1/2, 1/4, 1/8, 1/16 yr; falls by {gain.round(2)}")
+    assert (gain > STEP_GAIN[0]).all() and (gain < STEP_GAIN[1]).all()
+
+
+# ---- the longest step
+
+# How much faster than in theory anything may grow in steps of ``stable_dt``: measured 1.00 to 1.10 (coarse grids).
+OUTGROWTH = 1.15
+# Waves below half the neutral one decay. In steps of so many ``stable_dt`` one of them grows: measured 12 to 37 by grid,
+# on some not within 100. So for small waves stable_dt is honest by a factor of ten.
+SMALL_WAVE_MARGIN = 10.0
+# Tight bends set the limit. Of the states of 300 yr, taken every 5 yr, measured, by their parts that cross themselves:
+# in steps of 1/2 stable_dt none, of 1 at most 0.8 %, of 2 2 to 23 %, of 4 33 to 62 % (spacing a quarter of the width);
+# so the longest honest step lies between 1 and 2 stable_dt. The share at 1 leaves room for chaos.
+CROSSING_ALLOWED, CROSSING_BEYOND = 0.03, 0.15
+# A channel's ends are held, and bends are pushed against the lower one: not looked at, in widths.
+END = 20.0
+
+
+def impulse_response(width, spacing, time_step, monkeypatch):
+    """Wave numbers and the complex factors by which one unbroken step multiplies each wave of the grid."""
+    monkeypatch.setattr("warpriver.simulation.stable_dt", lambda *_: np.inf)
+    count = 1024
+    xy = np.column_stack([spacing * np.arange(count + 1), np.zeros(count + 1)])
+    xy[count // 4, 1] = 1e-4
+    params = wr.MeanderParams(spacing=spacing, time_step=time_step, end_damping=0.0, cutoff_distance=0.0)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=width), params, capture=False)
+    assert sim.substeps == 1
+    before = np.fft.rfft(sim.network.polylines()[0][:, 1])
+    sim.step()
+    after = np.fft.rfft(sim.network.polylines()[0][:, 1])
+    return 2.0 * np.pi * np.fft.rfftfreq(count + 1, spacing)[1:], (after / before)[1:]
+
+
+@pytest.mark.parametrize("width", [20.0, *WIDTHS, 500.0])
+@pytest.mark.parametrize("part", [1.0, 0.25])
+def test_small_waves_behave_in_steps_of_stable_dt(width, part, monkeypatch):
+    spacing, honest = part * width, float(stable_dt(width, bankfull_depth(width), DEFAULT))
+
+    def short_waves_decay(time_step):
+        q, factor = impulse_response(width, spacing, time_step, monkeypatch)
+        short = q > 4.0 * np.pi * memory(width) / NEUTRAL
+        return not short.any() or abs(factor[short]).max() < 1.0
+
+    q, factor = impulse_response(width, spacing, honest, monkeypatch)
+    worst = (np.log(abs(factor)) / honest).max() / theory(width, q).real.max()
+    low, high = 1.0, 128.0
+    while high / low > 1.05:
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if short_waves_decay(middle * honest) else (low, middle)
+    print(
+        f"w {width:g} m, spacing {spacing:g} m: stable_dt {honest:.3f} yr; in it the fastest growth is {worst:.3f} of "
+        f"theory's; damped waves grow from {low:.1f} stable_dt on"
+    )
+    assert short_waves_decay(honest)
+    assert worst < OUTGROWTH
+    assert low > SMALL_WAVE_MARGIN
+
+
+def crossing_share(width, multiple, monkeypatch):
+    """Share of states of 300 yr that cross themselves, in whole steps of so many ``stable_dt``; and the sinuosity."""
+    spacing = 0.25 * width
+    honest = float(stable_dt(width, bankfull_depth(width), DEFAULT))
+    with monkeypatch.context() as patch:
+        patch.setattr("warpriver.simulation.stable_dt", lambda *_: np.inf)
+        sim = noisy_run(width, wr.MeanderParams(spacing=spacing, time_step=multiple * honest), 6, 150.0)
+    crossing, bent = [], []
+
+    def look(sim):
+        for xy in sim.network.polylines():
+            pair = phases.crossings(xy)
+            inner = (pair[:, 0] > END * width / spacing) & (pair[:, 1] < len(xy) - END * width / spacing)
+            crossing.append(bool(inner.any()))
+            bent.append(wr.metrics.sinuosity(xy))
+
+    history = sim.run(years=300, record_every=10**6, callbacks=[(wr.Every(years=5), look)])
+    assert history.stop_reason is wr.StopReason.COMPLETED
+    return float(np.mean(crossing)), max(bent)
+
+
+def noisy_run(width, params, channels, length):
+    """Simulation of channels that are straight but for a noise of a twentieth of the width; length in widths."""
+    lines = []
+    for seed in range(channels):
+        line = wr.generate.noisy_line(length * width, params.spacing, width / 20.0, seed)
+        line[:, 1] += 400.0 * width * seed
+        lines.append(line)
+    return wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=width), params)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_tight_bends_behave_in_steps_of_stable_dt_and_not_far_above(width, monkeypatch):
+    share, bent = crossing_share(width, 1.0, monkeypatch)
+    beyond, _ = crossing_share(width, 4.0, monkeypatch)
+    print(
+        f"w {width:g} m: states that cross themselves {share:.1%} in steps of stable_dt (sinuosity up to {bent:.2f}), "
+        f"{beyond:.1%} in steps of 4 stable_dt"
+    )
+    assert share <= CROSSING_ALLOWED
+    assert beyond >= CROSSING_BEYOND
+    assert bent < SINUOSITY_LIMIT
+
+
+@pytest.mark.parametrize("time_step", [0.1, 1.0, 10.0])
+def test_long_steps_are_done_in_honest_sub_steps(time_step):
+    sim = noisy_run(100.0, wr.MeanderParams(spacing=50.0, time_step=time_step), 3, 200.0)
+    assert time_step / sim.substeps <= sim.stable_dt
+    history = sim.run(years=300, record_every=10**6)
+    bent = [wr.metrics.sinuosity(xy) for xy in sim.network.polylines()]
+    cutoffs = len(history.cutoffs)
+    print(f"step {time_step:g} yr in {sim.substeps}: sinuosity {np.round(bent, 2)} after 300 yr, {cutoffs} cutoffs")
+    assert history.stop_reason is wr.StopReason.COMPLETED
+    assert 1.5 < min(bent) and max(bent) < SINUOSITY_LIMIT
+
+
+# ---- what does not move, and symmetries
+
+# A straight line at an angle has rounding errors of 1e-12 m at 15 km; theory lets them grow by e^(0.12/yr * 30 yr), 40.
+STRAIGHT_DRIFT = 1e-9
+# On a circle the curvature of three points is exact but for rounding: 1e-12 m in 25 m chords, squared: 1e-15 of 1e-3.
+CIRCLE_ERROR = 1e-11
+# Fourth order was found for the curvature of smooth bends (measured 3.99); second order was asked for.
+CURVATURE_ORDER = 3.8
+# Lines on a grid of 2^-10 m, so that moving them by whole metres is exact. What is left is the rounding of absolute
+# coordinates when they are read back: half a unit in the last place of 4.6e6 m, 5e-10 m.
+WHOLE_METRES = 1e-9
+# Turning by an angle rounds every coordinate, 2e-12 m; tight bends and cutoffs amplify it (the spec has 1e-9 m grow to
+# 9e-8 m in 100 steps). Measured 2e-11 m for any angle, 0 for a mirror image and a quarter turn.
+TURNED, MIRRORED = 1e-8, 1e-10
+# float32 resolves 2.4e-4 m at 3 km, and bends amplify it; measured 7e-4 m after 20 steps, with room for another order
+# of the same operations.
+FLOAT32 = 0.02
+# UTM coordinates of real rivers, m.
+UTM = (500_000.0, 4_600_000.0)
+
+
+def necked_line():
+    """Bends that are about to be cut off, on a grid of 2^-10 m."""
+    xy = wr.generate.kinoshita(1300.0, 2.12, 5, 50.0)
+    return np.round(xy * 1024.0) / 1024.0
+
+
+def after_steps(xy, dtype="float64", steps=20, **changes):
+    """Line and cutoffs after some steps of the default length."""
+    params = wr.MeanderParams(**({"spacing": 50.0} | changes))
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=100.0, dtype=dtype), params)
+    history = sim.run(steps=steps)
+    return sim.network.polylines()[0], history.cutoffs
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0, 90.0])
+def test_straight_reach_stays_where_it_is(degrees):
+    angle = np.deg2rad(degrees)
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    xy, cutoffs = after_steps(np.outer(np.linspace(0.0, 15_000.0, 301), along), steps=100)
+    drift = abs(xy @ across).max()
+    print(f"straight at {degrees:g} degrees: {drift:.1e} m off after 100 steps")
+    assert drift < STRAIGHT_DRIFT and not cutoffs
+    assert np.diff(xy @ along) == pytest.approx(50.0, abs=STRAIGHT_DRIFT)
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_circle_moves_outwards_by_k_w_over_r(turn):
+    radius, width = 1000.0, 50.0
+    angle = np.linspace(0.0, 0.75 * np.pi, 95)
+    arc = radius * np.column_stack([np.sin(angle), turn * (1.0 - np.cos(angle))])
+    params = wr.MeanderParams(upstream_weight=0.0, sinuosity_scaling="none")
+    # The local weight is -1: the local term alone moves a left turn to the left, towards its centre.
+    expected = -RATE * width / radius * turn
+    rate = phases.rate_of(arc, width, params)[3:-3]
+    worst = abs(rate / expected - 1.0).max()
+    print(f"circle: rate {rate.mean():+.6f} m/yr, expected {expected:+.6f}; worst error {worst:.1e}")
+    assert rate == pytest.approx(expected, rel=CIRCLE_ERROR)
+    assert wr.metrics.curvature(arc) == pytest.approx(turn / radius, rel=CIRCLE_ERROR)
+    # With both terms, far down the arc, the rate is (gamma - 1) k w / R to the right: the bend widens.
+    both = phases.rate_of(arc, width, wr.MeanderParams(sinuosity_scaling="none"))[-10]
+    assert both == pytest.approx((GAMMA - 1.0) * RATE * width / radius * turn, rel=1e-6)
+
+
+def test_curvature_of_bends_is_fourth_order():
+    wavelength, bend = 1226.0, 1.2
+    from scipy.special import j0
+
+    arc = wavelength / j0(bend)  # theta = bend sin(2 pi s / arc)
+    error = []
+    for count in (24, 48, 96):
+        xy = wr.generate.sine_generated(wavelength, bend, 6, arc / count)
+        s = arc / count * np.arange(len(xy))
+        exact = bend * 2.0 * np.pi / arc * np.cos(2.0 * np.pi * s / arc)
+        error.append(abs(phases.curvature_of(xy) - exact)[10:-10].max() / abs(exact).max())
+    orders = np.log2(np.array(error[:-1]) / error[1:])
+    print(f"curvature of a sine-generated bend at 24, 48, 96 points: errors {error}, orders {orders.round(2)}")
+    assert (orders > CURVATURE_ORDER).all()
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("offset", [(1.0, -7.0), UTM])
+def test_moving_the_map_by_whole_metres_moves_the_result(dtype, offset):
+    here, cutoffs = after_steps(necked_line(), dtype)
+    there, cutoffs_there = after_steps(necked_line() + offset, dtype)
+    assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
+    error = abs(there - offset - here).max()
+    error = max(error, *(abs(b.xy - offset - a.xy).max() for a, b in zip(cutoffs, cutoffs_there, strict=True)))
+    print(f"{dtype}, moved by {offset}: {error:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
+    assert error <= WHOLE_METRES
+
+
+@pytest.mark.parametrize("degrees", [30.0, 90.0, 217.0])
+def test_turning_the_map_turns_the_result(degrees):
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    turn = np.array([[c, s], [-s, c]])
+    here, cutoffs = after_steps(necked_line())
+    there, cutoffs_there = after_steps(necked_line() @ turn)
+    assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
+    error = abs(there - here @ turn).max()
+    print(f"turned by {degrees:g} degrees: {error:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
+    assert error < TURNED
+
+
+def test_mirror_image_evolves_as_a_mirror_image():
+    flip = np.array([1.0, -1.0])
+    here, cutoffs = after_steps(necked_line())
+    there, cutoffs_there = after_steps(necked_line() * flip)
+    assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
+    error = abs(there * flip - here).max()
+    print(f"mirrored: {error:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
+    assert error < MIRRORED
+
+
+def test_float32_follows_float64():
+    double, cutoffs = after_steps(necked_line())
+    single, cutoffs32 = after_steps(necked_line(), "float32")
+    assert len(cutoffs) == len(cutoffs32) and double.shape == single.shape
+    apart = abs(double - single).max()
+    print(f"float32 and float64: {apart:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
+    assert apart < FLOAT32
+
+
+# ---- statistics and the literature
+
+
+# Runs from noise, four channels of 300 widths. The paper's Table 3 and Section 8.3: sinuosity of its scenes, and the
+# wavelengths of real rivers by width.
+PAPER_SINUOSITY = (1.9, 3.8)
+PAPER_WAVELENGTH = {50.0: (314.0, 990.0), 100.0: (628.0, 2150.0), 200.0: (1256.0, 4674.0)}
+CHANNELS, LENGTH = 4, 300.0
+YOUNG, OLD = 400, 2000  # yr
+# Standard deviation of the sinuosity over the last 1,000 yr, of the mean of four channels: measured 0.09 to 0.30.
+SINUOSITY_SPREAD = 0.5
+# How much more bent than with cutoffs a channel becomes without: measured 1.4 ("upstream", which saturates) and 5.3.
+UNCUT = {"upstream": 1.25, "whole": 2.5}
+# Oxbow lengths in widths (geometric mean) and the standard deviation of their logarithm. meanderpy, which scales the
+# whole rate, has 19 to 23 w and 0.60 to 0.63; measured here, so at w = 200 m, 24.5 w and 0.43 over 2,000 yr.
+OXBOW_WHOLE, OXBOW_SD = (19.0, 29.0), (0.3, 0.65)
+# Kolmogorov distance of 3,200 lengths from the lognormal and from the normal fitted to them: measured 0.072 and 0.148.
+LOGNORMAL_DISTANCE = 0.1
+# Celerity of noise while its bends are small, against the theory of the fastest wave: the waves that have grown from
+# noise are spread about it, from the neutral one at 1.6 times that celerity to long ones at half of it.
+CELERITY = (0.5, 1.6)
+# Lag of migration behind curvature, in widths, after 400 yr: measured 3.0 to 5.2 ("upstream"), 1.6 to 2.5 ("whole");
+# real rivers 2.4 to 4.4.
+LAG = (1.0, 7.0)
+
+
+@functools.cache
+def grown(width, scaling, years):
+    """State every 100 yr of channels that grow from noise, with the lines at the end and the cutoffs."""
+    params = wr.MeanderParams(sinuosity_scaling=scaling)
+    sim = noisy_run(width, params, CHANNELS, LENGTH)
+    times, lines = [], []
+
+    def look(sim):
+        times.append(sim.time)
+        lines.append(sim.network.polylines())
+
+    history = sim.run(years=years, record_every=10**6, callbacks=[(wr.Every(years=100), look)])
+    assert history.stop_reason is wr.StopReason.COMPLETED
+    sinuosity = np.array([[wr.metrics.sinuosity(xy) for xy in state] for state in lines])
+    return SimpleNamespace(times=np.array(times), lines=lines, sinuosity=sinuosity, cutoffs=history.cutoffs)
+
+
+def state_at(run, years):
+    return run.lines[int(np.argmin(abs(run.times - years)))]
+
+
+@pytest.mark.parametrize("scaling", ["upstream", "whole"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_wavelength_and_sinuosity_after_400_years(width, scaling):
+    """Section 8.3 of the paper defines a wavelength as the spacing of two inflection points, half a meander.
+
+    With the scaling that it prints (the default), wavelengths by that definition lie within its numbers. The laws
+    behind the numbers, though, are for whole meanders of two bends. Scaling the whole rate, as its authors' code does,
+    gives wavelengths that lie within them by that meaning; both are printed.
+    """
+    run = grown(width, scaling, OLD)
+    lines = state_at(run, YOUNG)
+    half = float(np.mean([wr.metrics.wavelength(xy, width, half=True) for xy in lines]))
+    bent = float(np.mean([wr.metrics.sinuosity(xy) for xy in lines]))
+    low, high = PAPER_WAVELENGTH[width]
+    at_100 = float(np.mean([wr.metrics.wavelength(xy, width, half=True) for xy in state_at(run, 100)]))
+    print(
+        f"{scaling}, w {width:g} m: after 400 yr half {half:.0f} m, whole {2 * half:.0f} m, paper [{low:g}, {high:g}]; "
+        f"after 100 yr {at_100:.0f} and {2 * at_100:.0f} m; sinuosity {bent:.2f}"
+    )
+    assert low <= (half if scaling == "upstream" else 2.0 * half) <= high
+    assert PAPER_SINUOSITY[0] <= bent <= PAPER_SINUOSITY[1]
+
+
+@pytest.mark.parametrize("scaling", ["upstream", "whole"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_cutoffs_keep_sinuosity_bounded_for_2000_years(width, scaling):
+    run = grown(width, scaling, OLD)
+    late = run.sinuosity[run.times > 999.0]
+    print(
+        f"{scaling}, w {width:g} m: sinuosity over the last 1,000 yr {late.mean():.2f}, spread of the mean of "
+        f"{CHANNELS} channels {late.mean(axis=1).std():.2f}, of one {late.std():.2f}, highest {late.max():.2f}; "
+        f"{len(run.cutoffs)} cutoffs"
+    )
+    assert run.sinuosity.max() < SINUOSITY_LIMIT
+    assert late.mean(axis=1).std() < SINUOSITY_SPREAD
+    if scaling == "upstream":
+        assert PAPER_SINUOSITY[0] < late.mean() < PAPER_SINUOSITY[1]
+    # With "whole", narrow channels straighten again: nothing disturbs the head, and bends are carried out at the lower
+    # end faster than they spread up (30 m/yr against 15 km at w = 50 m; mean 1.4 to 1.6 there).
+
+
+@pytest.mark.parametrize("scaling", UNCUT)
+def test_without_cutoffs_channels_become_much_more_bent(scaling):
+    params = wr.MeanderParams(sinuosity_scaling=scaling, cutoff_distance=0.0)
+    sim = noisy_run(100.0, params, 1, LENGTH)
+    history = sim.run(years=500, record_every=10**6)
+    bent = wr.metrics.sinuosity(sim.network.polylines()[0])
+    run = grown(100.0, scaling, OLD)
+    cut = run.sinuosity[run.times > 999.0].mean()
+    print(
+        f"{scaling}: sinuosity {bent:.2f} after 500 yr without cutoffs, {cut:.2f} with; saturates at {SATURATION:.2f}"
+    )
+    assert history.stop_reason is wr.StopReason.COMPLETED and not history.cutoffs
+    assert bent > UNCUT[scaling] * cut
+    if scaling == "upstream":
+        assert bent < SATURATION
+
+
+def test_bends_travel_downstream():
+    width, early, late = 100.0, 30.0, 32.0
+    sim = noisy_run(width, wr.MeanderParams(time_step=0.1), 1, LENGTH)
+    offset = {}
+    for years in (early, late):
+        sim.run(years=years - sim.time, record_every=10**6)
+        x, y = sim.network.polylines()[0].T
+        grid = np.arange(0.1 * x[-1], 0.9 * x[-1], 5.0)
+        offset[years] = np.interp(grid, x, y)
+    # ``lag`` takes a rate, positive to the left, that answers curvature to the right: so minus the later line.
+    shift = wr.metrics.lag(offset[early], -offset[late], 5.0, max_lag=300.0)
+    q = 2.0 * np.pi * memory(width) / FASTEST
+    expected = -theory(width, q).imag / q
+    slope = abs(np.gradient(offset[late], 5.0)).max()
+    print(f"bends of slope {slope:.3f} travel {shift / 2:.1f} m/yr; theory of the fastest wave {expected:.1f} m/yr")
+    assert CELERITY[0] * expected < shift / (late - early) < CELERITY[1] * expected
+
+
+@pytest.mark.parametrize("scaling", ["upstream", "whole"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_migration_lags_curvature(width, scaling):
+    params = wr.MeanderParams(sinuosity_scaling=scaling)
+    lags = []
+    for xy in state_at(grown(width, scaling, OLD), YOUNG):
+        away = slice(round(END * width / 50.0), -round(END * width / 50.0))
+        rate, spacing = phases.rate_of(xy, width, params), wr.metrics.arc_length(xy)[-1] / (len(xy) - 1)
+        lags.append(wr.metrics.lag(wr.metrics.curvature(xy)[away], -rate[away], spacing, max_lag=8.0 * width) / width)
+    print(f"{scaling}, w {width:g} m: migration lags curvature by {np.round(lags, 2)} widths")
+    assert LAG[0] < min(lags) and max(lags) < LAG[1]
+
+
+def test_oxbow_lengths_are_lognormal():
+    """Whole-rate scaling gives meanderpy's lengths; scaling the upstream term alone gives longer loops.
+
+    There a sinuosity of 2.6 lowers gamma to 1.3 but not the local term, so bends below 11 / alpha instead of 5 / alpha
+    smooth out, and only long loops last until they close.
+    """
+    from scipy.stats import kstest
+
+    means = {}
+    for scaling in ("whole", "upstream"):
+        for width in WIDTHS:
+            lengths = wr.metrics.oxbow_lengths(grown(width, scaling, OLD).cutoffs) / width
+            fit = wr.metrics.lognormal_fit(lengths)
+            z = (np.log(lengths) - np.log(fit.geometric_mean)) / fit.log_sd
+            distance = kstest(z, "norm").statistic
+            plain = kstest((lengths - lengths.mean()) / lengths.std(ddof=1), "norm").statistic
+            means[scaling, width] = fit.geometric_mean
+            print(
+                f"{scaling}, w {width:g} m: {len(lengths)} oxbows, geometric mean {fit.geometric_mean:.1f} w, sd of ln "
+                f"{fit.log_sd:.2f}; distance from lognormal {distance:.3f}, from normal {plain:.3f}"
+            )
+            assert distance < LOGNORMAL_DISTANCE and distance < plain
+            assert OXBOW_SD[0] < fit.log_sd < OXBOW_SD[1]
+    assert OXBOW_WHOLE[0] < means["whole", 200.0] < OXBOW_WHOLE[1]
+    assert all(means["upstream", width] > 1.3 * means["whole", width] for width in WIDTHS)
+
+
+# ---- channels whose width varies
+
+# A narrow reach with a wide one far below: the wide one cannot act on it (flow carries everything downstream), so what
+# is left is the smoothing's reach of some points and rounding.
+NARROW_ERROR = 0.01
+NARROW, WIDE = 50.0, 1000.0
+
+
+def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout():
+    """The implicit share of the local term must be that of the width at the point, not of the widest one."""
+    wavelength = FASTEST / memory(NARROW)
+    h, q, dt = wavelength / 16, 2.0 * np.pi / wavelength, DEFAULT.time_step
+    x = h * np.arange(60 * 16 + 1)
+    line = np.column_stack([x, AMPLITUDE * np.sin(q * x)])
+    rates = []
+    for wide in (NARROW, WIDE):
+        width = np.where(x < 40 * wavelength, NARROW, wide)
+        params = wr.MeanderParams(spacing=h, end_damping=0.0, cutoff_distance=0.0)
+        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), params)
+        amplitude = []
+        for _ in range(2):
+            x1, y1 = sim.network.polylines()[0][15 * 16 : 35 * 16].T
+            amplitude.append(np.linalg.lstsq(np.column_stack([np.cos(q * x1), np.sin(q * x1)]), y1, rcond=None)[0])
+            sim.step()
+        rates.append(np.log(np.hypot(*amplitude[1]) / np.hypot(*amplitude[0])) / dt)
+    print(f"growth in the narrow reach {rates[0]:+.4f}/yr alone, {rates[1]:+.4f}/yr above a reach {WIDE:g} m wide")
+    assert rates[1] == pytest.approx(rates[0], rel=NARROW_ERROR)
+
+
+def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout():
+    """Neighbours along the channel are told by the width at the point: no loop of 2 km is a neighbour at 50 m width."""
+    loops, crossing = {}, {}
+    for wide in (NARROW, WIDE):
+        line = wr.generate.noisy_line(30_000.0, 50.0, 2.5, 1)
+        width = np.interp(line[:, 0], [20_000.0, 22_000.0], [NARROW, wide])
+        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), DEFAULT)
+        states = []
+
+        def look(sim, states=states):
+            narrow = sim.network.point_widths()[0] < 1.01 * NARROW
+            pairs = phases.crossings(sim.network.polylines()[0])
+            states.append(bool(narrow[pairs].all(axis=1).any()))
+
+        history = sim.run(years=400, record_every=10**6, callbacks=[(wr.Every(years=10), look)])
+        cut = [c for c in history.cutoffs if c.width < 1.01 * NARROW]
+        loops[wide] = float(np.median(wr.metrics.oxbow_lengths(cut))) if cut else np.nan
+        crossing[wide] = np.mean(states)
+        print(
+            f"lower reach {wide:g} m wide: {len(cut)} loops of the narrow reach cut off, median {loops[wide]:.0f} m; "
+            f"it crosses itself in {crossing[wide]:.0%} of the states"
+        )
+    assert crossing[NARROW] <= CROSSING_ALLOWED and crossing[WIDE] <= CROSSING_ALLOWED
+    assert loops[WIDE] == pytest.approx(loops[NARROW], rel=0.5)

@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 from scipy.spatial import cKDTree
 
 from warpriver.network import RiverNetwork
-from warpriver.viz import draw_belt, draw_network, gl, maps, movie, render_scene, scene
+from warpriver.viz import bands, belt, draw_belt, draw_network, gl, maps, movie, render_scene, scene
 
 WIDTH = 80.0
 needs_gl = pytest.mark.gl
@@ -31,9 +31,7 @@ def loop(x, y, radius=250.0):
 
 def make_history(records=8, offset=(0.0, 0.0)):
     times = 10.0 * np.arange(records)
-    networks = [
-        RiverNetwork.from_polylines([sine(30.0 * k, 12.0 * k) + offset], WIDTH) for k in range(records)
-    ]
+    networks = [RiverNetwork.from_polylines([sine(30.0 * k, 12.0 * k) + offset], WIDTH) for k in range(records)]
     # In the north-east, away from all courses.
     lake = types.SimpleNamespace(time=35.0, channel=0, width=WIDTH, xy=loop(3000.0, 700.0) + offset)
     return types.SimpleNamespace(times=times, networks=networks, cutoffs=[lake], stop_reason=None)
@@ -89,7 +87,7 @@ def pixel_at(figure, xy):
 def test_banks_of_a_straight_channel_lie_half_a_width_to_either_side():
     xy = np.stack([np.linspace(0.0, 900.0, 10), np.zeros(10)], axis=1)
     width = np.linspace(40.0, 60.0, 10)
-    left, right, joint = maps.bank_lines([xy], [width])
+    left, right, joint = bands.bank_lines([xy], [width])
     np.testing.assert_allclose(left[:, 1], 0.5 * width)
     np.testing.assert_allclose(right[:, 1], -0.5 * width)
     assert joint.tolist() == [True, *[False] * 8, True]
@@ -114,10 +112,10 @@ def test_a_filled_band_is_the_buffer_of_its_line(line):
     window = (low[0], low[1], low[0] + cell * shape[1], low[1] + cell * shape[0])
     network = RiverNetwork.from_polylines([line], width)
     one = types.SimpleNamespace(times=np.zeros(1), networks=[network], cutoffs=[])
-    painter = maps.BeltPainter(one, window, shape, supersample=1)
+    painter = belt.BeltPainter(one, window, shape, supersample=1)
     painter.advance(0)
     covered = painter.cover() > 0
-    (curve,), _ = maps.refine_lines([line], [np.full(len(line), width)], step=6.0 * cell)
+    (curve,), _ = bands.refine_lines([line], [np.full(len(line), width)], step=6.0 * cell)
     dense = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(curve)])
     x = window[0] + cell * (np.arange(shape[1]) + 0.5)
     y = window[3] - cell * (np.arange(shape[0]) + 0.5)
@@ -130,10 +128,10 @@ def test_a_filled_band_is_the_buffer_of_its_line(line):
 def test_channels_are_outlined_one_by_one():
     lines = [sine(100.0), sine(50.0)[:40] + 2000.0]
     widths = [np.full(len(xy), 60.0) for xy in lines]
-    together = maps.band_outlines(lines, widths)
+    together = bands.band_outlines(lines, widths)
     assert together[2][-1] == len(together[0]) == len(together[1])
     for c in range(2):
-        vertices, codes, _ = maps.band_outlines(lines[c : c + 1], widths[c : c + 1])
+        vertices, codes, _ = bands.band_outlines(lines[c : c + 1], widths[c : c + 1])
         part = slice(together[2][c], together[2][c + 1])
         np.testing.assert_array_equal(together[1][part], codes)
         drawn = codes != 79  # the place of a closing vertex has no meaning
@@ -143,7 +141,7 @@ def test_channels_are_outlined_one_by_one():
 def test_refined_lines_pass_through_their_points_and_follow_a_circle():
     angle = np.linspace(0.0, 1.5 * np.pi, 40)
     circle = 500.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    lines, widths = maps.refine_lines(
+    lines, widths = bands.refine_lines(
         [circle, sine(0.0) + 9000.0], [np.full(40, 30.0), np.full(len(sine(0.0)), 30.0)], step=10.0
     )
     parts = (len(lines[0]) - 1) // 39
@@ -152,7 +150,7 @@ def test_refined_lines_pass_through_their_points_and_follow_a_circle():
     # The first and last segment have a straight neighbour that is made up.
     np.testing.assert_allclose(np.hypot(*lines[0][parts:-parts].T), 500.0, rtol=1e-4)
     np.testing.assert_allclose(lines[1][:, 1], 9000.0)
-    assert maps.refine_lines([circle], [np.full(40, 30.0)], step=1000.0)[0][0] is circle
+    assert bands.refine_lines([circle], [np.full(40, 30.0)], step=1000.0)[0][0] is circle
 
 
 def test_event_numbers_survive_the_picture():
@@ -161,7 +159,7 @@ def test_event_numbers_survive_the_picture():
     lines = [np.array([[0.0, k], [5.0, k], [10.0, k]]) + 0.5 for k in range(count)]
     networks = [RiverNetwork.from_polylines([xy], 1.0) for xy in lines]
     strips = types.SimpleNamespace(times=np.arange(float(count)), networks=networks, cutoffs=[])
-    painter = maps.BeltPainter(strips, (2.0, 0.0, 8.0, float(count)), (2 * count, 12), supersample=1)
+    painter = belt.BeltPainter(strips, (2.0, 0.0, 8.0, float(count)), (2 * count, 12), supersample=1)
     painter.advance(count - 1)
     cover = painter.cover()
     assert set(np.unique(cover)) == set(range(1, count + 1))
@@ -180,9 +178,7 @@ def test_network_map_shows_true_width_and_equal_axes(tmp_path):
     axes = figure.axes[0]
     assert (axes.get_ylim()[1] - axes.get_ylim()[0]) / pixels.shape[0] == pytest.approx(size)
     column = pixels[:, pixels.shape[1] // 2]
-    assert (near(column, maps.WATER) | near(column, maps.BANK, 40)).sum() * size == pytest.approx(
-        200.0, abs=2.5 * size
-    )
+    assert (near(column, maps.WATER) | near(column, maps.BANK, 40)).sum() * size == pytest.approx(200.0, abs=2.5 * size)
     assert axes.xaxis.get_major_formatter()(501000.0, 0) == "501"
 
 
@@ -218,9 +214,7 @@ def test_flow_arrow_points_downstream():
 
 
 def test_thousands_of_channels_are_drawn():
-    lines = [
-        sine(100.0, spacing=50.0) + np.array((5000.0 * (k % 40), 700.0 * (k // 40))) for k in range(1500)
-    ]
+    lines = [sine(100.0, spacing=50.0) + np.array((5000.0 * (k % 40), 700.0 * (k // 40))) for k in range(1500)]
     figure = draw_network(RiverNetwork.from_polylines(lines, 50.0), size=(900, 600), dpi=80)
     pixels, _ = figure_pixels(figure)
     assert len(figure.axes[0].collections) == 2
@@ -233,6 +227,12 @@ def test_map_refuses_what_it_cannot_draw(tmp_path):
         draw_network(network, color="depth")
     with pytest.raises(ValueError, match="shows nothing"):
         draw_network(network, window=(1e6, 0.0, 2e6, 10.0))
+    # Inside the bounding box of a corner's two arms there is nothing: the picture is empty, whatever the colours.
+    arms = [sine(0.0), sine(0.0)[:, ::-1]]
+    corner = RiverNetwork.from_polylines(arms, 50.0)
+    for by in ("water", "width"):
+        empty = draw_network(corner, color=by, window=(2000.0, 2000.0, 3000.0, 3000.0), size=(300, 300), dpi=50)
+        assert not empty.axes[0].collections
     with pytest.raises(ValueError, match="west < east"):
         draw_network(network, window=(10.0, 0.0, 0.0, 10.0))
     with pytest.raises(ValueError, match="too small"):
@@ -291,7 +291,7 @@ def test_belt_shows_channel_deposits_and_lake_in_their_colours(history):
     crest = crest[np.argmax(crest[:, 1])]
     assert near(pixel_at(figure, crest), maps.WATER)
     age = (70.0 - 35.0) / 70.0
-    expected = 255.0 * maps.color_ramp(maps.OXBOW_RAMP, age)
+    expected = 255.0 * maps.color_ramp(belt.OXBOW_RAMP, age)
     np.testing.assert_allclose(pixel_at(figure, lake[len(lake) // 2]), expected, atol=25)
     # Behind the bend the deposits grow older: darker, and greener than sand.
     old = pixel_at(figure, (crest[0], -20.0))
@@ -318,7 +318,7 @@ def test_belt_at_an_earlier_record(history):
 def test_later_courses_erase_older_lakes():
     later = make_history()
     later.cutoffs[0].xy = sine(120.0, 48.0)[60:140]
-    painter = maps.BeltPainter(later, (0.0, -500.0, 4000.0, 500.0), (250, 1000))
+    painter = belt.BeltPainter(later, (0.0, -500.0, 4000.0, 500.0), (250, 1000))
     painter.advance(4)
     code = 1 + len(later.times)
     first = (painter.cover() == code).sum()
@@ -330,16 +330,14 @@ def test_later_courses_erase_older_lakes():
 def test_painting_step_by_step_gives_the_same_picture_at_the_cost_of_one(history, monkeypatch):
     window, shape = (0.0, -600.0, 4000.0, 1200.0), (180, 400)
     calls = []
-    fill = maps.BeltPainter._fill
-    monkeypatch.setattr(
-        maps.BeltPainter, "_fill", lambda self, *args: (calls.append(args[2]), fill(self, *args))
-    )
-    steps = maps.BeltPainter(history, window, shape)
+    fill = belt.BeltPainter._fill
+    monkeypatch.setattr(belt.BeltPainter, "_fill", lambda self, *args: (calls.append(args[2]), fill(self, *args)))
+    steps = belt.BeltPainter(history, window, shape)
     for k in range(8):
         steps.advance(k)
     assert len(calls) == 8 + 1
     assert calls[:6] == [1, 2, 3, 4, 9, 5], "the lake of year 35 comes before the course of year 40"
-    once = maps.BeltPainter(history, window, shape)
+    once = belt.BeltPainter(history, window, shape)
     once.advance(7)
     np.testing.assert_array_equal(steps.picture(7), once.picture(7))
 
@@ -385,9 +383,7 @@ def test_gif_has_one_frame_a_record(history, tmp_path):
 
     seen = []
     size = (480, 300)
-    movie(
-        history, tmp_path / "belt.gif", fps=10, size=size, dpi=50, every=3, progress=lambda *a: seen.append(a)
-    )
+    movie(history, tmp_path / "belt.gif", fps=10, size=size, dpi=50, every=3, progress=lambda *a: seen.append(a))
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
     with Image.open(tmp_path / "belt.gif") as image:
         assert image.size == size and image.n_frames == 4

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.crs import is_geographic, short_name
+
 __all__ = ["RiverNetwork", "bankfull_depth", "bankfull_discharge", "bankfull_width"]
 
 PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
@@ -129,15 +131,20 @@ class RiverNetwork:
             width: Bankfull width in m: one number, one number a channel, or one (n,) array a channel where it varies.
             depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
-            crs: Coordinate reference system; geographic ones are refused by the readers, since x and y are metres here.
+            crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
             device: Warp device name, "cpu" or "cuda:0".
 
         Raises:
             ValueError: No line, a line of fewer than 3 points, a point that is not finite or stands twice in a row, a
-                width that is not positive or exceeds the line's length, or shapes that do not fit. A line may cross
-                itself: its first step cuts the loop off like any neck.
+                width that is not positive or exceeds the line's length, a geographic CRS, or shapes that do not fit.
+                A line may cross itself: its first step cuts the loop off like any neck.
         """
+        if crs is not None and is_geographic(crs):
+            raise ValueError(
+                f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
+                'with read_network(..., to_crs="utm")'
+            )
         lines = [_checked_line(xy, c) for c, xy in enumerate(polylines)]
         if not lines:
             raise ValueError("a network needs at least one line; got none")

@@ -1,6 +1,7 @@
-"""Packed device arrays for kernel tests: several lines end to end, and outputs that are filled with what no kernel writes."""
+"""Packed device arrays for kernel tests: lines end to end, and outputs filled with what no kernel writes."""
 
 import inspect
+import itertools
 import math
 
 import numpy as np
@@ -19,7 +20,7 @@ def starts_of(lines):
 
 def split(packed, start):
     """Cut a packed host array into channels."""
-    return [packed[a:b] for a, b in zip(start[:-1], start[1:], strict=True)]
+    return [packed[a:b] for a, b in itertools.pairwise(start)]
 
 
 def to_device(values, kind, device):

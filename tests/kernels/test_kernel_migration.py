@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from kernel_arrays import CHUNKS, REALS, SCALARS, chunk_count, forms, nested, split, starts_of, to_device, unwritten
 from reference import Law
 from scipy.integrate import quad
-
 from warpriver.kernels import migration
+
 from warpriver.meander import migration as launcher
 from warpriver.meander.buffers import StepBuffers
 from warpriver.network import RiverNetwork
@@ -114,7 +114,8 @@ class Case:
 
     def moved(self, law, rates, chunk=64):
         """Points by channel after a step with those rates; float64."""
-        rate = to_device(np.concatenate([*rates, np.full(self.capacity - self.count, np.nan)]), self.scalar, self.device)
+        beyond = np.full(self.capacity - self.count, np.nan)
+        rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         inputs = [self.point_xy, self.channel_start, self.form, self.channel_spacing]
         inputs += [device_law(self.kernel, law), chunk, rate]
@@ -279,7 +280,7 @@ def test_any_channels_in_any_chunks(counts, chunk, seed, depth, time_step):
 
 
 def test_ten_thousand_kilometres_do_not_underflow(device):
-    """exp(-alpha s) is 10^(-48,000) at the far end; the mean there is that of the last few hundred points all the same."""
+    """exp(-alpha s) is 10^(-48,000) at the far end; the mean there is that of the points nearby all the same."""
     count, spacing = 200_001, 50.0
     xy = meander(count, spacing)
     # About the origin, as the simulation holds it.
@@ -305,7 +306,7 @@ def test_ten_thousand_kilometres_do_not_underflow(device):
 
 
 def test_a_bend_fades_downstream_by_its_exponential():
-    """Below a single bend the rate is A e^(-alpha z): 18 e-foldings down where every chunk restarts the sum, and 100."""
+    """Below a single bend the rate is A e^(-alpha z): 18 e-foldings down where chunks restart the sum, 100 else."""
     bend = meander(40)
     # Due east from there, so that not even rounding bends it again.
     foot = bend[-1] + np.arange(1, 261)[:, None] * np.array([50.0, 0.0])

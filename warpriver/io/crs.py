@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import math
 import re
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.crs import is_geographic, pyproj_or_none, short_name
 from warpriver.io.files import need
 from warpriver.io.source import Line, Source
 
@@ -19,8 +19,6 @@ __all__ = ["crs_text", "one_crs", "reproject", "settled_crs", "within_degrees"]
 
 log = logging.getLogger("warpriver")
 
-# What is known of geographic systems where pyproj is not installed.
-GEOGRAPHIC = "CRS84 CRS83 CRS27 4326 4258 4267 4269 4283 4490 4617 4674 4979 7844".split()
 MERCATOR_RADIUS = 6378137.0  # m, the sphere of EPSG:3857
 
 # Lengths in a projection may differ from those on the ground by this part: first a warning, then a refusal.
@@ -29,14 +27,16 @@ SCALE_REFUSE = 0.05
 
 
 def crs_text(crs: Any, where: str) -> str | None:
-    """Return a CRS as "AUTHORITY:CODE" or else as WKT; None for the "undefined" ones of GIS files."""
+    """Return a CRS as "AUTHORITY:CODE" or else as WKT; None for none, and for the "undefined" ones of GIS files."""
+    if crs is None:
+        return None
     text = crs.to_wkt() if hasattr(crs, "to_wkt") else str(crs).strip()
     if re.match(r'\w+\["Undefined', text, re.IGNORECASE):
         return None
     code = re.fullmatch(r"(?:urn:ogc:def:crs:)?(EPSG|OGC|ESRI):(?:[^:]*:)?(\w+)", text, re.IGNORECASE)
     if code:
         text = f"{code[1]}:{code[2]}".upper()
-    pyproj = _pyproj()
+    pyproj = pyproj_or_none()
     if pyproj is None:
         return text
     try:
@@ -54,19 +54,19 @@ def within_degrees(lines: list[Line]) -> bool:
 
 def settled_crs(source: Source, stated: str | None) -> str | None:
     """Return the CRS of a file from what it says and what the caller says."""
-    said = None if stated is None else crs_text(stated, "crs=")
+    said = crs_text(stated, "crs=")
     if source.crs is not None and said is not None and not _same_crs(source.crs, said):
         raise ValueError(
-            f"{source.path}: the file is in {_short_name(source.crs)} but crs= says {_short_name(said)}; "
+            f"{source.path}: the file is in {short_name(source.crs)} but crs= says {short_name(said)}; "
             "leave crs= out, or use to_crs= to reproject"
         )
     found = source.crs or said
     if not source.lonlat:
         return found
-    if found is not None and not _is_geographic(found):
+    if found is not None and not is_geographic(found):
         raise ValueError(
             f"{source.path}: its coordinates are longitude and latitude by format or name, but its CRS is "
-            f"said to be {_short_name(found)}; correct one of them"
+            f"said to be {short_name(found)}; correct one of them"
         )
     return found or "EPSG:4326"
 
@@ -77,8 +77,8 @@ def one_crs(sources: list[Source]) -> str | None:
     for source in sources[1:]:
         if not _same_crs(first.crs, source.crs):
             raise ValueError(
-                f"{first.path} is in {_short_name(first.crs)} and {source.path} in "
-                f"{_short_name(source.crs)}; pass to_crs= to bring them together, or read them one by one"
+                f"{first.path} is in {short_name(first.crs)} and {source.path} in "
+                f"{short_name(source.crs)}; pass to_crs= to bring them together, or read them one by one"
             )
     for source in sources:
         _check_metric(source.path, source.crs, source.lines)
@@ -93,7 +93,7 @@ def reproject(sources: list[Source], to_crs: str) -> str:
             raise ValueError(f"{source.path}: the file states no CRS to reproject from; pass it as crs=")
     target = _utm_zone(pyproj, sources) if to_crs.lower() == "utm" else crs_text(to_crs, "to_crs=")
     if target is None:
-        raise ValueError(f"to_crs= is {_short_name(to_crs)!r}, an undefined CRS; write it like \"EPSG:32619\"")
+        raise ValueError(f'to_crs= is {short_name(to_crs)!r}, an undefined CRS; write it like "EPSG:32619"')
     for source in sources:
         if not _same_crs(source.crs, target):
             xy = _transformed(pyproj, source, target)
@@ -112,7 +112,7 @@ def _transformed(pyproj: Any, source: Source, target: str) -> np.ndarray:
     if not np.isfinite(xy).all():
         raise ValueError(
             f"{source.path}: {int((~np.isfinite(xy)).any(axis=1).sum())} points cannot be brought from "
-            f"{_short_name(source.crs)} to {_short_name(target)}; is the CRS of the file right?"
+            f"{short_name(source.crs)} to {short_name(target)}; is the CRS of the file right?"
         )
     return xy
 
@@ -134,15 +134,15 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
     if crs is None:
         return
     advice = 'pass to_crs="utm" or to_crs="EPSG:..."'
-    if _is_geographic(crs):
-        raise ValueError(f"{path}: {_short_name(crs)} is longitude and latitude, not metres; {advice}")
+    if is_geographic(crs):
+        raise ValueError(f"{path}: {short_name(crs)} is longitude and latitude, not metres; {advice}")
     mean = _packed(lines).mean(axis=0)
-    pyproj, scale = _pyproj(), 1.0
+    pyproj, scale = pyproj_or_none(), 1.0
     if pyproj is not None:
         system = pyproj.CRS(crs)
         unit = system.axis_info[0] if system.axis_info else None
         if unit is not None and abs(unit.unit_conversion_factor - 1.0) > 1e-9:
-            raise ValueError(f"{path}: {_short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
+            raise ValueError(f"{path}: {short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
         if system.is_projected:
             scale = _ground_scale(pyproj, system, mean)
     elif crs == "EPSG:3857":
@@ -150,7 +150,7 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
     off = abs(scale - 1.0)
     if not off > SCALE_WARN:
         return
-    text = f"{path}: lengths in {_short_name(crs)} are {scale:.3g} times those on the ground there"
+    text = f"{path}: lengths in {short_name(crs)} are {scale:.3g} times those on the ground there"
     if off > SCALE_REFUSE:
         raise ValueError(f"{text}; {advice}")
     warnings.warn(f"{text}; to_crs= would correct them", UserWarning, stacklevel=4)
@@ -170,35 +170,16 @@ def _ground_scale(pyproj: Any, system: Any, xy: np.ndarray) -> float:
     return scales[int(np.abs(np.array(scales) - 1.0).argmax())]
 
 
-def _is_geographic(crs: str) -> bool:
-    """Tell whether a CRS is in degrees; without pyproj only the common ones are known."""
-    pyproj = _pyproj()
-    if pyproj is None:
-        return crs.split(":")[-1] in GEOGRAPHIC or crs.startswith(("GEOG", "GEODCRS"))
-    return bool(pyproj.CRS(crs).is_geographic)
-
 
 def _same_crs(a: str | None, b: str | None) -> bool:
     """Tell whether two CRS, as :func:`crs_text` gives them, are the same."""
-    pyproj = _pyproj()
+    pyproj = pyproj_or_none()
     if a == b or a is None or b is None or pyproj is None:
         return a == b
     return bool(pyproj.CRS(a).equals(pyproj.CRS(b), ignore_axis_order=True))
 
 
-def _short_name(crs: str | None) -> str:
-    """Return a CRS for a message."""
-    return "no CRS" if crs is None else crs if len(crs) < 40 else f"{crs[:40]}..."
-
 
 def _packed(lines: list[Line]) -> np.ndarray:
     """Return the points of all lines end to end."""
     return np.concatenate([line.xy for line in lines])
-
-
-def _pyproj() -> Any:
-    """Return pyproj, or None where it is not installed."""
-    try:
-        return importlib.import_module("pyproj")
-    except ImportError:
-        return None

@@ -68,13 +68,13 @@ def read_geojson(path: Path, wanted: Sequence[str]) -> Source:
     member = root.get("crs")
     named = member.get("properties") if isinstance(member, dict) else None
     name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
-    crs = None if name is None else crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
+    crs = crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
     return Source(path, lines, crs, "crs" not in root and within_degrees(lines))
 
 
 def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) -> Source:
     """Read lines through GDAL."""
-    pyogrio, raw, shapely = need(f"reading {suffix}", "pyogrio", "pyogrio.raw", "shapely")
+    pyogrio, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
     _refuse_cut(path, suffix)
     try:
         chosen = _line_layer(path, layer, pyogrio.list_layers(path))
@@ -90,12 +90,12 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) 
     with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
     lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
-    return Source(path, lines, None if meta["crs"] is None else crs_text(meta["crs"], str(path)))
+    return Source(path, lines, crs_text(meta["crs"], str(path)))
 
 
 def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
     """Read lines from GeoParquet."""
-    geopandas, pyarrow, shapely = need("reading .parquet", "geopandas", "pyarrow", "shapely")
+    geopandas, pyarrow, shapely = need("reading .parquet", *NEEDS[PARQUET])
     try:
         frame = geopandas.read_parquet(path)
         geometries = shapely.force_2d(frame.geometry.to_numpy())
@@ -104,7 +104,7 @@ def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
         raise ValueError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
     lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
-    return Source(path, lines, None if frame.crs is None else crs_text(frame.crs, str(path)))
+    return Source(path, lines, crs_text(frame.crs, str(path)))
 
 
 def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
@@ -114,7 +114,7 @@ def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
         code = re.fullmatch(r"(\w+):(\w+)", network.crs)
         name = f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else network.crs
         crs = {"type": "name", "properties": {"name": name}}
-    columns = {name: c if isinstance(c, list) else c.tolist() for name, c in _features_out(network).items()}
+    columns = {name: c if isinstance(c, list) else c.tolist() for name, c in _columns(network).items()}
     features = [
         {
             "type": "Feature",
@@ -132,12 +132,8 @@ def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
 
 def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, layer: str) -> None:
     """Write through GDAL; the layers of an existing GeoPackage at ``path`` are taken over."""
-    raw, shapely = need(f"writing {suffix}", "pyogrio.raw", "shapely")
-    columns = _features_out(network)
-    data = [
-        np.array([None if v is None else json.dumps(v) for v in c], object) if isinstance(c, list) else c
-        for c in columns.values()
-    ]
+    _, shapely, raw = need(f"writing {suffix}", *NEEDS[suffix], "pyogrio.raw")
+    columns = _text_columns(network)
     if suffix == ".gpkg" and path.exists():
         shutil.copyfile(path, temporary)
     # A FlatGeobuf with an index would have its channels in another order.
@@ -148,7 +144,7 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
             raw.write(
                 temporary,
                 geometry=shapely.to_wkb(_line_strings(shapely, network)),
-                field_data=data,
+                field_data=list(columns.values()),
                 fields=np.array(list(columns)),
                 geometry_type="LineString",
                 crs=network.crs,
@@ -162,19 +158,17 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
 
 def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
     """Write GeoParquet."""
-    geopandas, shapely = need("writing .parquet", "geopandas", "shapely")
-    columns = {
-        name: [None if v is None else json.dumps(v) for v in c] if isinstance(c, list) else c
-        for name, c in _features_out(network).items()
-    }
+    geopandas, _, shapely = need("writing .parquet", *NEEDS[PARQUET])
     try:
-        frame = geopandas.GeoDataFrame(columns, geometry=_line_strings(shapely, network), crs=network.crs)
+        frame = geopandas.GeoDataFrame(
+            _text_columns(network), geometry=_line_strings(shapely, network), crs=network.crs
+        )
         frame.to_parquet(temporary, index=False)
     except RuntimeError as error:
         raise ValueError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
 
 
-# ---- reading ----
+# ---- reading
 
 
 def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str]) -> list[Line]:
@@ -241,7 +235,7 @@ def _attribute(attributes: dict[str, Any], role: str, where: str) -> float | Non
 
 def _point_list(value: Any, role: str, count: int, where: str) -> np.ndarray | None:
     """Return a list of one number a point, None if there is none, or raise ``ValueError``."""
-    if value is None or isinstance(value, float):
+    if value is None or isinstance(value, float):  # a NaN stands for none in some tables
         return None
     try:
         array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
@@ -325,10 +319,10 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
-# ---- writing ----
+# ---- writing
 
 
-def _features_out(network: RiverNetwork) -> dict[str, Any]:
+def _columns(network: RiverNetwork) -> dict[str, Any]:
     """Return the attributes of the channels; lists a point stay lists."""
     columns: dict[str, Any] = {
         "seg_id": np.arange(network.channel_count, dtype=np.int32),
@@ -341,18 +335,23 @@ def _features_out(network: RiverNetwork) -> dict[str, Any]:
         "length": network.channel_lengths(),
     }
     if network.point_section is not None:
-        for name, arrays in (
-            ("point_width", network.point_widths()),
-            ("point_depth", _point_depths(network)),
-        ):
+        for name, arrays in (("point_width", network.point_widths()), ("point_depth", network.point_depths())):
             columns[name] = [None if np.ptp(a) == 0.0 else a.tolist() for a in arrays]
     return columns
+
+
+def _text_columns(network: RiverNetwork) -> dict[str, np.ndarray]:
+    """Return the attributes of the channels, lists as JSON text."""
+    return {
+        name: np.array([None if v is None else json.dumps(v) for v in c], object) if isinstance(c, list) else c
+        for name, c in _columns(network).items()
+    }
 
 
 def _down_ids(network: RiverNetwork) -> np.ndarray:
     """Return for each channel the one that it flows into, -1 for none; (C,) int32."""
     heir: dict[int, int] = {}
-    # From the least discharge to the greatest, of equals from the last to the first: the last entry stays.
+    # The last entry stays: the one with most discharge, of equals the first.
     order = sorted(range(network.channel_count), key=lambda c: (network.channel_discharge[c], -c))
     for c in order:
         if network.channel_from[c] != network.channel_to[c]:

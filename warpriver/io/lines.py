@@ -1,49 +1,53 @@
-"""Channel lines from and to files: text, GeoJSON, GeoPackage, GeoParquet, shapefile, FlatGeobuf."""
+"""Channel lines from and to files: the suffix names the format, and what is read is checked before it is a network."""
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import dataclasses
-import gzip
-import importlib
 import importlib.util
-import itertools
-import json
 import logging
-import math
 import operator
 import os
-import re
-import shutil
-import tempfile
-import warnings
-import zlib
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
+from warpriver.io.features import (
+    JSON,
+    NEEDS,
+    OGR,
+    PARQUET,
+    SHAPEFILE_PARTS,
+    read_geojson,
+    read_ogr,
+    read_parquet,
+    write_geojson,
+    write_ogr,
+    write_parquet,
+)
+from warpriver.io.files import beside
+from warpriver.io.source import Line, Source
+from warpriver.io.text import TEXT, read_text, write_text
 from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
 
 __all__ = ["line_formats", "read_network", "write_network"]
 
 log = logging.getLogger("warpriver")
 
-TEXT = (".csv", ".txt", ".dat", ".xy")
-JSON = (".geojson", ".json")
-OGR = {".gpkg": "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
-PARQUET = ".parquet"
-# Modules beyond the core that a format needs; all of them come with the extra "gis".
-NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
-KNOWN = ", ".join((*TEXT, *JSON, *OGR, PARQUET)) + " (text and GeoJSON also with .gz)"
+PACKABLE = (*TEXT, *JSON)
+SUFFIXES = (*PACKABLE, *OGR, PARQUET)
+KNOWN = ", ".join(SUFFIXES) + " (text and GeoJSON also with .gz)"
+
+REPEATED = ("drop", "error")
+SHORT = ("error", "drop", "narrow")
+# A channel narrowed to its length: a hair less, so that rounding in a file does not make it wider again.
+NARROWED = 1.0 - 1e-6
+
 
 def line_formats() -> dict[str, bool]:
     """Return the suffixes of line files, each with whether the modules that it needs are installed here."""
-    suffixes = (*TEXT, *JSON, *OGR, PARQUET)
-    return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in suffixes}
+    return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in SUFFIXES}
 
 
 def read_network(
@@ -62,8 +66,8 @@ def read_network(
 ) -> RiverNetwork:
     """Read channels that run downstream from a file, or from several files of one CRS.
 
-    The suffix names the format. ``.csv``, ``.txt``, ``.dat``, ``.xy`` and ``.geojson``, ``.json`` (all also
-    with ``.gz``) need nothing but NumPy; ``.gpkg``, ``.shp``, ``.fgb``, ``.parquet`` need ``warpriver[gis]``.
+    The suffix names the format. ``.csv``, ``.txt``, ``.dat``, ``.xy`` and ``.geojson``, ``.json`` (all also with
+    ``.gz``) need nothing but NumPy; ``.gpkg``, ``.shp``, ``.fgb``, ``.parquet`` need ``warpriver[gis]``.
 
     What is read, by name in any case; the first name that holds a value counts:
 
@@ -81,31 +85,30 @@ def read_network(
     discharge, m3/s discharge, discharge_m3s                          from the width
     =============== ================================================= ======================================
 
-    *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces.
-    ``#`` starts a comment. One that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=`` takes the rest of
-    the line), ``units=`` must say metres or degrees, and ``order=upstream`` turns the lines round. Lines
-    before the numbers that start with a word and name no columns, like ``RMTEXT 350 2``, are passed over.
-    The rows of a channel stand together. An ``id`` that differs in every row numbers points, not channels.
-    Width and depth may vary along a channel; discharge is averaged over it.
+    *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces. ``#`` starts a
+    comment. One that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=`` takes the rest of the line), ``units=`` must
+    say metres or degrees, and ``order=upstream`` turns the lines round. Lines before the numbers that start with a word
+    and name no columns, like ``RMTEXT 350 2``, are passed over. The rows of a channel stand together. An ``id`` that
+    differs in every row numbers points, not channels. Width and depth may vary along a channel; discharge is averaged.
 
-    *GIS files.* LineString and MultiLineString; z and m are dropped. Parts of a MultiLineString that follow
-    end to start become one channel, each other part is a channel of its own. Other geometries are passed
-    over. Widths are in metres, whatever the unit of the coordinates. ``point_width`` and ``point_depth`` are
-    lists (JSON text) of one number a point, as ``write_network`` writes them where the section varies.
+    *GIS files.* LineString and MultiLineString; z and m are dropped, other geometries passed over. Parts of a
+    MultiLineString that follow end to start become one channel, each other part is a channel of its own. Widths are in
+    metres, whatever the unit of the coordinates. ``point_width`` and ``point_depth`` are lists (JSON text), a number
+    a point, as ``write_network`` writes them where the section varies.
 
-    *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a
-    projection whose lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17
-    degrees of latitude (from 1 % on it warns). Without pyproj only common geographic codes and EPSG:3857 are
-    known. A GeoJSON without a "crs" member is longitude and latitude unless its numbers exceed 180 and 90;
-    ``"crs": null`` means unknown. Numbers of unknown CRS are taken as metres with one exception: all within
-    180 and 90, while half or more of the lines are shorter than they are wide. That can only be degrees.
+    *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
+    lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on
+    it warns). Without pyproj only common geographic codes and EPSG:3857 are known. A GeoJSON without a "crs" member is
+    longitude and latitude unless its numbers exceed 180 and 90; ``"crs": null`` means unknown. Numbers of unknown CRS
+    are taken as metres with one exception: all within 180 and 90, while half or more of the lines are shorter than they
+    are wide. That can only be degrees.
 
-    *Points.* A line of two points gets a third in its middle.
+    A line of two points gets a third in its middle.
 
     Args:
         path: File name, or a list of file names.
-        width: Bankfull width in m: one number, one a channel in file order, or one (n,) array a channel
-            with a number for each point of the file; overrides the file.
+        width: Bankfull width in m: one number, one a channel in file order, or one (n,) array a channel with a number
+            for each point of the file; overrides the file.
         depth: Bankfull depth in m, in the same forms; overrides the file.
         discharge: Bankfull discharge in m3/s, one number or one a channel; overrides the file.
         layer: Layer of a GeoPackage; needed only where several hold lines.
@@ -114,9 +117,9 @@ def read_network(
         dtype: Precision on the device, "float64" or "float32".
         device: Warp device name, "cpu" or "cuda:0".
         repeated: What to do about points that stand twice in a row: "drop" (the count is logged) or "error".
-        short: What to do about channels shorter than they are wide, as linework has at junctions: "error",
-            "drop" (leaves gaps in the network), or "narrow" (the width becomes the length; depth and
-            discharge stay those of the full width).
+        short: What to do about channels shorter than they are wide, as linework has at junctions: "error", "drop"
+            (leaves gaps in the network), or "narrow" (the width becomes the length; depth and discharge stay those of
+            the full width).
 
     Returns:
         The network; its ``crs`` is "EPSG:..." where the authority has a code for it, else WKT, or None.
@@ -124,8 +127,8 @@ def read_network(
     Raises:
         FileNotFoundError: There is no such file.
         ImportError: The format, or ``to_crs``, needs a module that is not installed.
-        ValueError: The file is empty, cut short, not of its format, has no lines, no width, or points that
-            are not finite; several line layers and none named; a CRS unknown, not metric, or in conflict.
+        ValueError: The file is empty, cut short, not of its format, has no lines, no width, or points that are not
+            finite; several line layers and none named; a CRS unknown, not metric, or in conflict.
     """
     for name, value, choices in (("repeated", repeated, REPEATED), ("short", short, SHORT)):
         if value not in choices:
@@ -137,8 +140,8 @@ def read_network(
     wanted = tuple(name for name, value in given.items() if value is None)
     sources = [_read_source(p, layer, wanted) for p in paths]
     for source in sources:
-        source.crs = _settled_crs(source, crs)
-    found = _one_crs(sources) if to_crs is None else _reproject(sources, to_crs)
+        source.crs = settled_crs(source, crs)
+    found = one_crs(sources) if to_crs is None else reproject(sources, to_crs)
     lines = [line for source in sources for line in source.lines]
     for name, value in given.items():
         if value is not None:
@@ -146,13 +149,14 @@ def read_network(
     label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
     _check_width(lines, label)
     _clean(lines, repeated, label)
+    _fill_by_laws(lines)
     lines = _settle_short(lines, short, found, label)
     try:
         return RiverNetwork.from_polylines(
             [line.xy for line in lines],
-            width=_filled(lines, "width", None),
-            depth=_filled(lines, "depth", bankfull_depth),
-            discharge=_filled(lines, "discharge", lambda w: bankfull_discharge(np.mean(w))),
+            width=[line.width for line in lines],
+            depth=[line.depth for line in lines],
+            discharge=[line.discharge for line in lines],
             crs=found,
             dtype=dtype,
             device=device,
@@ -164,9 +168,8 @@ def read_network(
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
     """Write channels to a file whose suffix names the format; ``read_network`` reads it back.
 
-    Text formats hold a row a point: channel, x, y, width, depth, discharge, in digits that give back the
-    same numbers, under a comment line with CRS, units and order. GIS formats hold a LineString a channel
-    with
+    Text formats hold a row a point: channel, x, y, width, depth, discharge, in digits that give back the same numbers,
+    under a comment line with CRS, units and order. GIS formats hold a LineString a channel with
 
     =========== ============================================================================================
     attribute   what
@@ -183,12 +186,12 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     point_depth m, likewise
     =========== ============================================================================================
 
-    GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read
-    (RFC 7946 knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold
-    lists, so a section that varies is refused there, and its attributes have 15 decimals.
+    GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read (RFC 7946
+    knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold lists, so a section
+    that varies is refused there, and its attributes have 15 decimals.
 
-    The file is written beside its place and then renamed, so that a failure leaves the old one as it was. An
-    existing GeoPackage keeps its other layers.
+    The file is written beside its place and then renamed, so that a failure leaves the old one as it was. An existing
+    GeoPackage keeps its other layers.
 
     Args:
         network: What to write.
@@ -202,21 +205,20 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     """
     path = Path(path)
     suffix = _suffix(path)
-    _need(f"writing {suffix}", *NEEDS.get(suffix, ()))
     if suffix == ".shp" and network.point_section is not None:
         raise ValueError(
             f"{path}: a shapefile cannot hold a width or depth that varies along a channel; "
             "write .gpkg, .geojson, .parquet, .fgb or .csv"
         )
-    with _beside(path) as temporary:
+    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
         if suffix in TEXT:
-            _write_text(network, temporary, "," if suffix == ".csv" else " ")
+            write_text(network, temporary, "," if suffix == ".csv" else " ")
         elif suffix in JSON:
-            _write_geojson(network, temporary, layer)
+            write_geojson(network, temporary, layer)
         elif suffix in OGR:
-            _write_ogr(network, temporary, path, suffix, layer)
+            write_ogr(network, temporary, path, suffix, layer)
         else:
-            _write_parquet(network, temporary, path)
+            write_parquet(network, temporary, path)
 
 
 def _suffix(path: Path) -> str:
@@ -224,13 +226,12 @@ def _suffix(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     packed = suffixes[-1:] == [".gz"]
     suffix = (suffixes[:-1] if packed else suffixes)[-1:]
-    known = (*TEXT, *JSON) if packed else (*TEXT, *JSON, *OGR, PARQUET)
-    if not suffix or suffix[0] not in known:
+    if not suffix or suffix[0] not in (PACKABLE if packed else SUFFIXES):
         raise ValueError(f"{path}: {''.join(suffixes[-2:]) or 'no suffix'} names no format; known are {KNOWN}")
     return suffix[0]
 
 
-def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> _Source:
+def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> Source:
     """Read one file; ``wanted`` are the roles to look for beyond the coordinates."""
     suffix = _suffix(path)
     if not path.exists():
@@ -239,19 +240,18 @@ def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> _Sourc
         raise ValueError(f"{path}: is a directory; give a file")
     if path.stat().st_size == 0:
         raise ValueError(f"{path}: the file is empty")
-    _need(f"reading {suffix}", *NEEDS.get(suffix, ()))
     if layer is not None and suffix not in OGR:
         raise ValueError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
     if suffix in TEXT:
-        return _read_text(path, wanted)
+        return read_text(path, wanted)
     if suffix in JSON:
-        return _read_geojson(path, wanted)
+        return read_geojson(path, wanted)
     if suffix in OGR:
-        return _read_ogr(path, suffix, layer, wanted)
-    return _read_parquet(path, wanted)
+        return read_ogr(path, suffix, layer, wanted)
+    return read_parquet(path, wanted)
 
 
-def _override(lines: list[_Line], name: str, value: Any) -> None:
+def _override(lines: list[Line], name: str, value: Any) -> None:
     """Set width, depth or discharge of all lines from an argument."""
     many = isinstance(value, (list, tuple)) or np.ndim(value)
     values = list(value) if many else [value] * len(lines)
@@ -268,7 +268,7 @@ def _override(lines: list[_Line], name: str, value: Any) -> None:
         setattr(line, name, array)
 
 
-def _check_width(lines: list[_Line], label: str) -> None:
+def _check_width(lines: list[Line], label: str) -> None:
     """Raise ``ValueError`` where neither file nor argument gives a width."""
     missing = [line for line in lines if line.width is None]
     if len(missing) == len(lines):
@@ -277,7 +277,7 @@ def _check_width(lines: list[_Line], label: str) -> None:
         raise ValueError(f"{missing[0].where}: no width ({len(missing)} of {len(lines)} lines have none); pass width=")
 
 
-def _clean(lines: list[_Line], repeated: str, label: str) -> None:
+def _clean(lines: list[Line], repeated: str, label: str) -> None:
     """Remove points that stand twice in a row, and give lines of two points a third."""
     dropped = added = 0
     for line in lines:
@@ -290,32 +290,44 @@ def _clean(lines: list[_Line], repeated: str, label: str) -> None:
                     f"{line.xy[k, 1]:g}); remove one, or pass repeated='drop'"
                 )
             dropped += int(same.sum())
-            kept = np.flatnonzero(np.concatenate([[True], ~same]))
-            _map_points(line, operator.itemgetter(kept))
+            line.map_points(operator.itemgetter(np.concatenate([[True], ~same])))
         if len(line.xy) == 1:
             raise ValueError(f"{line.where}: only one distinct point; a channel needs two")
         if len(line.xy) == 2:
             added += 1
-            _map_points(line, lambda a: np.stack([a[0], 0.5 * (a[0] + a[1]), a[1]]))
+            line.map_points(lambda a: np.stack([a[0], 0.5 * (a[0] + a[1]), a[1]]))
     if dropped:
         log.info("%s: %d points that stood twice in a row were dropped", label, dropped)
     if added:
         log.info("%s: %d lines of two points got a third in the middle", label, added)
 
 
-def _settle_short(lines: list[_Line], short: str, crs: str | None, label: str) -> list[_Line]:
+def _fill_by_laws(lines: list[Line]) -> None:
+    """Set depth and discharge by the laws of the width where neither file nor argument gives them."""
+    # From arrays, as from_polylines has it: powers of single numbers differ from those in the last bit.
+    with np.errstate(invalid="ignore"):  # a width below zero is told by from_polylines
+        flows = bankfull_discharge(np.array([np.mean(line.width) for line in lines]))
+        for line, flow in zip(lines, flows, strict=True):
+            if line.depth is None:
+                line.depth = bankfull_depth(np.broadcast_to(line.width, len(line.xy)).copy())
+            if line.discharge is None:
+                line.discharge = flow
+
+
+def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:
     """Deal with lines that are shorter than they are wide, as the argument ``short`` says."""
     lengths = [float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines]
     wide = [bool(np.max(line.width) > length) for line, length in zip(lines, lengths, strict=True)]
-    count, first = sum(wide), wide.index(True) if any(wide) else 0
+    count = sum(wide)
     if not count:
         return lines
-    if crs is None and 2 * count >= len(lines) and _within_degrees(lines):
+    if crs is None and 2 * count >= len(lines) and within_degrees(lines):
         raise ValueError(
             f"{label}: x and y look like longitude and latitude (within 180 and 90, lines shorter than wide) "
             'and no CRS is stated; pass crs="EPSG:4326" and to_crs="utm", or check the unit of the width'
         )
     if short == "error" or count == len(lines):
+        first = wide.index(True)
         advice = "" if count == len(lines) else ", or pass short='narrow' or short='drop'"
         raise ValueError(
             f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
@@ -326,7 +338,5 @@ def _settle_short(lines: list[_Line], short: str, crs: str | None, label: str) -
         return [line for line, w in zip(lines, wide, strict=True) if not w]
     for line, w, length in zip(lines, wide, lengths, strict=True):
         if w:
-            line.depth = bankfull_depth(line.width) if line.depth is None else line.depth
-            line.discharge = bankfull_discharge(np.mean(line.width)) if line.discharge is None else line.discharge
             line.width = np.minimum(line.width, NARROWED * length)
     return lines

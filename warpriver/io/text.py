@@ -82,7 +82,7 @@ def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
             out.write(("\n".join(rows) + "\n").encode())
 
 
-# ---- the head of a file ----
+# ---- the head of a file
 
 
 def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
@@ -90,7 +90,7 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
     names: list[str] = []
     words: list[str] = []
     comments: list[str] = []
-    for first, row in enumerate(rows):
+    for k, row in enumerate(rows):
         if not row.strip():
             continue
         if row.lstrip().startswith("#"):
@@ -98,6 +98,7 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
             continue
         fields = _fields(row)
         if names or _is_number(fields[0]):
+            first = k
             break
         words = _words(fields)
         names = words if _has_xy(words) else []
@@ -126,8 +127,7 @@ def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bo
     order = facts.get("order", "downstream").lower()
     if order not in ("downstream", "upstream"):
         raise ValueError(f"{path}: its header says order={order}; use downstream or upstream")
-    crs = crs_text(facts["crs"], str(path)) if "crs" in facts else None
-    return crs, order == "upstream", units in DEGREES
+    return crs_text(facts.get("crs"), str(path)), order == "upstream", units in DEGREES
 
 
 def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], bool]:
@@ -149,7 +149,7 @@ def _has_xy(names: Sequence[str]) -> bool:
     return any(all(_find(names, role) is not None for role in pair) for pair in (("x", "y"), ("lon", "lat")))
 
 
-# ---- rows ----
+# ---- rows
 
 
 def _separator(row: str) -> str | None:
@@ -218,7 +218,7 @@ def _load_words(path: Path, rows: list[str], separator: str | None, column: int)
         raise ValueError(f"{path}: its channels cannot be read ({error})") from error
 
 
-# ---- where channels begin: the points at which a new one starts (but for the first) ----
+# ---- where channels begin: the points at which a new one starts (but for the first)
 
 
 def _breaks_by_id(path: Path, ids: np.ndarray, name: str) -> tuple[list[int], list[Any]]:

@@ -1,8 +1,9 @@
 """Pictures: plan maps and movies by matplotlib, 3-D previews by pyvista; both are imported when they draw."""
 
-from . import gl
-from .maps import draw_belt, draw_network
-from .movie import movie
-from .scene import render_scene
+from warpriver.viz import gl
+from warpriver.viz.belt import draw_belt
+from warpriver.viz.maps import draw_network
+from warpriver.viz.movie import movie
+from warpriver.viz.scene import render_scene
 
 __all__ = ["draw_belt", "draw_network", "gl", "movie", "render_scene"]

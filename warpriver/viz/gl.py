@@ -78,13 +78,9 @@ def _ask(words: tuple[str, ...], timeout: float) -> Probe:
             words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=timeout
         )
     except subprocess.TimeoutExpired:
-        return Probe(
-            False, f"no off-screen OpenGL: the test picture took longer than {timeout:g} s; {ADVICE}"
-        )
+        return Probe(False, f"no off-screen OpenGL: the test picture took longer than {timeout:g} s; {ADVICE}")
     except OSError as error:
-        return Probe(
-            False, f"no off-screen OpenGL: the test picture could not be started ({error}); {ADVICE}"
-        )
+        return Probe(False, f"no off-screen OpenGL: the test picture could not be started ({error}); {ADVICE}")
     if done.returncode == 0 and "drawn" in done.stdout:
         return Probe(True, "off-screen OpenGL works")
     if "No module named 'vtk" in done.stderr:

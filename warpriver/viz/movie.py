@@ -8,16 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .maps import (
-    DEPOSIT_RAMP,
-    OXBOW_RAMP,
-    BeltSheet,
-    checked_record,
-    color_ramp,
-    history_bounds,
-    need_matplotlib,
-    replacing,
-)
+from warpriver.viz.belt import DEPOSIT_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
+from warpriver.viz.maps import color_ramp, need_matplotlib, replacing
 
 __all__ = ["movie"]
 
@@ -92,11 +84,10 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     """Yield the picture of each record in turn, (rows, columns, 3) uint8."""
     page = BeltSheet(history, legend=True, age_span=None, **layout)
-    canvas: Any = page.sheet.figure.canvas
     for done, record in enumerate(records, start=1):
         page.turn_to(record)
-        canvas.draw()
-        yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        page.sheet.canvas.draw()
+        yield np.ascontiguousarray(np.asarray(page.sheet.canvas.buffer_rgba())[..., :3])
         if progress is not None:
             progress(done, len(records))
 
@@ -110,15 +101,11 @@ def _write_gif(path: str, frames: Iterator[np.ndarray], sample: np.ndarray, fps:
     patch = np.stack([color_ramp(stops, ramp) for stops in (DEPOSIT_RAMP, OXBOW_RAMP)])
     patch = np.repeat(np.round(255.0 * patch).astype(np.uint8), max(1, sample.shape[0] // 6), axis=0)
     palette = Image.fromarray(np.concatenate([sample, patch])).quantize(256, method=Image.Quantize.MEDIANCUT)
-    pictures = [
-        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
-    ]
+    pictures = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     # GIF counts in hundredths of a second, and viewers slow down what is faster than two of them.
     tick = 10 * max(2, round(100.0 / fps))
     duration = [tick] * (len(pictures) - 1) + [max(tick, round(1000.0 * hold))]
-    pictures[0].save(
-        path, save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False
-    )
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False)
 
 
 def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int], float], None]:
@@ -130,9 +117,7 @@ def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int]
             'an .mp4 movie needs imageio-ffmpeg: pip install "warpriver[movie]"; a .gif does without it'
         ) from error
 
-    def write(
-        path: str, frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], hold: float
-    ) -> None:
+    def write(path: str, frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], hold: float) -> None:
         stream = imageio_ffmpeg.write_frames(
             path, size, fps=fps, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
         )

@@ -8,24 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from . import gl
-from .maps import (
-    GROUND,
-    OXBOW_RAMP,
-    WATER,
-    BeltPainter,
-    Window,
-    bank_lines,
-    checked_record,
-    checked_window,
-    color_ramp,
-    history_bounds,
-    refine_lines,
-    replacing,
-    select_inside,
-    taper_ends,
-    vegetation_noise,
-)
+from warpriver.viz import gl
+from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
+from warpriver.viz.belt import OXBOW_RAMP, BeltPainter, checked_record, history_bounds, vegetation_noise
+from warpriver.viz.maps import GROUND, WATER, checked_window, color_ramp, replacing
 
 __all__ = ["render_scene"]
 
@@ -117,9 +103,7 @@ def _draw(
         lines, widths = select_inside(network.polylines(), network.point_widths(), view)
         if lines:
             lines, widths = refine_lines(lines, widths, step=0.2 * width)
-            _add_ribbons(
-                plotter, ground, lines, widths, WATER, gap=0.02 * ground.depth * exaggeration, water=True
-            )
+            _add_ribbons(plotter, ground, lines, widths, WATER, gap=0.02 * ground.depth * exaggeration, water=True)
         _aim(plotter, ground, camera)
         image = plotter.screenshot(None, return_img=True)
     finally:
@@ -142,8 +126,8 @@ def _new_plotter(size: tuple[int, int]) -> Any:
         raise RuntimeError(answer.message)
     for name, value in gl.window_environment().items():
         os.environ.setdefault(name, value)
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
-    plotter.set_background(SKY[0], top=SKY[1])
+    plotter = pyvista.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
+    plotter.renderer.set_background(SKY[0], top=SKY[1])
     for position, strength in (((-1.0, 0.9, 1.1), 0.75), ((0.6, -1.0, 1.4), 0.3), ((0.0, 0.0, 1.0), 0.15)):
         light = pyvista.Light(position=position, focal_point=(0.0, 0.0, 0.0), intensity=strength)
         light.positional = False
@@ -232,16 +216,12 @@ def _add_block(plotter: Any, ground: _Ground, picture: np.ndarray) -> None:
     texture.interpolate = True
     texture.mipmap = True
     plotter.add_mesh(surface, texture=texture, smooth_shading=True, ambient=0.25, diffuse=0.85, specular=0.0)
-    points, faces = block_sides(
-        gx, gy, z, 0.04 * np.sqrt((east - west) * (north - south)) + 2.0 * ground.drop
-    )
+    points, faces = block_sides(gx, gy, z, 0.04 * np.sqrt((east - west) * (north - south)) + 2.0 * ground.drop)
     sides = pyvista.PolyData(points, faces)
     plotter.add_mesh(sides, color=SOIL, smooth_shading=False, ambient=0.7, diffuse=0.5, specular=0.0)
 
 
-def block_sides(
-    x: np.ndarray, y: np.ndarray, z: np.ndarray, thickness: float
-) -> tuple[np.ndarray, np.ndarray]:
+def block_sides(x: np.ndarray, y: np.ndarray, z: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray]:
     """Return points (n, 3) and faces (pyvista's packed quads) of the four sides below a height grid."""
     ring = np.concatenate(
         [
@@ -277,9 +257,7 @@ def ribbon_surface(
     counts = np.array([len(xy) for xy in lines])
     total = int(counts.sum())
     segment = np.delete(np.arange(total), np.cumsum(counts) - 1)
-    faces = np.stack(
-        [np.full(len(segment), 4), segment + total, segment + 1 + total, segment + 1, segment], axis=1
-    )
+    faces = np.stack([np.full(len(segment), 4), segment + total, segment + 1 + total, segment + 1, segment], axis=1)
     owner = np.repeat(np.arange(len(counts)), counts)[segment]
     return np.concatenate([left, right]), faces.ravel(), owner
 
@@ -379,9 +357,7 @@ def _aim(plotter: Any, ground: _Ground, camera: Sequence[Sequence[float]] | None
     plotter.reset_camera_clipping_range()
 
 
-def fit_view(
-    corners: np.ndarray, direction: np.ndarray, angle: float, aspect: float
-) -> tuple[np.ndarray, float]:
+def fit_view(corners: np.ndarray, direction: np.ndarray, angle: float, aspect: float) -> tuple[np.ndarray, float]:
     """Find the focal point and the distance from which all corners just fill the picture.
 
     Args:

@@ -1,0 +1,253 @@
+"""The rules of kernels/README.md that can be read off the source; a broken one is reported with file, line and name."""
+
+import ast
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted((ROOT / "kernels").glob("*.py"))
+LONGEST_BODY, MOST_ARGUMENTS = 60, 16
+GROUPS = ["# network", "# terrain", "# params", "# in", "# out"]
+ATOMICS = {"atomic_add", "atomic_min", "atomic_max", "atomic_exch"}
+CASTS = {"scalar", "wp.float32", "wp.float64"}
+
+
+def decorated(tree, decorator):
+    """Functions or classes of a module, at any depth, under ``@wp.kernel``, ``@wp.func`` or ``@wp.struct``."""
+    kinds = (ast.FunctionDef, ast.ClassDef)
+    for node in (n for n in ast.walk(tree) if isinstance(n, kinds)):
+        if any(ast.unparse(d).split("(")[0] == decorator for d in node.decorator_list):
+            yield node
+
+
+def parsed(path):
+    return ast.parse(path.read_text())
+
+
+def with_kernels():
+    return [path for path in FILES if any(decorated(parsed(path), "wp.kernel"))]
+
+
+def device_code(tree):
+    """Kernels and device functions of a module."""
+    return [*decorated(tree, "wp.kernel"), *decorated(tree, "wp.func")]
+
+
+def code_length(function):
+    """Lines of the body below the docstring."""
+    body = function.body[1:] if ast.get_docstring(function) else function.body
+    return body[-1].end_lineno - body[0].lineno + 1
+
+
+def is_output(name):
+    return name.endswith(("_out", "_io"))
+
+
+def array_accesses(function, outputs_of):
+    """Names of the arguments that a function writes and those that it reads, as two sets.
+
+    Args:
+        function: A kernel or device function.
+        outputs_of: For each device function of the file, whether each of its parameters is an output.
+    """
+    written, read = set(), set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Subscript):
+            base = node.value
+            while isinstance(base, ast.Subscript):
+                base = base.value
+            if isinstance(base, ast.Name):
+                (written if isinstance(node.ctx, ast.Store) else read).add(base.id)
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Subscript):
+            read.add(ast.unparse(node.target.value))
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            names = [a.id if isinstance(a, ast.Name) else "" for a in node.args]
+            if called.removeprefix("wp.") in ATOMICS:
+                written.add(names[0])
+                read.add(names[0])
+            for name, output in zip(names, outputs_of.get(called, []), strict=False):
+                (written if output else read).add(name)
+    arguments = {a.arg for a in function.args.args}
+    return written & arguments, read & arguments
+
+
+def broken_signature(function):
+    """Rules of arguments that kernels and device functions share."""
+    arguments = function.args
+    if arguments.defaults or arguments.kw_defaults or arguments.kwonlyargs or arguments.vararg or arguments.kwarg:
+        yield "default, keyword-only or variable arguments"
+    for a in arguments.args:
+        if a.annotation is None:
+            yield f"argument {a.arg} has no type"
+        elif "(" in ast.unparse(a.annotation):
+            yield f"type of {a.arg} is a call; write it in brackets"
+    if not ast.get_docstring(function):
+        yield "no docstring"
+    if code_length(function) > LONGEST_BODY:
+        yield f"{code_length(function)} lines of body, {LONGEST_BODY} at most"
+
+
+def broken_outputs(function, outputs_of):
+    """Rules of written arrays: their names tell, and they come last."""
+    written, read = array_accesses(function, outputs_of)
+    names = [a.arg for a in function.args.args]
+    for name in sorted(written):
+        if not is_output(name):
+            yield f"writes {name}, whose name does not end in _out or _io"
+    for name in names:
+        if is_output(name) and name not in written:
+            yield f"never writes {name}"
+        if name.endswith("_out") and name in read:
+            yield f"reads {name}; end its name in _io"
+        if name.endswith("_io") and name not in read:
+            yield f"never reads {name}; end its name in _out"
+    flags = [is_output(name) for name in names]
+    if flags != sorted(flags):
+        yield "outputs are not last"
+
+
+def broken_kernel(function, lines):
+    """Rules of kernels alone: decorator, name, number of arguments, and their groups under comments in order."""
+    if len(function.args.args) > MOST_ARGUMENTS:
+        yield f"{len(function.args.args)} arguments, {MOST_ARGUMENTS} at most; bundle the scalars in a struct"
+    if "_" not in function.name:
+        yield "name is not verb_object"
+    (decorator,) = (ast.unparse(d) for d in function.decorator_list)
+    if decorator != "wp.kernel(module=name, enable_backward=False)":
+        yield f"decorator is {decorator}"
+    first, last = function.args.args[0].lineno - 2, function.args.args[-1].lineno
+    found = [line.strip() for line in lines[first:last] if line.strip().startswith("#")]
+    if found != [group for group in GROUPS if group in found]:
+        yield f"argument groups {found}; use those of {GROUPS} that apply, in this order"
+        return
+    group = None
+    for line in lines[first:last]:
+        group = line.strip() if line.strip() in GROUPS else group
+        names = [name for name in re.findall(r"(\w+):", line) if not line.strip().startswith("#")]
+        for name in names:
+            if group is None:
+                yield f"{name} stands above the first group"
+            elif (group == "# out") != is_output(name):
+                yield f"{name} stands under {group}"
+
+
+def broken_literals(function):
+    """A float literal is float32 in a kernel: it must be the sole argument of a cast, and exact in float32."""
+    exempt = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in CASTS and len(node.args) == 1:
+            value = node.args[0]
+            if isinstance(value, ast.Constant) and float(np.float32(value.value)) == value.value:
+                exempt.add(value)
+    for node in ast.walk(function):
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and node not in exempt:
+            yield f"line {node.lineno}: literal {node.value}; make it a constant of build, as scalar(...)"
+
+
+def broken_atomics(function):
+    """Only integers are combined atomically, and only in ways that do not depend on the order of arrival."""
+    kinds = {a.arg: ast.unparse(a.annotation) for a in function.args.args if a.annotation}
+    for node in ast.walk(function):
+        if isinstance(node, ast.Call) and "atomic" in ast.unparse(node.func):
+            called = ast.unparse(node.func).removeprefix("wp.")
+            target = ast.unparse(node.args[0])
+            if called not in ATOMICS:
+                yield f"line {node.lineno}: {called}"
+            if kinds.get(target) not in ("wp.array[int]", "wp.array[wp.int32]", "wp.array[wp.int64]"):
+                yield f"line {node.lineno}: {called} on {target}, which holds no integers"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_kernels_and_device_functions_keep_the_rules(path):
+    tree, lines = parsed(path), path.read_text().splitlines()
+    outputs_of = {f.name: [is_output(a.arg) for a in f.args.args] for f in decorated(tree, "wp.func")}
+    found = []
+    for function in device_code(tree):
+        kernel = function in list(decorated(tree, "wp.kernel"))
+        broken = [*broken_signature(function), *broken_literals(function), *broken_atomics(function)]
+        broken += broken_outputs(function, outputs_of)
+        broken += broken_kernel(function, lines) if kernel else []
+        found += [f"{path.name}:{function.lineno} {function.name}: {text}" for text in broken]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_a_file_builds_its_kernels_once_for_each_precision(path):
+    """One cached ``build(scalar)`` a file holds all of its device code, in a Warp module named after both."""
+    tree = parsed(path)
+    if path.name == "__init__.py":
+        assert not device_code(tree)
+        return
+    (build,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+    assert build.name == "build" and [a.arg for a in build.args.args] == ["scalar"]
+    assert [ast.unparse(d) for d in build.decorator_list] == ["functools.cache"]
+    inside = {id(node) for node in ast.walk(build)}
+    assert all(id(function) in inside for function in device_code(tree))
+    assigned = {ast.unparse(n.targets[0]): ast.unparse(n.value) for n in build.body if isinstance(n, ast.Assign)}
+    assert assigned["name"] == f"f'warpriver.kernels.{path.stem}_{{scalar.__name__}}'"
+    for function in decorated(tree, "wp.func"):
+        assert [ast.unparse(d) for d in function.decorator_list] == ["wp.func(module=name)"], function.name
+    options = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Expr)]
+    assert "wp.set_module_options({'enable_backward': False})" in options
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_kernels_import_warp_and_each_other_only(path):
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Import):
+            assert {a.name for a in node.names} <= {"functools", "math", "warp"}
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module in ("types", "typing", "warpriver.kernels")
+
+
+def imported_kernel_files(path):
+    """Stems of the kernel files that a module imports, with the line; the folder itself counts as ``kernels``."""
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.ImportFrom) and node.module == "warpriver.kernels":
+            yield from ((a.name, node.lineno) for a in node.names)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("warpriver.kernels."):
+            yield node.module.split(".")[2], node.lineno
+        elif isinstance(node, ast.ImportFrom) and node.module == "warpriver":
+            yield from ((a.name, node.lineno) for a in node.names if a.name == "kernels")
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "kernels":
+            yield "kernels", node.lineno
+        elif isinstance(node, ast.Import):
+            for a in node.names:
+                if a.name.startswith("warpriver.kernels") or a.name.split(".")[0] == "kernels":
+                    yield a.name.split(".")[-1], node.lineno
+
+
+def test_kernels_are_launched_only_from_the_module_of_the_same_name():
+    found = []
+    launchers = {path.stem: [] for path in with_kernels()}
+    for path in sorted((ROOT / "warpriver").rglob("*.py")):
+        for stem, line in imported_kernel_files(path):
+            if stem == path.stem and stem in launchers:
+                launchers[stem].append(path)
+            else:
+                found.append(f"{path.relative_to(ROOT)}:{line} imports kernels {stem}")
+    found += [f"kernels/{stem}.py has no module of its name" for stem, paths in launchers.items() if not paths]
+    assert not found, "\n".join(found)
+
+
+def test_references_in_docstrings_are_in_the_bibliography():
+    known = set(re.findall(r"^@\w+\{([^,\s]+),", (ROOT / "warpriver" / "references.bib").read_text(), re.MULTILINE))
+    for path in FILES:
+        for bracket in re.findall(r"\[[A-Z][A-Za-z]+\d{4}[^\]]*\]", path.read_text()):
+            keys = set(re.findall(r"[A-Z][A-Za-z]+\d{4}[a-z]?", bracket))
+            assert keys <= known, f"{path.name}: {sorted(keys - known)}"
+
+
+def test_every_kernel_has_a_test():
+    tests = "\n".join(path.read_text() for path in (ROOT / "tests" / "kernels").glob("*.py"))
+    missing = [
+        kernel.name
+        for path in with_kernels()
+        for kernel in decorated(parsed(path), "wp.kernel")
+        if f"kernel.{kernel.name}" not in tests
+    ]
+    assert not missing

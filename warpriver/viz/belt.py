@@ -1,0 +1,354 @@
+"""The channel belt: where the river has been, painted course by course and coloured by age."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
+from warpriver.viz.maps import (
+    GROUND,
+    INK,
+    WATER,
+    Sheet,
+    add_water,
+    channel_paths,
+    checked_window,
+    color_ramp,
+    need_matplotlib,
+    style_bar,
+)
+
+__all__ = ["draw_belt"]
+
+# Deposits run from bare sand through grass and willow to closed forest, lakes from open water to swamp.
+DEPOSIT_RAMP = ((0.0, "#f3e7c6"), (0.1, "#e3d3a1"), (0.28, "#bcb877"), (0.55, "#83935a"), (1.0, "#496843"))
+OXBOW_RAMP = ((0.0, "#5c98b8"), (0.12, "#86aeae"), (0.3, "#85a08a"), (0.6, "#607f5c"), (1.0, "#3f5c40"))
+
+# Strength of the faint banding in time that the shades of age carry, so that scroll bars read as arcs.
+SCROLL_STRENGTH = 0.075
+
+
+def draw_belt(
+    history: Any,
+    path: Any = None,
+    *,
+    until: int | None = None,
+    window: Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    dpi: float = 200.0,
+    title: str | None = None,
+    legend: bool = True,
+    age_span: float | None = None,
+) -> Any:
+    """Draw the channel belt: where the river has been, what it left there, and where it runs now.
+
+    Each recorded course is drawn at its true width, in the order of time, as a point-bar deposit whose shade
+    tells how long ago the channel left it: sand where it is fresh, closed forest where it is old. Loops that
+    were cut off lie among them as lakes that turn into swamp. The present channel is on top. A faint banding
+    in time is added to the shades so that scroll bars read as arcs. Record often enough that the channel
+    moves less than its width between two records; otherwise bare ground shows between them.
+
+    Args:
+        history: History.
+        path: File to write (.png, .jpg, .pdf or .svg), or None.
+        until: Index of the record to show as the present (negative: from the end); by default the last.
+        window: (west, south, east, north) to show, in m; by default everything. It grows where the page has
+            room.
+        size: Width and height of the picture in pixels; by default fitted to the window.
+        dpi: Pixels per inch.
+        title: Title at the upper left; None writes "Channel belt", "" leaves the line out.
+        legend: Draw scale bar, north arrow and the bars of age.
+        age_span: Age in yr at which deposits look oldest; by default the time that the whole history spans,
+            so that pictures of one history can be compared.
+
+    Returns:
+        matplotlib.figure.Figure.
+
+    Raises:
+        ImportError: matplotlib is missing.
+        ValueError: No record, a record that does not exist, a window that shows nothing, an ``age_span`` that
+            is not positive, or a file name with an unknown suffix.
+        OSError: The file cannot be written.
+    """
+    need_matplotlib()
+    record = checked_record(history, until)
+    if age_span is not None and not age_span > 0.0:
+        raise ValueError(f"age_span is {age_span:g} yr; it must be positive")
+    page = BeltSheet(history, window=window, size=size, dpi=dpi, title=title, legend=legend, age_span=age_span)
+    page.turn_to(record)
+    if path is not None:
+        page.sheet.save(path)
+    return page.sheet.figure
+
+
+class BeltSheet:
+    """A page with the belt map, which can be turned from one record to a later one."""
+
+    def __init__(
+        self,
+        history: Any,
+        *,
+        window: Sequence[float] | None,
+        size: tuple[int, int] | None,
+        dpi: float,
+        title: str | None,
+        legend: bool,
+        age_span: float | None,
+        bounds: Window | None = None,
+    ):
+        """Lay out the page; parameters as in :func:`draw_belt`, ``bounds`` in m where they are known."""
+        bounds = bounds or history_bounds(history, len(history.times) - 1)
+        view = checked_window(window, bounds, 2.0 * float(np.max(history.networks[0].channel_width)))
+        text = "Channel belt" if title is None else title
+        self._history = history
+        self.sheet = Sheet(view, size=size, dpi=dpi, title=text, legend=legend)
+        self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span)
+        west, south, east, north = self.sheet.window
+        blank = np.zeros((*self.sheet.shape, 3), np.uint8)
+        self._image = self.sheet.axes.imshow(
+            blank, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest"
+        )
+        self._water: list[Any] = []
+        self._has_note = bool(text)
+        if legend:
+            longest = max(history.networks[0].polylines(), key=len)
+            self.sheet.add_scale_bar(flow=longest[-1] - longest[0])
+            self._add_legend()
+
+    def turn_to(self, record: int) -> None:
+        """Show a record, the same one or a later one than before."""
+        self.painter.advance(record)
+        self._image.set_data(self.painter.picture(record))
+        for collection in self._water:
+            collection.remove()
+        network = self.painter.network
+        paths, index = channel_paths(self.sheet, network)
+        self._water = add_water(self.sheet, paths, network.channel_width[index], WATER, bank=0.7)
+        if self._has_note:
+            time = float(self._history.times[record])
+            count = self.painter.cutoff_count
+            cut = {0: "", 1: ", 1 cutoff"}.get(count, f", {count:,} cutoffs")
+            digits = 0 if self.painter.age_span >= 50.0 else 1
+            self.sheet.note.set_text(f"year {time:,.{digits}f}{cut}")
+
+    def _add_legend(self) -> None:
+        """Draw the two ramps over one axis of age at the right of the strip."""
+        from matplotlib.ticker import MaxNLocator
+
+        ramp = np.linspace(0.0, 1.0, 256)
+        image = np.stack([color_ramp(OXBOW_RAMP, ramp), color_ramp(DEPOSIT_RAMP, ramp)])
+        width = self.sheet.legend_width
+        box = self.sheet.strip(-width, 0.36, width, 0.34)
+        box.imshow(
+            image,
+            extent=(0.0, self.painter.age_span, 0.0, 2.0),
+            origin="lower",
+            aspect="auto",
+            interpolation="nearest",
+        )
+        box.axhline(1.0, color="white", linewidth=1.2)
+        box.set_yticks([1.5, 0.5], ["point bars", "oxbow lakes"])
+        box.xaxis.set_major_locator(MaxNLocator(nbins=max(2, round(1.6 * width)), steps=[1, 2, 5, 10]))
+        style_bar(box)
+        box.tick_params(axis="y", length=0, pad=4, labelsize=8.5)
+        box.set_xlabel("years since the channel left", fontsize=8.5, color=INK, labelpad=2)
+
+
+class BeltPainter:
+    """Paints which course or oxbow lake covered each pixel last, and colours the pixels by its age.
+
+    A course costs one filled path and a picture one look-up, however many records came before: this is what
+    makes movies linear in the number of frames.
+
+    Attributes:
+        network: The network painted last, None before the first.
+        age_span: Age in yr at which deposits look oldest.
+    """
+
+    def __init__(
+        self,
+        history: Any,
+        window: Window,
+        shape: tuple[int, int],
+        *,
+        supersample: int = 2,
+        age_span: float | None = None,
+    ):
+        """Prepare an empty floodplain.
+
+        Args:
+            history: History.
+            window: (west, south, east, north) of the picture, m.
+            shape: (rows, columns) in pixels.
+            supersample: Samples per pixel and direction.
+            age_span: Age in yr at which deposits look oldest; by default the time that the history spans.
+        """
+        from matplotlib.backends.backend_agg import RendererAgg
+
+        self._history = history
+        self._times = np.asarray(history.times, np.float64)
+        self.age_span = default_age_span(history) if age_span is None else float(age_span)
+        self._window = window
+        self._factor = supersample
+        rows, columns = shape[0] * supersample, shape[1] * supersample
+        self._renderer = RendererAgg(columns, rows, 72)
+        self._pen = self._renderer.new_gc()
+        self._pen.set_linewidth(0.0)
+        self._pen.set_antialiased(False)
+        self._scale = columns / (window[2] - window[0])
+        self._cutoffs = sorted(history.cutoffs, key=lambda cutoff: cutoff.time)
+        self._cutoff_times = np.array([cutoff.time for cutoff in self._cutoffs])
+        self.network: Any = None
+        self._courses = 0
+        self._oxbows = 0
+        self._noise = vegetation_noise(shape)
+
+    @property
+    def cutoff_count(self) -> int:
+        """Number of cutoffs painted."""
+        return self._oxbows
+
+    def advance(self, record: int) -> None:
+        """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
+        while self._courses <= record:
+            time = self._times[self._courses]
+            while self._oxbows < len(self._cutoffs) and self._cutoff_times[self._oxbows] <= time:
+                cutoff = self._cutoffs[self._oxbows]
+                xy = np.asarray(cutoff.xy, np.float64)
+                if len(xy) >= 3:
+                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], 1 + len(self._times) + self._oxbows)
+                self._oxbows += 1
+            self.network = self._history.networks[self._courses]
+            self._courses += 1
+            self._fill(self.network.polylines(), self.network.point_widths(), self._courses)
+
+    def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
+        """Fill the bands of some lines with an event's number: course k is 1 + k, oxbow j is 1 + K + j."""
+        from matplotlib.path import Path
+        from matplotlib.transforms import Affine2D
+
+        lines, widths = select_inside(lines, widths, self._window)
+        if not lines:
+            return
+        vertices, codes, _ = band_outlines(*refine_lines(lines, widths, step=6.0 / self._scale))
+        transform = Affine2D().translate(-self._window[0], -self._window[1]).scale(self._scale)
+        rgb = tuple(((code >> shift) & 255) / 255.0 for shift in (0, 8, 16))
+        self._renderer.draw_path(self._pen, Path(vertices, codes, readonly=True), transform, rgb)
+
+    def cover(self) -> np.ndarray:
+        """Return the number of the event that covered each sample last, 0 for none: (rows, columns) int32."""
+        words = np.asarray(self._renderer.buffer_rgba()).view(np.uint32)[..., 0]
+        # Samples that nothing covered still have the alpha of an empty picture, 0.
+        return np.where(words >> np.uint32(24) != 0, words & np.uint32(0xFFFFFF), 0).astype(np.int32)
+
+    def lakes(self, record: int) -> Iterator[tuple[np.ndarray, float, float, np.ndarray]]:
+        """Yield the oxbow lakes painted so far that are still in sight somewhere.
+
+        Args:
+            record: Index of the present record.
+
+        Yields:
+            Line (n, 2) in m, width in m, age as a part of the age span, and an (n,) mask of the points in
+            sight.
+        """
+        cover = self.cover()
+        rows, columns = cover.shape
+        for k, cutoff in enumerate(self._cutoffs[: self._oxbows]):
+            xy = np.asarray(cutoff.xy, np.float64)
+            column = np.floor((xy[:, 0] - self._window[0]) * self._scale).astype(np.int64)
+            row = np.floor((self._window[3] - xy[:, 1]) * self._scale).astype(np.int64)
+            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+            code = cover[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+            seen = inside & (code == 1 + len(self._times) + k)
+            if seen.any():
+                age = (self._times[record] - cutoff.time) / self.age_span
+                yield xy, float(cutoff.width), float(np.clip(age, 0.0, 1.0)), seen
+
+    def picture(self, record: int) -> np.ndarray:
+        """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north."""
+        now = self._times[record]
+        age = (now - np.concatenate([self._times, self._cutoff_times])) / self.age_span
+        age = np.clip(age, 0.0, 1.0)
+        courses = len(self._times)
+        table = np.zeros((1 + len(age), 4))
+        table[0, :3], table[0, 3] = color_ramp(((0.0, GROUND),), 0.0), 0.4
+        table[1 : 1 + courses, :3] = color_ramp(DEPOSIT_RAMP, age[:courses])
+        table[1 : 1 + courses, :3] *= 1.0 + _scroll_tone(self._times, self.age_span)[:, None]
+        table[1 : 1 + courses, 3] = 0.25 + 0.75 * age[:courses]
+        table[1 + courses :, :3] = color_ramp(OXBOW_RAMP, age[courses:])
+        table[1 + courses :, 3] = 0.6 * age[courses:]
+        words = np.round(255.0 * np.clip(table, 0.0, 1.0)).astype(np.uint8).view(np.uint32)[:, 0]
+        cover = self.cover()
+        mean = _box_mean(words[cover].view(np.uint8).reshape(*cover.shape, 4), self._factor)
+        tone = 1.0 + 0.05 * self._noise * mean[..., 3] / 255.0
+        return np.clip(mean[..., :3] * tone[..., None], 0.0, 255.0).astype(np.uint8)
+
+
+def _box_mean(samples: np.ndarray, factor: int) -> np.ndarray:
+    """Average blocks of ``factor`` x ``factor`` samples; returns float32."""
+    total = np.zeros((samples.shape[0] // factor, samples.shape[1] // factor, samples.shape[2]), np.uint16)
+    for i in range(factor):
+        for j in range(factor):
+            total += samples[i::factor, j::factor]
+    return total.astype(np.float32) / factor**2
+
+
+def _scroll_tone(times: np.ndarray, span: float) -> np.ndarray:
+    """Return a small change of tone for each course, a smooth function of time with several periods."""
+    phase = 2.0 * np.pi * (times - times[0]) / span
+    waves = 0.5 * np.sin(13.0 * phase) + 0.3 * np.sin(29.3 * phase + 1.0) + 0.4 * np.sin(47.9 * phase + 2.0)
+    return SCROLL_STRENGTH * waves
+
+
+def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
+    """Return a mottling of the ground with mean 0 and spread 1, the same for the same shape: float32."""
+    from scipy.ndimage import gaussian_filter, zoom
+
+    random = np.random.default_rng(7)
+    total = np.zeros(shape, np.float32)
+    for size, weight in ((1, 0.6), (3, 0.8), (9, 0.6)):
+        coarse = (shape[0] // size + 4, shape[1] // size + 4)
+        layer = gaussian_filter(random.standard_normal(coarse).astype(np.float32), 0.8)
+        if size > 1:
+            layer = zoom(layer, size, order=1)
+        total += weight * layer[: shape[0], : shape[1]] / layer.std()
+    return (total - total.mean()) / total.std()
+
+
+# ---- histories
+
+
+def checked_record(history: Any, until: int | None) -> int:
+    """Return the index of a record, counted from the end where negative.
+
+    Raises:
+        ValueError: The history has no record of that index.
+    """
+    count = len(history.times)
+    if count == 0:
+        raise ValueError("the history holds no record; run the simulation first")
+    record = count - 1 if until is None else int(until)
+    if not -count <= record < count:
+        raise ValueError(f"until is {until}, but the history holds records 0 to {count - 1}")
+    return record % count
+
+
+def default_age_span(history: Any) -> float:
+    """Return the time in yr that a history spans, 1 for a single record."""
+    times = np.asarray(history.times, np.float64)
+    return float(times[-1] - times[0]) if times[-1] > times[0] else 1.0
+
+
+def history_bounds(history: Any, until: int) -> Window:
+    """Return (west, south, east, north) in m of all courses up to a record, widths included."""
+    boxes = []
+    for k in range(until + 1):
+        network = history.networks[k]
+        reach = 0.5 * float(np.max(network.channel_width))
+        west, south, east, north = network.bounds()
+        boxes.append((west - reach, south - reach, east + reach, north + reach))
+    west, south, east, north = zip(*boxes, strict=True)
+    return min(west), min(south), max(east), max(north)
