@@ -4,6 +4,7 @@ import functools
 from types import SimpleNamespace
 
 import warp as wp
+
 from warpriver.kernels import polyline
 
 wp.set_module_options({"enable_backward": False})
@@ -34,7 +35,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def bucket_mask(points: int) -> int:
-        """Number of buckets of a channel less one: a power of two, at most two buckets a point."""
+        """Number of buckets of a channel less one: a power of two, two to four buckets a point."""
         size = int(1)
         while size <= 2 * points:
             size = 2 * size
@@ -63,7 +64,7 @@ def build(scalar):
     ):
         """Link every point into its channel's grid cell that holds it; a cell is two cutoff distances wide.
 
-        Each channel has its own buckets, two a point from twice its first point on, so they lie close in memory.
+        Each channel has its own buckets, from four times its first point on, so that they lie close in memory.
         """
         channel_count = channel_form.shape[0]
         i = wp.tid() * chunk
@@ -99,6 +100,7 @@ def build(scalar):
         per_cell: scalar,
         radius: scalar,
         cutoff_distance: scalar,
+        min_arc: scalar,
     ) -> int:
         """First point from ``nearest`` on, up to the channel's end, that is closer to point i than the radius.
 
@@ -114,7 +116,10 @@ def build(scalar):
                 if j >= nearest and j < found:
                     reach = radius
                     if section:
-                        reach = HALF * cutoff_distance * (section[i][0] + section[j][0])
+                        width = HALF * (section[i][0] + section[j][0])
+                        reach = cutoff_distance * width
+                        if scalar(j - i) <= min_arc * width:
+                            reach = scalar(0.0)
                     if wp.length_sq(point[j] - here) < reach * reach:
                         found = j
                 j = point_next[j] - 1
@@ -143,7 +148,7 @@ def build(scalar):
     ):
         """First later point of the same channel closer than the cutoff distance, -1 if none: |p_i - p_j| < w.
 
-        Points less than ``cutoff_min_arc`` widths apart along the channel are neighbours [Howard1984]. Where points
+        Points no more than ``cutoff_min_arc`` widths apart along the channel are neighbours [Howard1984]. Where points
         were inserted in order (``ordered``: on the CPU), the lists descend, and most end before their first entry.
         """
         channel_count = channel_form.shape[0]
@@ -161,11 +166,15 @@ def build(scalar):
             mask = bucket_mask(last + 1 - first)
             form = channel_form[channel]
             radius = cutoff_distance * form[2]
-            apart = int(cutoff_min_arc * form[2] / channel_spacing[channel]) + 1
+            min_arc = cutoff_min_arc / channel_spacing[channel]
+            apart = int(min_arc * form[2]) + 1
             for j in range(i, stop):
+                if section_moved:
+                    # The other point may be narrower: its width is looked at where it is found.
+                    apart = int(HALF * min_arc * section_moved[j][0]) + 1
                 found = nearest_after(
                     point_moved, section_moved, point_next, bucket_head, first, mask, j, j + apart,
-                    ordered * (j + apart), last, HALF / radius, radius, cutoff_distance,
+                    ordered * (j + apart), last, HALF / radius, radius, cutoff_distance, min_arc,
                 )  # fmt: skip
                 if found > last:
                     found = -1

@@ -4,6 +4,7 @@ import functools
 from types import SimpleNamespace
 
 import warp as wp
+
 from warpriver.kernels import polyline
 
 wp.set_module_options({"enable_backward": False})
@@ -85,7 +86,7 @@ def build(scalar):
         if law.scale_local != 0:
             diffusivity = diffusivity * factor
         c = EIGHT_NINTHS * diffusivity * law.time_step / (spacing * spacing) - QUARTER
-        if c <= ZERO:
+        if not (c > ZERO):
             return ZERO
         return TWO * c / (ONE + TWO * c + wp.sqrt(ONE + FOUR * c))
 
@@ -129,6 +130,7 @@ def build(scalar):
         form: vec4,
         law: MigrationLaw,
         weight: vec3,
+        smoothing: vec2,
         first: int,
         last: int,
         begin: int,
@@ -137,7 +139,8 @@ def build(scalar):
     ):
         """Rates of the points begin .. stop - 1 of one channel, by one run down it from where the past has faded.
 
-        weight = (factor of the local term, factor of the upstream term, root r of the smoothing).
+        weight = (factor of the local term, factor of the upstream term, root r of the smoothing at the widest point);
+        smoothing = (spacing, sinuosity factor), from which r follows where the width varies.
         """
         r = weight[2]
         warm = warmup_start(point_xy, point_section, form, law.friction, first, begin)
@@ -165,6 +168,7 @@ def build(scalar):
             change = k0 - TWO * k1 + k2
             if point_section:
                 section = point_section[j]
+                r = smoothing_root(section[0], smoothing[0], smoothing[1], law)
             memory = TWO * law.friction / section[1]
             strength = law.migration_rate * section[0]
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
@@ -226,7 +230,8 @@ def build(scalar):
             if law.scale_upstream != 0:
                 upstream = upstream * factor
             weight = vec3(local, upstream, smoothing_root(form[2], spacing, factor, law))
-            sweep_rate(point_xy, point_section, form, law, weight, first, last, i, stop, point_rate_out)
+            smoothing = vec2(spacing, factor)
+            sweep_rate(point_xy, point_section, form, law, weight, smoothing, first, last, i, stop, point_rate_out)
             i = stop
             channel += 1
 
@@ -251,21 +256,28 @@ def build(scalar):
     @wp.func(module=name)
     def sweep_move(
         point_xy: wp.array[vec2],
+        point_section: wp.array[vec2],
         point_rate: wp.array[scalar],
         law: MigrationLaw,
         reach: vec3,
+        factor: scalar,
         first: int,
         last: int,
         begin: int,
         stop: int,
         point_moved_out: wp.array[vec2],
     ):
-        """Move the points begin .. stop - 1 of one channel, running up it; reach = (r, spacing, damped length)."""
+        """Move the points begin .. stop - 1 of one channel, running up it.
+
+        reach = (root r of the smoothing at the widest point, spacing, damped length); factor is that of sinuosity.
+        """
         r = reach[0]
         smoothed = scalar(0.0)
         top = wp.min(last, stop - 1 + smoothing_reach(r))
         for k in range(0, top - begin + 1):
             j = top - k
+            if point_section:
+                r = smoothing_root(point_section[j][0], reach[1], factor, law)
             smoothed = (ONE - r) * point_rate[j] + r * smoothed
             if j == last:
                 smoothed = ZERO
@@ -281,6 +293,7 @@ def build(scalar):
     def move_points(
         # network
         point_xy: wp.array[vec2],
+        point_section: wp.array[vec2],
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
@@ -310,7 +323,9 @@ def build(scalar):
                 factor = sinuosity_factor(point_xy, first, last, spacing)
             r = smoothing_root(form[2], spacing, factor, law)
             reach = vec3(r, spacing, law.end_damping * form[0])
-            sweep_move(point_xy, point_rate, law, reach, first, last, i, stop, point_moved_out)
+            sweep_move(
+                point_xy, point_section, point_rate, law, reach, factor, first, last, i, stop, point_moved_out
+            )  # fmt: skip
             i = stop
             channel += 1
 

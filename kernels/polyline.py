@@ -18,6 +18,7 @@ def build(scalar):
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     vec2 = wp.types.vector(2, scalar)
     ZERO, TWO, THREE = scalar(0.0), scalar(2.0), scalar(3.0)
+    TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
 
     @wp.func(module=name)
     def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
@@ -53,7 +54,7 @@ def build(scalar):
     def central_tangent(a: vec2, b: vec2, la: scalar, lb: scalar) -> vec2:
         """First derivative by arc length where segments a and b meet (three points, uneven spacing)."""
         if la == ZERO or lb == ZERO:
-            return (a + b) / wp.max(la + lb, scalar(1.0e-30))
+            return (a + b) / wp.max(la + lb, TINY)
         return (a * (lb / la) + b * (la / lb)) / (la + lb)
 
     @wp.func(module=name)

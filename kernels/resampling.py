@@ -4,6 +4,7 @@ import functools
 from types import SimpleNamespace
 
 import warp as wp
+
 from warpriver.kernels import polyline
 
 wp.set_module_options({"enable_backward": False})
@@ -21,7 +22,7 @@ def build(scalar):
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     FAULT_NOT_FINITE = 1
-    HALF_64 = wp.float64(0.5)
+    ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_chunks(
@@ -87,7 +88,7 @@ def build(scalar):
         head = arc_at(point_arc, chunk_offset, chunk, channel_start[channel])
         foot = arc_at(point_arc, chunk_offset, chunk, channel_start[channel + 1] - 1)
         length = foot - head
-        if not wp.isfinite(length):
+        if not (length > ZERO_64 and wp.isfinite(length)):
             # Nothing of this step is taken over, so that the state before the fault can still be looked at.
             wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
             channel_samples_out[channel] = 0

@@ -108,9 +108,9 @@ def migration_rate(xy, spacing, width, depth, law):
     return local * strength * (curvature - change / 12.0) + gamma * upstream
 
 
-def implicit_share(xy, spacing, widest, law):
+def implicit_share(xy, spacing, width, law):
     """Factor c of (I - c d2): the least that keeps 1 - (16/3) b / (1 + 4 c) at or above -1/2, b = D dt / h^2."""
-    diffusivity = -law.local_weight * law.migration_rate * widest
+    diffusivity = -law.local_weight * law.migration_rate * width
     if law.scale_local:
         diffusivity *= sinuosity_factor(xy, spacing)
     b = diffusivity * law.time_step / spacing**2
@@ -125,11 +125,16 @@ def recurrence_root(c):
     return float(np.min(roots.real))
 
 
+def point_roots(xy, spacing, width, law):
+    """Root of each point, by its own width: (n,)."""
+    return np.array([recurrence_root(implicit_share(xy, spacing, w, law)) for w in np.broadcast_to(width, len(xy))])
+
+
 def fading_sum(value, r):
-    """u_i = (1 - r) v_i + r u_(i - 1) from u_0 = 0: the first half of the smoothing, (n,)."""
-    u = np.zeros(len(value))
+    """u_i = (1 - r_i) v_i + r_i u_(i - 1) from u_0 = 0: the first half of the smoothing, (n,)."""
+    u, r = np.zeros(len(value)), np.broadcast_to(r, len(value))
     for i in range(1, len(value)):
-        u[i] = (1.0 - r) * value[i] + r * u[i - 1]
+        u[i] = (1.0 - r[i]) * value[i] + r[i] * u[i - 1]
     return u
 
 
@@ -156,10 +161,10 @@ def right_normals(xy):
     return np.divide(right, size, out=np.zeros_like(right), where=size > 0.0)
 
 
-def move_points(xy, rate, spacing, mean_width, widest, law):
+def move_points(xy, rate, spacing, mean_width, width, law):
     """Points after one step, from rates that are smoothed downstream already: p + n mu e dt, both ends held."""
-    r = recurrence_root(implicit_share(xy, spacing, widest, law))
-    speed = fading_sum(rate[::-1], r)[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width)
+    r = point_roots(xy, spacing, width, law)
+    speed = fading_sum(rate[::-1], r[::-1])[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width)
     moved = xy.copy()
     moved[1:-1] += right_normals(xy) * (speed[1:-1] * law.time_step)[:, None]
     return moved
@@ -175,12 +180,12 @@ def find_necks(xy, spacing, reach, min_arc):
         xy: (n, 2) points.
         spacing: Distance of neighbours along the channel before the move, m.
         reach: (n, n) distance in m below which two points join.
-        min_arc: Points no farther apart along the channel than this, in m, never join.
+        min_arc: (n, n) distance in m; points no farther apart along the channel than this never join.
     """
     neck = np.full(len(xy), -1)
     for i in range(len(xy)):
         for j in range(i + 1, len(xy)):
-            if (j - i) * spacing > min_arc and np.hypot(*(xy[j] - xy[i])) < reach[i, j]:
+            if (j - i) * spacing > min_arc[i, j] and np.hypot(*(xy[j] - xy[i])) < reach[i, j]:
                 neck[i] = j
                 break
     return neck

@@ -182,6 +182,13 @@ def test_spacing_wider_than_a_channel_is_refused():
         Simulation(wandering(width=20.0))
 
 
+def test_a_ring_is_refused():
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    ring = 800.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    with pytest.raises(ValueError, match="channel 0: its ends coincide"):
+        Simulation(RiverNetwork.from_polylines([ring], width=50.0))
+
+
 def test_schedules():
     sim = Simulation(wandering())
     seen = []

@@ -208,8 +208,8 @@ def test_bends_converge_with_the_time_step(scaling):
 
 # How much faster than in theory anything may grow in steps of ``stable_dt``: measured 1.00 to 1.10 (coarse grids).
 OUTGROWTH = 1.15
-# Waves below half the neutral one decay. In steps of so many ``stable_dt`` one of them grows: measured 12 to 37 by grid,
-# on some not within 100. So for small waves stable_dt is honest by a factor of ten.
+# Waves below half the neutral one decay. In steps of so many ``stable_dt`` one of them grows: measured 12 to 37 by the
+# grid, on some not within 100. So for small waves stable_dt is honest by a factor of ten.
 SMALL_WAVE_MARGIN = 10.0
 # Tight bends set the limit. Of the states of 300 yr, taken every 5 yr, measured, by their parts that cross themselves:
 # in steps of 1/2 stable_dt none, of 1 at most 0.8 %, of 2 2 to 23 %, of 4 33 to 62 % (spacing a quarter of the width);

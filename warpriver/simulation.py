@@ -98,10 +98,11 @@ class Simulation:
             capture: Record the step once and replay it, where the device allows; same results, less overhead.
 
         Raises:
-            ValueError: The spacing exceeds a channel's width, or the time step is out of all proportion.
+            ValueError: The spacing exceeds a channel's width, a channel is a ring, or the time step is out of all
+                proportion.
         """
         self.params = params if params is not None else MeanderParams()
-        self._check_spacing(network)
+        self._check_network(network)
         self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture)
         self._resample_start()
         self._record_step()
@@ -249,7 +250,12 @@ class Simulation:
 
     # ---- inside
 
-    def _check_spacing(self, network: RiverNetwork) -> None:
+    def _check_network(self, network: RiverNetwork) -> None:
+        ring = network.channel_from == network.channel_to
+        if ring.any():
+            raise ValueError(
+                f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
+            )
         narrow = [float(w.min()) for w in network.point_widths()]
         c = int(np.argmin(narrow))
         if self.params.spacing > narrow[c]:

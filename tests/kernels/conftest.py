@@ -1,12 +1,7 @@
-"""Makes the twins in ``tests/reference.py`` importable, and gives every kernel test the devices of the machine."""
-
-import sys
-from pathlib import Path
+"""Gives every kernel test the devices of the machine, and both precisions."""
 
 import pytest
 import warp as wp
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 
 @pytest.fixture(params=[device.alias for device in wp.get_devices()])

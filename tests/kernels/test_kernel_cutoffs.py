@@ -19,6 +19,7 @@ from kernel_arrays import (
     to_device,
     unwritten,
 )
+
 from warpriver.kernels import cutoffs
 
 SPACING = 10.0
@@ -96,8 +97,8 @@ class Case:
         necks = []
         for c, xy in enumerate(self.lines):
             width = np.full(len(xy), self.width[c]) if self.sections is None else self.sections[c][:, 0]
-            reach = self.cutoff * 0.5 * (width[:, None] + width)
-            necks.append(reference.find_necks(xy, SPACING, reach, self.min_arc * self.width[c]))
+            mean = 0.5 * (width[:, None] + width)
+            necks.append(reference.find_necks(xy, SPACING, self.cutoff * mean, self.min_arc * mean))
         return necks
 
     def packed_necks(self, necks, chunk):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from kernel_arrays import CHUNKS, REALS, SCALARS, chunk_count, forms, nested, split, starts_of, to_device, unwritten
 from reference import Law
 from scipy.integrate import quad
-from warpriver.kernels import migration
 
+from warpriver.kernels import migration
 from warpriver.meander import migration as launcher
 from warpriver.meander.buffers import StepBuffers
 from warpriver.network import RiverNetwork
@@ -117,7 +117,7 @@ class Case:
         beyond = np.full(self.capacity - self.count, np.nan)
         rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
-        inputs = [self.point_xy, self.channel_start, self.form, self.channel_spacing]
+        inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
         inputs += [device_law(self.kernel, law), chunk, rate]
         threads = chunk_count(self.capacity, chunk)
         wp.launch(self.kernel.move_points, dim=threads, inputs=inputs, outputs=[out], device=self.device)
@@ -233,7 +233,9 @@ def test_rates_match_the_double_sum_for_every_chunk_size(device, scales):
     case = Case(lines, width=width, depth=depth, device=device)
     expected = twin_rates(lines, law, width, depth)
     for chunk in CHUNKS:
-        assert_rates(case.rates(law, chunk), expected, SUM_TOLERANCE)
+        rates = case.rates(law, chunk)
+        assert_rates(rates, expected, SUM_TOLERANCE)
+        assert all(rate[0] == 0.0 for rate in rates), "the reach above a head counts as straight"
 
 
 def test_rates_with_sections_that_vary_along_the_channel(device):
@@ -506,6 +508,24 @@ def test_a_kink_alternating_from_point_to_point_halves_and_turns():
         assert moved[middle, 1] / small[middle] == pytest.approx(-0.5, abs=1e-6)
 
 
+def test_smoothing_goes_by_the_width_of_each_point(device):
+    """A narrow reach is not smoothed as its wide neighbour asks for."""
+    lines = stacked_lines(seed=21)
+    sections = varying_sections(lines)
+    law = Law(time_step=0.6)
+    expected = [
+        reference.fading_sum(
+            reference.migration_rate(xy, 50.0, section[:, 0], section[:, 1], law),
+            reference.point_roots(xy, 50.0, section[:, 0], law),
+        )
+        for xy, section in zip(lines, sections, strict=True)
+    ]
+    assert any(reference.point_roots(xy, 50.0, s[:, 0], law).any() for xy, s in zip(lines, sections, strict=True))
+    case = Case(lines, sections=sections, device=device)
+    for chunk in CHUNKS:
+        assert_rates(case.rates(law, chunk), expected, SUM_TOLERANCE)
+
+
 # ---- the move
 
 
@@ -513,12 +533,12 @@ def test_moves_match_the_twin_for_every_chunk_size(device):
     rng = np.random.default_rng(0)
     lines = stacked_lines(seed=12)
     sections = varying_sections(lines)
-    mean_width, _, widest = channel_means(sections)
+    mean_width = channel_means(sections)[0]
     rates = [rng.normal(0.0, 10.0, len(xy)) for xy in lines]
     case = Case(lines, sections=sections, device=device)
     for law in (Law(time_step=SHORT_STEP), Law(time_step=0.4), Law(time_step=0.4, scale_local=1), NO_DAMPING):
         twins = [
-            reference.move_points(xy, rate, 50.0, mean_width[c], widest[c], law)
+            reference.move_points(xy, rate, 50.0, mean_width[c], sections[c][:, 0], law)
             for c, (xy, rate) in enumerate(zip(lines, rates, strict=True))
         ]
         for chunk in CHUNKS:

@@ -10,6 +10,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_arrays import CHUNKS, SCALARS, chunk_count, forms, split, starts_of, to_device, unwritten
+
 from warpriver.kernels import polyline, resampling
 
 # Sums of some hundred chords of kilometres: 1e-13 of them; the positions are polynomials of the same numbers.

@@ -21,10 +21,11 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
     Two limits, each measured in the tests against what a step really does:
 
     - the upstream term is explicit: a wave that it carries downstream must not outgrow the local term's diffusion,
-      dt <= 1 / (D gamma^2 alpha^2), half the bound of the linear theory (D = k w |omega|, alpha = 2 f / d);
+      dt <= 1 / (D gamma^2 alpha^2), half the bound of an explicit step (D = k w |omega|, alpha = 2 f / d);
     - a bend as tight as its width must move by less than its width: dt <= w / (k max(|omega|, gamma - |omega|)).
 
-    The diffusion of the local term sets no limit: what of it would be unstable is treated implicitly.
+    The diffusion of the local term sets no limit: what of it would be unstable is treated implicitly. Small waves stay
+    true up to 12 times this step and more; tight bends begin to cross themselves at twice it.
 
     Args:
         width: Channel width in m, a number or an array.
@@ -95,7 +96,8 @@ def migrate(network: RiverNetwork, form: wp.array, spacing: wp.array, law: Any, 
         kernel.move_points,
         dim=buffers.chunk_count,
         inputs=[
-            network.point_xy, network.channel_start, form, spacing, law, buffers.chunk, buffers.point_rate,
+            network.point_xy, network.point_section, network.channel_start, form, spacing, law, buffers.chunk,
+            buffers.point_rate,
         ],
         outputs=[buffers.point_moved],
         device=network.device,
