@@ -86,8 +86,7 @@ def kinoshita(
     _spacing(spacing, wavelength, "wavelength")
     if not (math.isfinite(angle) and angle >= 0.0 and math.isfinite(skewness) and math.isfinite(flatness)):
         raise ValueError(
-            f"angle is {angle}, skewness {skewness}, flatness {flatness}; "
-            "give finite numbers, the angle 0 or more."
+            f"angle is {angle}, skewness {skewness}, flatness {flatness}; give finite numbers, the angle 0 or more."
         )
 
     def direction(phase: FloatArray) -> FloatArray:

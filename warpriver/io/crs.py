@@ -170,14 +170,12 @@ def _ground_scale(pyproj: Any, system: Any, xy: np.ndarray) -> float:
     return scales[int(np.abs(np.array(scales) - 1.0).argmax())]
 
 
-
 def _same_crs(a: str | None, b: str | None) -> bool:
     """Tell whether two CRS, as :func:`crs_text` gives them, are the same."""
     pyproj = pyproj_or_none()
     if a == b or a is None or b is None or pyproj is None:
         return a == b
     return bool(pyproj.CRS(a).equals(pyproj.CRS(b), ignore_axis_order=True))
-
 
 
 def _packed(lines: list[Line]) -> np.ndarray:
