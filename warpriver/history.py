@@ -22,7 +22,7 @@ import numpy as np
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 
-__all__ = ["Cutoff", "History", "Record", "StopReason"]
+__all__ = ["Collision", "Cutoff", "History", "Record", "StopReason"]
 
 FORMAT = "warpriver-run-1"
 HEADER = "run.json"
@@ -75,6 +75,35 @@ class Cutoff:
 
 
 @dataclasses.dataclass(frozen=True)
+class Collision:
+    """Two channels that touched and were joined there [Paris2023, Sec. 6.2].
+
+    Attributes:
+        time: yr.
+        kind: "upstream" (two tributaries meet above their junction), "downstream" (a tributary meets, below their
+            junction, the channel that it flows into) or "disconnected".
+        channel: Identity of the channel that gave way.
+        other: Identity of the channel that kept its course.
+        width: Bankfull width of the channel that gave way, m.
+        xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order; pieces of several channels lie one
+            after the other, cut by ``start``.
+        start: (k + 1,) int64 offsets of the pieces in ``xy``.
+    """
+
+    time: float
+    kind: str
+    channel: int
+    other: int
+    width: float
+    xy: np.ndarray
+    start: np.ndarray
+
+    def pieces(self) -> list[np.ndarray]:
+        """Return the abandoned pieces, each an (n, 2) line."""
+        return np.split(self.xy, self.start[1:-1])
+
+
+@dataclasses.dataclass(frozen=True)
 class Record:
     """The state of a network at one time, in the precision of the device, so that a run can go on from it.
 
@@ -82,17 +111,22 @@ class Record:
         step: Number of steps done.
         time: yr.
         cutoffs_before: Number of cutoffs up to this time.
+        collisions_before: Number of collisions up to this time.
         point_xy: (P, 2) m, relative to ``origin``.
         point_section: (P, 2) width and depth in m, or None where they are constant along each channel.
         channel_start: (C + 1,) int32.
         channel_spacing: (C,) m.
         channel_width, channel_depth: (C,) m.
         channel_discharge: (C,) m3/s.
+        channel_drainage_area: (C,) m2, or None where it is not known.
+        channel_id, channel_from, channel_to: (C,) identity, node above and node below.
+        node_xy: (N, 2) m, absolute.
     """
 
     step: int
     time: float
     cutoffs_before: int
+    collisions_before: int
     point_xy: np.ndarray
     point_section: np.ndarray | None
     channel_start: np.ndarray
@@ -100,6 +134,11 @@ class Record:
     channel_width: np.ndarray
     channel_depth: np.ndarray
     channel_discharge: np.ndarray
+    channel_drainage_area: np.ndarray | None
+    channel_id: np.ndarray
+    channel_from: np.ndarray
+    channel_to: np.ndarray
+    node_xy: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -109,7 +148,7 @@ class Record:
 
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
-    "channel_discharge",
+    "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
 )  # fmt: skip
 
 
@@ -139,6 +178,7 @@ class History:
         crs: Coordinate reference system or None.
         dtype: Precision of the run.
         cutoffs: List of :class:`Cutoff`, in order of time.
+        collisions: List of :class:`Collision`, in order of time.
         stop_reason: Why the last run ended, or None while it has not.
         path: Folder that the run is streamed to, or None.
     """
@@ -159,6 +199,7 @@ class History:
         self.crs = crs
         self.dtype = dtype
         self.cutoffs: list[Cutoff] = []
+        self.collisions: list[Collision] = []
         self.stop_reason: StopReason | None = None
         self.path: Path | None = None
         self._times: list[float] = []
@@ -167,6 +208,7 @@ class History:
         self._records: list[Record | tuple[Path, int]] = []
         self._pending: list[int] = []
         self._cutoffs_stored = 0
+        self._collisions_stored = 0
         self._segments = 0
         self._flushed = time.monotonic()
         self._cache: tuple[Path, list[Record]] | None = None
@@ -210,6 +252,9 @@ class History:
             channel_width=record.channel_width,
             channel_depth=record.channel_depth,
             channel_discharge=record.channel_discharge,
+            channel_drainage_area=record.channel_drainage_area,
+            channel_id=record.channel_id,
+            channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
             point_section=record.point_section,
             origin=self.origin,
             crs=self.crs,
@@ -227,7 +272,7 @@ class History:
         where = f", stored in {self.path}" if self.path else ""
         return (
             f"History({len(self)} records, {self._times[0]:.4g} to {self._times[-1]:.4g} yr, "
-            f"{len(self.cutoffs)} cutoffs, {reason}{where})"
+            f"{len(self.cutoffs)} cutoffs, {len(self.collisions)} collisions, {reason}{where})"
         )
 
     # ---- writing
@@ -263,7 +308,7 @@ class History:
         self._pending = list(range(len(self._records)))
         if self.path is not None:  # stored elsewhere so far: bring the records along
             self._records = [self.record(k) for k in range(len(self._records))]
-        self._cutoffs_stored = self._segments = 0
+        self._cutoffs_stored = self._collisions_stored = self._segments = 0
         self.path = folder
         self._write_header()
         self.flush()
@@ -274,14 +319,16 @@ class History:
             return
         self._flushed = time.monotonic()
         cutoffs = self.cutoffs[self._cutoffs_stored :]
-        if not self._pending and not cutoffs:
+        collisions = self.collisions[self._collisions_stored :]
+        if not self._pending and not cutoffs and not collisions:
             return
         target = self.path / f"segment_{self._segments:06d}.npz"
-        _write_segment(target, [self.record(k) for k in self._pending], cutoffs)
+        _write_segment(target, [self.record(k) for k in self._pending], cutoffs, collisions)
         for row, k in enumerate(self._pending):
             self._records[k] = (target, row)
         self._pending = []
         self._cutoffs_stored = len(self.cutoffs)
+        self._collisions_stored = len(self.collisions)
         self._segments += 1
 
     def close(self, reason: StopReason) -> None:
@@ -301,10 +348,11 @@ class History:
         target = Path(path)
         if target.suffix == ".npz":
             records = [self.record(k) for k in range(len(self))]
-            _write_segment(target, records, self.cutoffs, header=self._header())
+            _write_segment(target, records, self.cutoffs, self.collisions, header=self._header())
             return
         copy = History(self.params, seed=self.seed, origin=self.origin, crs=self.crs, dtype=self.dtype)
         copy.cutoffs = list(self.cutoffs)
+        copy.collisions = list(self.collisions)
         for k in range(len(self)):
             copy.append(self.record(k))
         copy.stop_reason = self.stop_reason
@@ -322,9 +370,9 @@ class History:
         if not source.exists():
             raise FileNotFoundError(f"no run at {source}")
         if source.is_file():
-            records, cutoffs, header = _read_segment(source)
+            records, cutoffs, collisions, header = _read_segment(source)
             history = cls._from_header(header, source)
-            history.cutoffs = cutoffs
+            history.cutoffs, history.collisions = cutoffs, collisions
             for record in records:
                 history.append(record)
             return history
@@ -333,14 +381,16 @@ class History:
             raise ValueError(f"{source} is not a run: it has no {HEADER}")
         history = cls._from_header(header_file.read_text(), source)
         for segment in sorted(source.glob("segment_*.npz")):
-            records, cutoffs, _ = _read_segment(segment)
+            records, cutoffs, collisions, _ = _read_segment(segment)
             history.cutoffs += cutoffs
+            history.collisions += collisions
             for row, record in enumerate(records):
                 history.append(record)
                 history._records[-1] = (segment, row)
         history.path = source
         history._segments = len(list(source.glob("segment_*.npz")))
         history._cutoffs_stored = len(history.cutoffs)
+        history._collisions_stored = len(history.collisions)
         return history
 
     def _header(self) -> str:
@@ -382,18 +432,32 @@ class History:
 
 
 def _write_segment(
-    target: Path, records: Sequence[Record], cutoffs: Sequence[Cutoff], header: str | None = None
+    target: Path,
+    records: Sequence[Record],
+    cutoffs: Sequence[Cutoff],
+    collisions: Sequence[Collision],
+    header: str | None = None,
 ) -> None:
-    """Write records and cutoffs as one archive, under another name first."""
+    """Write records and events as one archive, under another name first."""
     arrays: dict[str, Any] = {
         "record_step": np.array([r.step for r in records], np.int64),
         "record_time": np.array([r.time for r in records], np.float64),
         "record_cutoffs": np.array([r.cutoffs_before for r in records], np.int64),
+        "record_collisions": np.array([r.collisions_before for r in records], np.int64),
         "cutoff_time": np.array([c.time for c in cutoffs], np.float64),
         "cutoff_channel": np.array([c.channel for c in cutoffs], np.int64),
         "cutoff_width": np.array([c.width for c in cutoffs], np.float64),
         "cutoff_start": np.cumsum([0] + [len(c.xy) for c in cutoffs]),
         "cutoff_xy": np.concatenate([c.xy for c in cutoffs]) if cutoffs else np.zeros((0, 2)),
+        "collision_time": np.array([c.time for c in collisions], np.float64),
+        "collision_kind": np.array([c.kind for c in collisions], "U16"),
+        "collision_channel": np.array([c.channel for c in collisions], np.int64),
+        "collision_other": np.array([c.other for c in collisions], np.int64),
+        "collision_width": np.array([c.width for c in collisions], np.float64),
+        "collision_start": np.cumsum([0] + [len(c.xy) for c in collisions]),
+        "collision_xy": np.concatenate([c.xy for c in collisions]) if collisions else np.zeros((0, 2)),
+        "collision_pieces_start": np.cumsum([0] + [len(c.start) for c in collisions]),
+        "collision_pieces": np.concatenate([c.start for c in collisions]) if collisions else np.zeros(0, np.int64),
     }
     for name in RECORD_ARRAYS:
         parts = [getattr(r, name) for r in records]
@@ -413,7 +477,7 @@ def _write_segment(
         raise OSError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
 
 
-def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], str | None]:
+def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], list[Collision], str | None]:
     """Read one archive back."""
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -423,7 +487,7 @@ def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], str | None]:
         raise ValueError(f"{path} is not a warpriver run or is damaged ({error})") from error
 
 
-def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cutoff], str | None]:
+def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cutoff], list[Collision], str | None]:
     def split(name: str) -> Iterator[np.ndarray | None]:
         if name not in data:
             return iter([None] * len(data["record_step"]))
@@ -431,9 +495,14 @@ def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cut
 
     columns = [split(name) for name in RECORD_ARRAYS]
     records = [
-        Record(int(step), float(at), int(before), *arrays)
-        for step, at, before, *arrays in zip(
-            data["record_step"], data["record_time"], data["record_cutoffs"], *columns, strict=True
+        Record(int(step), float(at), int(cutoffs_before), int(collisions_before), *arrays)
+        for step, at, cutoffs_before, collisions_before, *arrays in zip(
+            data["record_step"],
+            data["record_time"],
+            data["record_cutoffs"],
+            data["record_collisions"],
+            *columns,
+            strict=True,
         )
     ]
     loops = np.split(data["cutoff_xy"], data["cutoff_start"][1:-1]) if len(data["cutoff_time"]) else []
@@ -443,5 +512,19 @@ def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cut
             data["cutoff_time"], data["cutoff_channel"], data["cutoff_width"], loops, strict=True
         )
     ]
+    names = ("time", "kind", "channel", "other", "width")
+    collisions = (
+        [
+            Collision(float(at), str(kind), int(channel), int(other), float(width), xy, start)
+            for at, kind, channel, other, width, xy, start in zip(
+                *(data[f"collision_{name}"] for name in names),
+                np.split(data["collision_xy"], data["collision_start"][1:-1]),
+                np.split(data["collision_pieces"], data["collision_pieces_start"][1:-1]),
+                strict=True,
+            )
+        ]
+        if len(data["collision_time"])
+        else []
+    )
     header = str(data["header"]) if "header" in data else None
-    return records, cutoffs, header
+    return records, cutoffs, collisions, header

@@ -51,7 +51,9 @@ class RiverNetwork:
     Attributes:
         channel_width: (C,) float64, bankfull width in m (the mean, where it varies along the channel).
         channel_depth: (C,) float64, bankfull depth in m.
-        channel_discharge: (C,) float64, bankfull discharge in m3/s.
+        channel_discharge: (C,) float64, bankfull discharge in m3/s at the downstream end.
+        channel_drainage_area: (C,) float64, drainage area in m2 at the downstream end, or None where it is not known.
+        channel_id: (C,) int64, identity that a channel keeps when others come and go.
         channel_from: (C,) int32, node at the upstream end.
         channel_to: (C,) int32, node at the downstream end.
         node_xy: (N, 2) float64, node positions in m, absolute.
@@ -73,6 +75,9 @@ class RiverNetwork:
         channel_width: np.ndarray,
         channel_depth: np.ndarray,
         channel_discharge: np.ndarray,
+        channel_drainage_area: np.ndarray | None = None,
+        channel_id: np.ndarray | None = None,
+        channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
         point_section: np.ndarray | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
@@ -87,6 +92,9 @@ class RiverNetwork:
             channel_width: (C,) m.
             channel_depth: (C,) m.
             channel_discharge: (C,) m3/s.
+            channel_drainage_area: (C,) m2, or None where it is not known.
+            channel_id: (C,) identities; by default the indices.
+            channel_nodes: (from, to, node_xy); by default ends that coincide are one node.
             point_section: (P, 2) width and depth at each point in m, or None.
             origin: Absolute position of the points' zero, m.
             crs: Coordinate reference system.
@@ -100,17 +108,26 @@ class RiverNetwork:
         self.device = resolve_device(device)
         self.origin = np.array(origin, np.float64)
         self.crs = crs
-        self.channel_width = np.array(channel_width, np.float64)
-        self.channel_depth = np.array(channel_depth, np.float64)
-        self.channel_discharge = np.array(channel_discharge, np.float64)
+        self.channel_start: wp.array
+        self.channel_drainage_area: np.ndarray | None = None
         start = np.array(channel_start, np.int32)
-        self.point_count = int(start[-1])
-        self.channel_start: wp.array = wp.array(start, dtype=wp.int32, device=self.device)
+        if channel_nodes is None:
+            tolerance = NODE_TOLERANCE * float(np.min(channel_width))
+            channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, tolerance, self.origin)
+        count = len(channel_width)
+        self.replace_channels(
+            start,
+            channel_width=channel_width,
+            channel_depth=channel_depth,
+            channel_discharge=channel_discharge,
+            channel_drainage_area=channel_drainage_area,
+            channel_id=np.arange(count) if channel_id is None else channel_id,
+            channel_nodes=channel_nodes,
+        )
         self.point_xy: wp.array = wp.array(np.asarray(point_xy, real), dtype=vec2, device=self.device)
         self.point_section: wp.array | None = None
         if point_section is not None:
             self.point_section = wp.array(np.asarray(point_section, real), dtype=vec2, device=self.device)
-        self._connect(np.asarray(point_xy, np.float64), start)
 
     @classmethod
     def from_polylines(
@@ -120,6 +137,7 @@ class RiverNetwork:
         depth: Any = None,
         discharge: Any = None,
         *,
+        drainage_area: Any = None,
         crs: str | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
@@ -131,6 +149,7 @@ class RiverNetwork:
             width: Bankfull width in m: one number, one number a channel, or one (n,) array a channel where it varies.
             depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
+            drainage_area: Drainage area in m2 at the downstream end, one number a channel, where it is known.
             crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
             device: Warp device name, "cpu" or "cuda:0".
@@ -169,12 +188,16 @@ class RiverNetwork:
         flow = bankfull_discharge(channel_width)
         if discharge is not None:
             flow = np.array([q[0] for q in _per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
+        if drainage_area is not None:
+            area = _per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
+            drainage_area = np.array([a[0] for a in area])
         return cls(
             packed - origin,
             np.concatenate([[0], np.cumsum(counts)]),
             channel_width=channel_width,
             channel_depth=np.array([_mean(d) for d in point_depth]),
             channel_discharge=flow,
+            channel_drainage_area=drainage_area,
             point_section=section,
             origin=origin,
             crs=crs,
@@ -191,6 +214,44 @@ class RiverNetwork:
     def node_count(self) -> int:
         """Number of nodes."""
         return len(self.node_xy)
+
+    def replace_channels(
+        self,
+        channel_start: np.ndarray,
+        *,
+        channel_width: np.ndarray,
+        channel_depth: np.ndarray,
+        channel_discharge: np.ndarray,
+        channel_drainage_area: np.ndarray | None,
+        channel_id: np.ndarray,
+        channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> None:
+        """Replace what belongs to whole channels; the caller brings the points into the same order.
+
+        Args:
+            channel_start: (C + 1,) offsets into the points.
+            channel_width: (C,) m.
+            channel_depth: (C,) m.
+            channel_discharge: (C,) m3/s.
+            channel_drainage_area: (C,) m2 or None.
+            channel_id: (C,) identities.
+            channel_nodes: (from, to, node_xy), node_xy in m, absolute.
+        """
+        start = np.array(channel_start, np.int32)
+        self.point_count = int(start[-1])
+        self.channel_start = wp.array(start, dtype=wp.int32, device=self.device)
+        self.channel_width = np.array(channel_width, np.float64)
+        self.channel_depth = np.array(channel_depth, np.float64)
+        self.channel_discharge = np.array(channel_discharge, np.float64)
+        area = channel_drainage_area
+        self.channel_drainage_area = None if area is None else np.array(area, np.float64)
+        self.channel_id = np.array(channel_id, np.int64)
+        self.channel_from, self.channel_to = (np.array(n, np.int32) for n in channel_nodes[:2])
+        self.node_xy = np.array(channel_nodes[2], np.float64)
+
+    def channel_flow(self) -> np.ndarray:
+        """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
+        return self.channel_discharge if self.channel_drainage_area is None else self.channel_drainage_area
 
     def starts(self) -> np.ndarray:
         """Return ``channel_start`` as a host array, (C + 1,) int32."""
@@ -243,6 +304,9 @@ class RiverNetwork:
             channel_width=self.channel_width,
             channel_depth=self.channel_depth,
             channel_discharge=self.channel_discharge,
+            channel_drainage_area=self.channel_drainage_area,
+            channel_id=self.channel_id,
+            channel_nodes=(self.channel_from, self.channel_to, self.node_xy),
             point_section=section,
             origin=self.origin,
             crs=self.crs,
@@ -260,23 +324,23 @@ class RiverNetwork:
             f"{length:.4g} km, width {span} m,{varying} crs={self.crs}, {self.dtype} on {self.device.alias})"
         )
 
-    def _connect(self, xy: np.ndarray, start: np.ndarray) -> None:
-        """Find the nodes: channel ends that coincide (within a part of the width) are one node."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-        from scipy.spatial import cKDTree
 
-        count = self.channel_count
-        ends = np.concatenate([xy[start[:-1]], xy[start[1:] - 1]])
-        tolerance = NODE_TOLERANCE * float(self.channel_width.min())
-        pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
-        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
-        node_count, label = connected_components(graph, directed=False)
-        first = np.full(node_count, 2 * count, np.int64)
-        np.minimum.at(first, label, np.arange(2 * count))
-        self.node_xy = ends[first] + self.origin
-        self.channel_from = label[:count].astype(np.int32)
-        self.channel_to = label[count:].astype(np.int32)
+def _find_nodes(
+    xy: np.ndarray, start: np.ndarray, tolerance: float, origin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes above and below each channel, and their positions: channel ends within ``tolerance`` m are one node."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    count = len(start) - 1
+    ends = np.concatenate([xy[start[:-1]], xy[start[1:] - 1]])
+    pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
+    node_count, label = connected_components(graph, directed=False)
+    first = np.full(node_count, 2 * count, np.int64)
+    np.minimum.at(first, label, np.arange(2 * count))
+    return label[:count], label[count:], ends[first] + origin
 
 
 def _mean(values: np.ndarray) -> float:

@@ -157,6 +157,21 @@ class MeanderParams:
         doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
     )
 
+    collision_distance: float = parameter(
+        1.0,
+        "mean widths",
+        low=0.0,
+        source="Paris2023",
+        doc="two channels closer than this join where they touch; 0: never",
+    )
+    junction_reach: float = parameter(
+        10.0,
+        "widths",
+        low=0.0,
+        source="warpriver",
+        doc="two points that lie together within this arc of a node that their channels share never collide",
+    )
+
     def __post_init__(self) -> None:
         check_ranges(self)
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:

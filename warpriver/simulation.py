@@ -15,12 +15,21 @@ import numpy as np
 import warp as wp
 
 from warpriver import progress as progress_bar
-from warpriver.history import Cutoff, History, Record, StopReason
+from warpriver.history import Collision, Cutoff, History, Record, StopReason
 from warpriver.meander import checks
 from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, StepBuffers
+from warpriver.meander.collisions import (
+    collision_law,
+    find_contacts,
+    gather_points,
+    gathered_nodes,
+    join_channels,
+    list_contacts,
+)
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law, stable_dt
 from warpriver.meander.resampling import resample
+from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
 
@@ -28,6 +37,8 @@ __all__ = ["Every", "Simulation"]
 
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
+# Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
+COLLISION_ROUNDS = 8
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
 
@@ -75,6 +86,13 @@ class Simulation:
         check: True: every phase of every step is checked.
     """
 
+    network: RiverNetwork
+    params: MeanderParams
+    history: History
+    buffers: StepBuffers
+    _law: Any
+    _edited: bool
+
     def __init__(
         self,
         network: RiverNetwork,
@@ -98,8 +116,8 @@ class Simulation:
             capture: Record the step once and replay it, where the device allows; same results, less overhead.
 
         Raises:
-            ValueError: The spacing exceeds a channel's width, a channel is a ring, or the time step is out of all
-                proportion.
+            ValueError: The spacing exceeds a channel's width, a channel is a ring, channels part or flow in a circle,
+                or the time step is out of all proportion.
         """
         self.params = params if params is not None else MeanderParams()
         self._check_network(network)
@@ -148,6 +166,7 @@ class Simulation:
         self._record_step()
         self.history = history
         del history.cutoffs[record.cutoffs_before :]
+        del history.collisions[record.collisions_before :]
         return self
 
     # ---- state
@@ -182,9 +201,16 @@ class Simulation:
             AssertionError: ``check`` is on and a phase broke its promise.
         """
         begin = self.time
+        if self._edited:
+            self._edited = False
+            self._plan_substeps()
+        if self._graph is None:
+            self._record_step()
         for k in range(self.substeps):
+            now = begin + (k + 1) * self._law.time_step
             self._advance()
-            self._collect_cutoffs(begin + (k + 1) * self._law.time_step)
+            self._collect_cutoffs(now)
+            self._resolve_collisions(now)
         self.step_count += 1
 
     def run(
@@ -256,6 +282,8 @@ class Simulation:
             raise ValueError(
                 f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
             )
+        if self.params.collision_distance > 0.0:
+            check_forest(network)
         narrow = [float(w.min()) for w in network.point_widths()]
         c = int(np.argmin(narrow))
         if self.params.spacing > narrow[c]:
@@ -267,38 +295,57 @@ class Simulation:
     def _prepare(
         self, network: RiverNetwork, *, seed: int, check: bool, capture: bool, spacing: np.ndarray | None = None
     ) -> None:
-        self.network = network
         self.seed = seed
         self.check = check
         self.step_count = 0
-        widths = network.point_widths()
-        narrow = np.array([w.min() for w in widths])
-        shallow = np.array([d.min() for d in network.point_depths()])
-        self.stable_dt = float(np.min(stable_dt(narrow, shallow, self.params)))
-        self.substeps = max(1, math.ceil(self.params.time_step / self.stable_dt * (1.0 - 1e-12)))
-        if self.substeps > MAX_SUBSTEPS:
-            raise ValueError(
-                f"a time step of {self.params.time_step:g} yr is {self.substeps} times what these channels allow "
-                f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
-            )
-        self._law = migration_law(self.params, self.params.time_step / self.substeps, network.dtype)
-        scalar, _, real = PRECISIONS[network.dtype]
-        form = np.stack(
-            [
-                network.channel_width,
-                network.channel_depth,
-                [w.max() for w in widths],
-                np.full(network.channel_count, self.params.spacing),
-            ],
-            axis=1,
-        ).astype(real)
-        self._form: wp.array = wp.array(form, dtype=wp.types.vector(4, scalar), device=network.device)
-        even = np.full(network.channel_count, self.params.spacing) if spacing is None else spacing
-        self._spacing: wp.array = wp.array(even.astype(real), dtype=scalar, device=network.device)
+        self.substeps = 0
+        self._edited = False
         self._capture = capture
-        self._graph: Any = None
+        even = np.full(network.channel_count, self.params.spacing)
+        self.network = network
+        self._install(even if spacing is None else spacing, even)
+        self._plan_substeps()
         needed = max(network.point_count, int(network.channel_lengths().sum() / self.params.spacing))
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
+
+    def _install(self, spacing: np.ndarray, wanted: np.ndarray) -> None:
+        """Prepare what the step needs of the network's channels.
+
+        Args:
+            spacing: (C,) even spacing of its points, m.
+            wanted: (C,) spacing to resample to, m.
+        """
+        network = self.network
+        narrow = widest = network.channel_width
+        shallow = network.channel_depth
+        if network.point_section is not None:
+            section = network.point_section.numpy()[: network.point_count].astype(np.float64)
+            first = network.starts()[:-1]
+            narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
+            widest = np.maximum.reduceat(section[:, 0], first)
+        self.stable_dt = float(np.min(stable_dt(narrow, shallow, self.params)))
+        scalar, _, real = PRECISIONS[network.dtype]
+        form = np.stack([network.channel_width, network.channel_depth, widest, wanted], axis=1).astype(real)
+        nodes = gathered_nodes(network, self.params, spacing)
+        self._form: wp.array = wp.array(form, dtype=wp.types.vector(4, scalar), device=network.device)
+        self._nodes: wp.array = wp.array(nodes, dtype=wp.vec2i, device=network.device)
+        self._spacing: wp.array = wp.array(spacing.astype(real), dtype=scalar, device=network.device)
+        self._collisions = collision_law(network, self.params, float(widest.max()))
+        self._graph: Any = None
+
+    def _plan_substeps(self) -> None:
+        """Choose the equal parts in which a step is done, as the channels are now."""
+        needed = max(1, math.ceil(self.params.time_step / self.stable_dt * (1.0 - 1e-12)))
+        if needed > MAX_SUBSTEPS:
+            raise ValueError(
+                f"a time step of {self.params.time_step:g} yr is {needed} times what these channels allow "
+                f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
+            )
+        if needed == self.substeps:
+            return
+        self.substeps = needed
+        self._law = migration_law(self.params, self.params.time_step / self.substeps, self.network.dtype)
+        self._graph = None
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
@@ -321,23 +368,26 @@ class Simulation:
 
     def _resample_start(self) -> None:
         """Bring the lines as given to the even spacing."""
-        buffers, network = self.buffers, self.network
-        wp.copy(buffers.point_moved, network.point_xy)
-        if buffers.section_moved is not None and network.point_section is not None:
-            wp.copy(buffers.section_moved, network.point_section)
+        wp.copy(self.buffers.point_moved, self.network.point_xy)
+        if self.buffers.section_moved is not None and self.network.point_section is not None:
+            wp.copy(self.buffers.section_moved, self.network.point_section)
+        self._resample_moved()
+
+    def _resample_moved(self) -> None:
+        """Sample the lines in ``buffers.point_moved`` evenly, with more room if they need it."""
+        network = self.network
         while True:
+            buffers = self.buffers
             buffers.fault.zero_()
             resample(network, self._form, self._spacing, buffers)
             needed = int(buffers.channel_start_next.numpy()[-1])
             if needed <= buffers.point_capacity:
-                break
-            moved, section = buffers.point_moved, buffers.section_moved
+                network.point_count = needed
+                return
             self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
-            buffers = self.buffers
-            wp.copy(buffers.point_moved, moved, count=network.point_count)
-            if buffers.section_moved is not None and section is not None:
-                wp.copy(buffers.section_moved, section, count=network.point_count)
-        network.point_count = needed
+            wp.copy(self.buffers.point_moved, buffers.point_moved, count=buffers.point_capacity)
+            if buffers.section_moved is not None and self.buffers.section_moved is not None:
+                wp.copy(self.buffers.section_moved, buffers.section_moved, count=buffers.point_capacity)
 
     def _phases(self) -> Iterator[tuple[str, Callable[[], None]]]:
         """The verbs of one (sub-)step, in order."""
@@ -345,6 +395,8 @@ class Simulation:
         yield "migrate", lambda: migrate(network, form, spacing, self._law, buffers)
         yield "cut off", lambda: cut_off(network, form, spacing, self.params, buffers)
         yield "resample", lambda: resample(network, form, spacing, buffers)
+        if self._collisions is not None:
+            yield "collide", lambda: find_contacts(network, self._nodes, form, spacing, self._collisions, buffers)
 
     def _launch(self) -> None:
         """Run the phases on the device: replayed from a recording, or one by one when they are checked."""
@@ -404,16 +456,74 @@ class Simulation:
         for channel, begin, length, _ in cut:
             width = network.channel_width[channel] if section is None else section[begin, 0]
             loop = xy[begin : begin + length].copy()
-            self.history.cutoffs.append(Cutoff(time, int(channel), float(width), loop))
+            self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
+
+    def _resolve_collisions(self, time: float) -> None:
+        """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
+        if self._collisions is None:
+            return
+        for _ in range(COLLISION_ROUNDS):
+            if int(self.buffers.contact_count.numpy()[0]) == 0:
+                return
+            contacts = list_contacts(
+                self.network, self._nodes, self._form, self._spacing, self._collisions, self.buffers
+            )
+            joined = join_channels(self.network, contacts)
+            if joined is None:
+                return
+            edited, done = joined
+            self._collect_collisions(time, done)
+            self._adopt(edited)
+            if self._collisions is None:
+                return
+            find_contacts(self.network, self._nodes, self._form, self._spacing, self._collisions, self.buffers)
+
+    def _collect_collisions(self, time: float, done: list[Rejoin]) -> None:
+        """Note what was joined in the history, with the courses that were abandoned."""
+        network = self.network
+        xy = network.point_xy.numpy()
+        width = dict(zip(network.channel_id.tolist(), network.channel_width.tolist(), strict=True))
+        for edit in done:
+            ranges = [(first, stop) for first, stop, _ in edit.abandoned]
+            pieces = [xy[first:stop].astype(np.float64) + network.origin for first, stop in ranges]
+            start = np.cumsum([0] + [len(p) for p in pieces])
+            self.history.collisions.append(
+                Collision(time, edit.kind, edit.minor, edit.main, width[edit.minor], np.concatenate(pieces), start)
+            )
+
+    def _adopt(self, edited: EditedChannels) -> None:
+        """Go on with edited channels: their points are taken over and brought to the even spacing."""
+        network, buffers = self.network, self.buffers
+        if len(edited.point_source) > buffers.point_capacity:
+            self._allocate(int(HEADROOM * len(edited.point_source)), buffers.cut_capacity, buffers.oxbow_capacity)
+        gather_points(network, edited, self.buffers)
+        spacing, wanted = self._spacing.numpy()[edited.channel_old], self._form.numpy()[edited.channel_old, 3]
+        network.replace_channels(
+            edited.channel_start,
+            channel_width=edited.channel_width,
+            channel_depth=edited.channel_depth,
+            channel_discharge=edited.channel_discharge,
+            channel_drainage_area=edited.channel_drainage_area,
+            channel_id=edited.channel_id,
+            channel_nodes=edited.channel_nodes,
+        )
+        self.buffers.fit_channels(network)
+        if network.point_section is not None and self.buffers.section_moved is not None:
+            wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
+        self._install(spacing, wanted)
+        self._resample_moved()
+        self._edited = True
 
     def _record(self) -> None:
         network, count = self.network, self.network.point_count
         section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
+        area = network.channel_drainage_area
         self.history.append(
             Record(
                 step=self.step_count,
                 time=self.time,
                 cutoffs_before=len(self.history.cutoffs),
+                collisions_before=len(self.history.collisions),
                 point_xy=network.point_xy.numpy()[:count].copy(),
                 point_section=section,
                 channel_start=network.starts(),
@@ -421,6 +531,11 @@ class Simulation:
                 channel_width=network.channel_width.copy(),
                 channel_depth=network.channel_depth.copy(),
                 channel_discharge=network.channel_discharge.copy(),
+                channel_drainage_area=None if area is None else area.copy(),
+                channel_id=network.channel_id.copy(),
+                channel_from=network.channel_from.copy(),
+                channel_to=network.channel_to.copy(),
+                node_xy=network.node_xy.copy(),
             )
         )
 

@@ -37,6 +37,9 @@ class StepBuffers:
         point_neck: (P,) int32, the later point that a point's neck reaches, -1 if none.
         channel_cuts, channel_cut_points: (C,) int32, cutoffs of this step and their points; ``..._sum`` run over them.
         cut: (K,) vec4i records; ``oxbow_xy``, ``oxbow_section``: their points, end to end.
+        block_head, block_high: grid of the search for collisions: lists of blocks of points, and the cell's last
+            channel + 1; ``point_next`` and ``point_neck`` serve it as the lists' links and the blocks' channels.
+        contact_count: one int32, blocks that touch another channel.
         fault: one int32, 0 while all is well.
         neck_count: one int32, candidates found in this step.
     """
@@ -44,7 +47,7 @@ class StepBuffers:
     def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
         """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
         scalar, vec2, _ = PRECISIONS[network.dtype]
-        device, channels = network.device, network.channel_count
+        device = network.device
         self.chunk = chunk_size(device)
         self.point_capacity = point_capacity
         self.cut_capacity = cut_capacity
@@ -65,6 +68,26 @@ class StepBuffers:
         self.bucket_head = zeros(4 * point_capacity, wp.int32)
         self.point_neck = zeros(point_capacity, wp.int32)
         self.chunk_necks = zeros(self.chunk_count, wp.int32)
+        blocks = 1 << max(6, (point_capacity - 1).bit_length())
+        self.block_head = zeros(blocks, wp.int32)
+        self.block_high = zeros(blocks, wp.int32)
+        self.chunk_contacts = zeros(self.chunk_count, wp.int32)
+        self.chunk_contacts_sum = zeros(self.chunk_count, wp.int32)
+        self.contact_count = zeros(1, wp.int32)
+        self.cut = zeros(cut_capacity, wp.vec4i)
+        self.oxbow_xy = zeros(oxbow_capacity, vec2)
+        self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
+        self.fault = zeros(1, wp.int32)
+        self.neck_count = zeros(1, wp.int32)
+        self.fit_channels(network)
+
+    def fit_channels(self, network: RiverNetwork) -> None:
+        """Allocate anew what goes by channel, for a network whose channels have changed."""
+        scalar, channels = PRECISIONS[network.dtype][0], network.channel_count
+
+        def zeros(count: int, dtype: Any) -> wp.array:
+            return wp.zeros(count, dtype=dtype, device=network.device)
+
         self.channel_cuts = zeros(channels, wp.int32)
         self.channel_cuts_sum = zeros(channels, wp.int32)
         self.channel_cut_points = zeros(channels, wp.int32)
@@ -72,11 +95,6 @@ class StepBuffers:
         self.channel_start_next = zeros(channels + 1, wp.int32)
         self.channel_samples = zeros(channels, wp.int32)
         self.channel_spacing_next = zeros(channels, scalar)
-        self.cut = zeros(cut_capacity, wp.vec4i)
-        self.oxbow_xy = zeros(oxbow_capacity, vec2)
-        self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
-        self.fault = zeros(1, wp.int32)
-        self.neck_count = zeros(1, wp.int32)
 
     @property
     def nbytes(self) -> int:

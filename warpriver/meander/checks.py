@@ -36,7 +36,7 @@ def check_phase(phase: str, network: RiverNetwork, buffers: StepBuffers, spacing
     if phase == "resample":
         if int(buffers.channel_start_next.numpy()[-1]) <= buffers.point_capacity:
             _check_resampled(network, spacing.numpy().astype(np.float64))
-    else:
+    elif phase in ("migrate", "cut off"):
         _check_moved(phase, network, buffers)
 
 

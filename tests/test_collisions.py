@@ -1,0 +1,298 @@
+import numpy as np
+import pytest
+import warp as wp
+from trees import assert_forest, random_tree
+
+from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
+from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
+from warpriver.meander.topology import NetworkEdit
+
+WIDTH = 20.0
+# Nothing moves: only what touches is joined.
+STILL = MeanderParams(spacing=10.0, migration_rate=0.0)
+
+
+def line(*corners, spacing=10.0):
+    """Evenly spaced points along straight pieces."""
+    corners = np.array(corners, np.float64)
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    at = np.linspace(0.0, s[-1], max(3, round(s[-1] / spacing) + 1))
+    return np.stack([np.interp(at, s, corners[:, 0]), np.interp(at, s, corners[:, 1])], axis=1)
+
+
+def joined(lines, areas, params=STILL, width=WIDTH):
+    """Take one step of a network that stands still, and return the simulation."""
+    network = RiverNetwork.from_polylines(lines, width=width, drainage_area=np.array(areas) * 1e6)
+    sim = Simulation(network, params)
+    sim.step()
+    assert_forest(sim.network)
+    return sim
+
+
+def graph(network):
+    """Channels by identity as (drainage area in km2, identities that flow into it)."""
+    table = {}
+    for c in range(network.channel_count):
+        into = network.channel_id[network.channel_to == network.channel_from[c]]
+        table[int(network.channel_id[c])] = (network.channel_drainage_area[c] / 1e6, sorted(into.tolist()))
+    return table
+
+
+def fork(tip=(0.0, 1000.0), other=(-800.0, 1000.0), node=(0.0, 0.0), end=(0.0, -1500.0)):
+    """Two tributaries and the channel they flow into, of 4, 2 and 7 km2."""
+    return [line(tip, node), line(other, node), line(node, end)], [4.0, 2.0, 7.0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("dip", [0.0, 300.0])
+def test_upstream_collision(side, dip):
+    """The smaller tributary meets the larger one 600 m above their junction, at a shallow or a right angle."""
+    lines, areas = fork()
+    lines[1] = line((-800.0, 1000.0), (-15.0, 600.0 + dip), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
+    sim = joined([xy * [side, 1.0] for xy in lines], areas)
+    (event,) = sim.history.collisions
+    assert (event.kind, event.channel, event.other) == ("upstream", 1, 0)
+    network = sim.network
+    assert network.channel_count == 3
+    # The junction moved up the larger tributary, which now ends there; what was its lower part belongs to the trunk.
+    (trunk,) = np.flatnonzero(network.channel_drainage_area > 6e6)
+    (top,) = network.node_xy[[network.channel_from[trunk]]]
+    assert top == pytest.approx([0.0, 600.0 + dip], abs=25.0)
+    assert network.channel_lengths()[trunk] == pytest.approx(1500.0 + top[1], rel=1e-3)
+    # Sources keep the ground about their heads.
+    assert graph(network)[0][0] == pytest.approx(4.0) and graph(network)[1][0] == pytest.approx(2.0)
+    assert network.channel_drainage_area[trunk] == pytest.approx(7e6, rel=1e-12)
+    assert np.hypot(*np.diff(event.xy, axis=0).T).sum() == pytest.approx(700.0 + dip, abs=150.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_downstream_collision(side):
+    """A tributary runs beside the trunk and meets it 500 m below the junction; the sibling takes the piece over."""
+    lines, areas = fork()
+    lines[2] = line((0.0, 0.0), (-400.0, -200.0), (-15.0, -500.0), (0.0, -1500.0))
+    lines[0] = line((0.0, 1000.0), (200.0, 500.0), (0.0, 0.0))
+    # The tributary comes down on the right and touches the trunk's elbow from the west before it turns to the node.
+    lines[1] = line((-800.0, 1000.0), (-600.0, -210.0), (-415.0, -210.0), (-300.0, 100.0), (0.0, 0.0))
+    sim = joined([xy * [side, 1.0] for xy in lines], areas)
+    (event,) = sim.history.collisions
+    assert (event.kind, event.channel, event.other) == ("downstream", 1, 2)
+    network = sim.network
+    assert network.channel_count == 3
+    (trunk,) = np.flatnonzero(network.channel_drainage_area > 6e6)
+    junction = network.node_xy[network.channel_from[trunk]]
+    assert junction == pytest.approx([-400.0 * side, -200.0], abs=25.0)
+    longest = network.channel_lengths()[network.channel_id == 0][0]
+    assert longest == pytest.approx(np.hypot(200, 500) * 2 + np.hypot(400, 200), abs=40.0)
+
+
+def test_disconnected_collision_gives_the_smaller_river_to_the_larger():
+    """A river of 3 km2 with two tributaries touches one of 10 km2; below, its old course is abandoned."""
+    large = line((1000.0, 2000.0), (1000.0, -2000.0))
+    left, right = line((-400.0, 2000.0), (0.0, 1000.0)), line((400.0, 2000.0), (0.0, 1000.0))
+    small = line((0.0, 1000.0), (985.0, 0.0), (200.0, -1000.0), (0.0, -2000.0))
+    sim = joined([large, left, right, small], [10.0, 1.0, 1.5, 3.0])
+    (event,) = sim.history.collisions
+    assert (event.kind, event.channel, event.other) == ("disconnected", 3, 0)
+    table = graph(sim.network)
+    assert set(table) == {0, 1, 2, 3, 4}
+    assert table[3] == (
+        pytest.approx(2.5 + 0.5 * np.hypot(985, 1000) / (np.hypot(985, 1000) * 2 + 0), rel=0.05),
+        [1, 2],
+    )
+    assert table[4] == (pytest.approx(13.0, rel=1e-9), [0, 3])
+    assert event.xy[-1] == pytest.approx([0.0, -2000.0])
+    below = sim.network.channel_id == 4
+    # w ~ a^0.5 and phi ~ a^0.69 by the area that the lower part gained.
+    gain = 1.3
+    assert sim.network.channel_width[below] == pytest.approx(WIDTH * gain**0.5)
+    assert sim.network.channel_depth[below] == pytest.approx((WIDTH * gain**0.5 / 18.8) ** (1 / 1.41))
+
+
+def test_a_captured_tributary_leaves_its_sibling_one_channel():
+    """A tributary is captured by a larger river next door: its old junction dissolves, the trunk there shrinks."""
+    lines, _ = fork()
+    captured = line((-800.0, 1000.0), (-1485.0, 500.0), (-500.0, 200.0), (0.0, 0.0))
+    neighbour = line((-1500.0, 2000.0), (-1500.0, -2000.0))
+    sim = joined([lines[0], captured, lines[2], neighbour], [4.0, 2.0, 7.0, 20.0])
+    (event,) = sim.history.collisions
+    assert (event.kind, event.channel, event.other) == ("disconnected", 1, 3)
+    network = sim.network
+    assert network.channel_count == 4
+    trunk = network.channel_id == 0
+    assert network.channel_lengths()[trunk] == pytest.approx(2500.0)
+    # Its own 4 and the trunk's own 1 km2; the 2 km2 of the captured one now reach the neighbour.
+    assert network.channel_drainage_area[trunk] == pytest.approx(5e6)
+    assert network.channel_drainage_area.max() == pytest.approx(22e6)
+    assert network.channel_width[trunk] == pytest.approx(WIDTH * (5 / 7) ** 0.5)
+
+
+def test_a_channel_consumed_whole_disappears():
+    """A short source lies within the width of a larger river at its very head."""
+    large = line((0.0, 2000.0), (0.0, -2000.0))
+    short = line((12.0, 100.0), (400.0, 0.0), (900.0, -300.0))
+    sim = joined([large, short], [10.0, 0.5])
+    (event,) = sim.history.collisions
+    assert sim.network.channel_count == 1
+    assert len(event.xy) > 50 and sim.network.channel_drainage_area[0] == pytest.approx(10.5e6)
+
+
+def test_three_channels_at_once_and_two_collisions_in_one_step():
+    lines = [
+        line((0.0, 2000.0), (0.0, -2000.0)),
+        line((-1000.0, 1500.0), (-15.0, 300.0), (-1000.0, -1500.0)),
+        line((1000.0, 1500.0), (15.0, 310.0), (1000.0, -1500.0)),
+        line((3000.0, 2000.0), (3000.0, -2000.0)),
+        line((2200.0, 1500.0), (2985.0, 0.0), (2200.0, -1500.0)),
+    ]
+    sim = joined(lines, [10.0, 2.0, 3.0, 9.0, 1.0])
+    assert [e.kind for e in sim.history.collisions] == ["disconnected"] * 3
+    network = sim.network
+    outlets = ~np.isin(network.channel_to, network.channel_from)
+    assert sorted(np.round(network.channel_drainage_area[outlets] / 1e6, 6)) == [10.0, 15.0]
+    # Two junctions, 20 m or more apart, since a node joins two channels only.
+    assert network.channel_count == 8
+
+
+def test_channels_that_share_a_node_do_not_collide_beside_it():
+    """Tributaries that meet at 15 degrees touch for 70 m above their junction; that is no collision."""
+    angle = np.radians(7.5)
+    tip = 2000.0 * np.array([np.sin(angle), np.cos(angle)])
+    sim = joined([line(tip, (0.0, 0.0)), line(tip * [-1, 1], (0.0, 0.0)), line((0.0, 0.0), (0.0, -2000.0))], [2, 2, 5])
+    assert sim.history.collisions == []
+
+
+def test_the_lower_of_two_related_channels_keeps_its_course():
+    """A headwater touches the trunk three channels below it, though the network says that it carries more."""
+    lines = [
+        line((1300.0, 3000.0), (1004.0, 0.0), (700.0, 1900.0), (0.0, 2000.0)),
+        line((-500.0, 3000.0), (0.0, 2000.0)),
+        line((0.0, 2000.0), (0.0, 1000.0)),
+        line((-900.0, 1800.0), (0.0, 1000.0)),
+        line((0.0, 1000.0), (1000.0, 0.0), (0.0, -2000.0)),
+    ]
+    # The headwater claims 9 km2; what it flows into has less.
+    network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=[9e6, 1e6, 3e6, 1e6, 5e6])
+    # Its hairpin is narrow enough to be cut off, which is not what is looked at here.
+    sim = Simulation(network, STILL.replace(cutoff_distance=0.0))
+    sim.step()
+    (event,) = sim.history.collisions
+    assert (event.kind, event.channel, event.other) == ("disconnected", 0, 4)
+
+
+def test_a_touched_channel_waits_for_the_next_round():
+    lines, areas = fork()
+    network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=np.array(areas) * 1e6)
+    edit = NetworkEdit(network)
+    start = network.starts()
+    assert edit.rejoin(0, int(start[0]) + 50, 1, int(start[1]) + 50) is not None
+    assert edit.rejoin(1, int(start[1]) + 20, 2, int(start[2]) + 20) is None
+    assert join_channels(network, np.zeros((0, 2), np.int32)) is None
+
+
+def test_width_that_varies_changes_by_the_flow_that_comes_and_goes():
+    large = line((0.0, 2000.0), (0.0, -2000.0))
+    small = line((-900.0, 1500.0), (-12.0, 0.0), (-900.0, -1500.0))
+    width = np.linspace(20.0, 30.0, len(large))
+    network = RiverNetwork.from_polylines([large, small], width=[width, 15.0], drainage_area=[8e6, 2e6])
+    sim = Simulation(network, STILL)
+    sim.step()
+    assert_forest(sim.network)
+    parts = dict(zip(sim.network.channel_id.tolist(), sim.network.point_widths(), strict=True))
+    assert parts[0][0] == pytest.approx(20.0, rel=0.3)
+    ratio = parts[2][0] / parts[0][-1]
+    # 10 km2 below the junction where there were 8; above it the source keeps its 8.
+    assert ratio == pytest.approx((10 / 8) ** 0.5, rel=0.02)
+
+
+def test_a_graph_that_is_no_forest_is_refused():
+    lines, _ = fork()
+    parting = [*lines, line((0.0, 0.0), (900.0, -900.0))]
+    with pytest.raises(ValueError, match=r"channels 2 and 3 both begin at \(0, 0\), where water would part"):
+        Simulation(RiverNetwork.from_polylines(parting, width=WIDTH), STILL)
+    Simulation(RiverNetwork.from_polylines(parting, width=WIDTH), STILL.replace(collision_distance=0.0)).step()
+    triangle = [line(a, b) for a, b in (((0, 0), (900, 0)), ((900, 0), (500, 800)), ((500, 800), (0, 0)))]
+    with pytest.raises(ValueError, match="channel 0 belongs to a circle"):
+        Simulation(RiverNetwork.from_polylines(triangle, width=WIDTH), STILL)
+
+
+def test_collisions_can_be_turned_off():
+    lines = [line((0.0, 2000.0), (0.0, -2000.0)), line((-900.0, 1500.0), (-12.0, 0.0), (-900.0, -1500.0))]
+    network = RiverNetwork.from_polylines(lines, width=WIDTH)
+    sim = Simulation(network, STILL.replace(collision_distance=0.0))
+    sim.step()
+    assert sim.history.collisions == [] and sim.network.channel_count == 2
+
+
+def test_search_finds_what_comparing_all_pairs_finds():
+    rng = np.random.default_rng(3)
+    for seed in range(20):
+        network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
+        params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0)
+        sim = Simulation(network, params.replace(collision_distance=1e-9))
+        xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
+        owner = np.repeat(np.arange(len(width)), np.diff(starts))
+        spacing = sim._spacing.numpy()
+        up = (np.arange(len(xy)) - starts[owner]) * spacing[owner]
+        down = (starts[owner + 1] - 1 - np.arange(len(xy))) * spacing[owner]
+        above, below = sim.network.channel_from[owner], sim.network.channel_to[owner]
+        away = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+        mean = 0.5 * (width[owner][:, None] + width[owner])
+        reach = params.junction_reach * np.maximum(width[owner][:, None], width[owner])
+        shared = np.zeros_like(away, bool)
+        for ends_i, arc_i in ((above, up), (below, down)):
+            for ends_j, arc_j in ((above, up), (below, down)):
+                shared |= (ends_i[:, None] == ends_j) & (arc_i[:, None] + arc_j < reach)
+        touching = (away < mean) & (owner[:, None] < owner) & ~shared
+        law = collision_law(sim.network, params, float(width.max()))
+        nodes = wp.array(np.stack([sim.network.channel_from, sim.network.channel_to], axis=1), dtype=wp.vec2i)
+        searched = (sim.network, nodes, sim._form, sim._spacing, law, sim.buffers)
+        find_contacts(*searched)
+        contacts = list_contacts(*searched)
+        pairs = {tuple(p) for p in np.argwhere(touching).tolist()}
+        assert {tuple(p) for p in contacts.tolist()} <= pairs
+        # Every point that touches lies in a block whose contact is listed, at that point or before it.
+        assert {owner[i] for i, _ in contacts.tolist()} == {owner[i] for i, _ in pairs}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_random_trees_stay_forests(dtype):
+    """Invariants after every step of long runs with many collisions; area is conserved at the outlets."""
+    seeds = range(200) if dtype == "float64" else range(4)
+    kinds = set()
+    for seed in seeds:
+        network = random_tree(seed, sources=3 + seed % 8, size=8000.0, width=25.0)
+        assert_forest(network)
+        sim = Simulation(network, MeanderParams(spacing=20.0), dtype=dtype)
+        before = outlet_area(network)
+        for k in range(500):
+            sim.step()
+            if k % 10 == 0 or (sim.history.collisions and sim.history.collisions[-1].time > sim.time - 0.3):
+                assert_forest(sim.network)
+        assert outlet_area(sim.network) == pytest.approx(before, rel=1e-9)
+        kinds |= {event.kind for event in sim.history.collisions}
+    assert kinds == {"upstream", "downstream", "disconnected"} or dtype == "float32"
+
+
+def outlet_area(network):
+    return network.channel_drainage_area[~np.isin(network.channel_to, network.channel_from)].sum()
+
+
+def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path):
+    def start():
+        return Simulation(random_tree(7, sources=8, size=8000.0, width=25.0), MeanderParams(spacing=20.0))
+
+    whole, again = start(), start()
+    whole.run(steps=300, record_every=50)
+    again.run(steps=150, record_every=50, store=tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run")
+    history = rest.run(steps=150, record_every=50)
+    assert history.stop_reason is StopReason.COMPLETED
+    assert len(whole.history.collisions) == len(history.collisions) > 5
+    np.testing.assert_array_equal(whole.network.points(), rest.network.points())
+    np.testing.assert_array_equal(whole.network.channel_id, rest.network.channel_id)
+    reopened = History.load(tmp_path / "run")
+    assert [e.kind for e in reopened.collisions] == [e.kind for e in whole.history.collisions]
+    for one, two in zip(reopened.collisions, whole.history.collisions, strict=True):
+        assert [p.tobytes() for p in one.pieces()] == [p.tobytes() for p in two.pieces()]
+    np.testing.assert_array_equal(reopened.networks[-1].channel_drainage_area, whole.network.channel_drainage_area)
+    assert_forest(reopened.networks[-1])
