@@ -56,12 +56,13 @@ def developed_lines(points: int) -> list[np.ndarray]:
     length = points * SPACING / 2.7
     rivers = RIVERS if points <= CHANNEL_POINTS else 1
     lines = [wr.generate.noisy_line(length, SPACING, WIDTH, seed) for seed in range(rivers)]
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=WIDTH))
+    apart = wr.MeanderParams(collision_distance=0.0)  # they all begin at the origin
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=WIDTH), apart)
     sim.run(years=300, record_every=10**6)
     return sim.network.polylines()
 
 
-def simulation(points: int, channel_points: int, device: str, dtype: str) -> wr.Simulation:
+def simulation(points: int, channel_points: int, device: str, dtype: str, collisions: bool = False) -> wr.Simulation:
     """A simulation of about so many points in channels of so many, side by side."""
     tiles = developed_lines(min(channel_points, 20_000))
     if channel_points > 20_000:  # one long river: the pieces head to tail
@@ -75,7 +76,7 @@ def simulation(points: int, channel_points: int, device: str, dtype: str) -> wr.
         apart = np.array([0.0, 2.0 * SPACING * channel_points])
         lines = [tiles[k % len(tiles)] + k * apart for k in range(count)]
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH, device=device, dtype=dtype)
-    return wr.Simulation(network)
+    return wr.Simulation(network, wr.MeanderParams(collision_distance=1.0 if collisions else 0.0))
 
 
 def step_cost(points: int, channel_points: int, device: str, dtype: str) -> dict:
@@ -88,6 +89,12 @@ def step_cost(points: int, channel_points: int, device: str, dtype: str) -> dict
     cost = seconds(sim.step, steps, sim.device)
     now = sim.network.point_count
     base = baseline(max(1000, now))
+    with_collisions = None
+    if sim.network.channel_count > 1:
+        full = simulation(points, channel_points, device, dtype, collisions=True)
+        for _ in range(3):
+            full.step()
+        with_collisions = 1e9 * seconds(full.step, steps, full.device) / full.network.point_count
     state = sim.buffers.nbytes + now * 2 * (8 if dtype == "float64" else 4)
     return {
         "points": now,
@@ -95,6 +102,7 @@ def step_cost(points: int, channel_points: int, device: str, dtype: str) -> dict
         "ms_per_step": 1e3 * cost,
         "ns_per_point": 1e9 * cost / now,
         "baseline_ns_per_point": base,
+        "ns_per_point_with_collisions": with_collisions,
         "ratio_to_baseline": 1e9 * cost / now / base,
         "cutoffs_per_step": (len(sim.history.cutoffs) - cuts) / (ROUNDS * steps),
         "bytes_per_point": state / now,
@@ -103,7 +111,7 @@ def step_cost(points: int, channel_points: int, device: str, dtype: str) -> dict
 
 def phase_costs(points: int, device: str, dtype: str) -> dict[str, float]:
     """Nanoseconds a point of each phase, launched one by one; the median over several steps."""
-    sim = simulation(points, CHANNEL_POINTS, device, dtype)
+    sim = simulation(points, CHANNEL_POINTS, device, dtype, collisions=True)
     sim.step()
     graphs = {}
     for name, phase in sim._phases():
@@ -187,8 +195,9 @@ def main() -> None:
     options = parser.parse_args()
     sizes = [1_000, 10_000, 100_000] + ([] if options.quick else [1_000_000])
 
-    heads = ("ms/step", "ns/point", "x baseline", "cuts/step", "B/point")
+    heads = ("ms/step", "ns/point", "+ collide", "x baseline", "cuts/step", "B/point")
     print(f"{'points':>9} {'channels':>8} " + " ".join(f"{head:>10}" for head in heads))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rows = []
     for size in sizes:
         rows.append(step_cost(size, CHANNEL_POINTS, options.device, options.dtype))
@@ -196,6 +205,9 @@ def main() -> None:
     if not options.quick:
         rows.append(step_cost(1_000_000, 1_000_000, options.device, options.dtype))
         print_row(rows[-1])
+    # What the largest case added to the process, its making and the NumPy copies of it included.
+    peak = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / max(r["points"] for r in rows)
+    print(f"peak memory of the process: {peak:.0f} bytes a point")
     many = [r for r in rows if r["channels"] > 1 and r["points"] > 5_000]
     slope = np.polyfit(np.log([r["points"] for r in many]), np.log([r["ms_per_step"] for r in many]), 1)[0]
     print(f"cost grows as points^{slope:.3f}")
@@ -214,7 +226,7 @@ def main() -> None:
         "exponent": slope,
         "phases_ns_per_point": phases,
         "meanderpy": peers,
-        "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "peak_bytes_per_point": peak,
     }
     target = Path(options.out) if options.out else RESULTS / f"step-{options.device.split(':')[0]}.json"
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -223,10 +235,14 @@ def main() -> None:
 
 
 def print_row(row: dict) -> None:
-    print(
-        f"{row['points']:>9} {row['channels']:>8} {row['ms_per_step']:>10.4f} {row['ns_per_point']:>10.1f} "
-        f"{row['ratio_to_baseline']:>10.1f} {row['cutoffs_per_step']:>10.3f} {row['bytes_per_point']:>10.0f}"
-    )
+    cost = row["ns_per_point_with_collisions"]
+    cells = [
+        f"{row['points']:>9} {row['channels']:>8}",
+        f"{row['ms_per_step']:>10.4f} {row['ns_per_point']:>10.1f}",
+        f"{'' if cost is None else f'{cost:.1f}':>10} {row['ratio_to_baseline']:>10.1f}",
+        f"{row['cutoffs_per_step']:>10.3f} {row['bytes_per_point']:>10.0f}",
+    ]
+    print(" ".join(cells))
 
 
 if __name__ == "__main__":

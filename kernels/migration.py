@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline
+from warpriver.kernels import polyline, raster
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,7 +18,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
-    line = polyline.build(scalar)
+    line, cells = polyline.build(scalar), raster.build(scalar)
     vec2, vec3, vec4 = line.vec2, wp.types.vector(3, scalar), line.vec4
     ZERO, HALF, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
     SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
@@ -45,6 +45,7 @@ def build(scalar):
         scale_local: int
         scale_upstream: int
         end_damping: scalar
+        slope_threshold: scalar
 
     @wp.func(module=name)
     def decay_weights(x: scalar) -> vec3:
@@ -245,6 +246,15 @@ def build(scalar):
         return t * t * (THREE - TWO * t)
 
     @wp.func(module=name)
+    def slope_weight(cell_height: wp.array2d[wp.float64], grid: cells.RasterGrid, xy: vec2, limit: scalar) -> scalar:
+        """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
+        slope = cells.slope_at(cell_height, grid, xy)
+        if not (slope < limit):
+            return ZERO
+        t = slope / limit
+        return ONE - t * t * (THREE - TWO * t)
+
+    @wp.func(module=name)
     def right_normal(before: vec2, after: vec2) -> vec2:
         """Unit normal to the right of the flow; none where the line turns back on itself."""
         t = after - before
@@ -258,6 +268,8 @@ def build(scalar):
         point_xy: wp.array[vec2],
         point_section: wp.array[vec2],
         point_rate: wp.array[scalar],
+        cell_height: wp.array2d[wp.float64],
+        grid: cells.RasterGrid,
         law: MigrationLaw,
         reach: vec3,
         factor: scalar,
@@ -286,6 +298,8 @@ def build(scalar):
                 if j > first and j < last:
                     normal = right_normal(point_xy[j - 1], point_xy[j + 1])
                     weight = end_weight(j, first, last, reach[1], reach[2])
+                    if cell_height:
+                        weight = weight * slope_weight(cell_height, grid, moved, law.slope_threshold)
                     moved = moved + normal * (smoothed * weight * law.time_step)
                 point_moved_out[j] = moved
 
@@ -297,6 +311,9 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        # terrain
+        cell_height: wp.array2d[wp.float64],
+        grid: cells.RasterGrid,
         # params
         law: MigrationLaw,
         chunk: int,
@@ -305,7 +322,10 @@ def build(scalar):
         # out
         point_moved_out: wp.array[vec2],
     ):
-        """Finish the smoothing upstream and move: p += n mu e dt, e fading to 0 at both ends [Paris2023, Eq. 1]."""
+        """Finish the smoothing upstream and move: p += n mu g e dt [Paris2023, Eq. 1 and 6].
+
+        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one.
+        """
         channel_count = channel_form.shape[0]
         i = wp.tid() * chunk
         end = wp.min(i + chunk, channel_start[channel_count])
@@ -324,11 +344,17 @@ def build(scalar):
             r = smoothing_root(form[2], spacing, factor, law)
             reach = vec3(r, spacing, law.end_damping * form[0])
             sweep_move(
-                point_xy, point_section, point_rate, law, reach, factor, first, last, i, stop, point_moved_out
+                point_xy, point_section, point_rate, cell_height, grid, law, reach, factor, first, last, i, stop,
+                point_moved_out,
             )  # fmt: skip
             i = stop
             channel += 1
 
     return SimpleNamespace(
-        vec2=vec2, vec4=vec4, MigrationLaw=MigrationLaw, compute_rate=compute_rate, move_points=move_points
+        vec2=vec2,
+        vec4=vec4,
+        MigrationLaw=MigrationLaw,
+        RasterGrid=cells.RasterGrid,
+        compute_rate=compute_rate,
+        move_points=move_points,
     )

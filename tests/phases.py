@@ -47,7 +47,7 @@ def prepare(xy, width, params, *, depth=None, spacing=None, dtype="float64"):
 def rate_of(xy, width, params, *, depth=None, time_step=INSTANT, dtype="float64"):
     """Migration rate of each point as it stands, (n,) m/yr, positive to the right of the flow."""
     state = prepare(xy, width, params, depth=depth, dtype=dtype)
-    migrate(state.network, state.form, state.spacing, migration_law(params, time_step, dtype), state.buffers)
+    migrate(state.network, state.form, state.spacing, None, migration_law(params, time_step, dtype), state.buffers)
     return state.buffers.point_rate.numpy()[: len(xy)].astype(np.float64)
 
 
@@ -62,7 +62,7 @@ def curvature_of(xy):
 def moved(xy, width, params, time_step, *, depth=None):
     """Points after one move of ``time_step`` yr, before they are resampled, (n, 2) m."""
     state = prepare(xy, width, params, depth=depth)
-    migrate(state.network, state.form, state.spacing, migration_law(params, time_step, "float64"), state.buffers)
+    migrate(state.network, state.form, state.spacing, None, migration_law(params, time_step, "float64"), state.buffers)
     return state.buffers.point_moved.numpy()[: len(xy)] + state.network.origin
 
 
@@ -71,7 +71,7 @@ def march(xy, width, params, time_step, steps, *, dtype="float64"):
     state = prepare(xy, width, params, dtype=dtype)
     network, law = state.network, migration_law(params, time_step, dtype)
     for _ in range(steps):
-        migrate(network, state.form, state.spacing, law, state.buffers)
+        migrate(network, state.form, state.spacing, None, law, state.buffers)
         resample(network, state.form, state.spacing, state.buffers)
         network.point_count = int(network.starts()[-1])
     return network.polylines()[0]

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from warpriver import History, RiverNetwork, generate, write_network
+from warpriver import History, RiverNetwork, Terrain, generate, write_network, write_terrain
 from warpriver.cli import main
 
 
@@ -39,6 +39,31 @@ def test_simulate_writes_run_lines_and_map_and_continues(river, tmp_path, capsys
     code, _, err = run(capsys, "simulate", out / "run", "--years", 10, "--no-progress")
     assert code == 0, err
     assert History.load(out / "run").steps[-1] == 138 + 35
+
+
+def test_network_finds_rivers_that_simulate_takes_on(tmp_path, capsys):
+    write_terrain(generate.fluvial_terrain((120, 120), 50.0, 300.0, seed=2), tmp_path / "dem.npz")
+    code, said, err = run(capsys, "network", tmp_path / "dem.npz", "--min-area", 0.5, "-o", tmp_path / "rivers.csv")
+    assert code == 0, err
+    assert "channels" in said and "km2" in said
+    arguments = ["simulate", tmp_path / "rivers.csv", "--terrain", tmp_path / "dem.npz", "--years", 5, "--no-progress"]
+    code, _, err = run(capsys, *arguments, "-o", tmp_path / "out")
+    assert code == 0, err
+    assert History.load(tmp_path / "out" / "run").networks[-1].channel_count > 3
+    code, _, err = run(capsys, "network", tmp_path / "dem.npz", "--min-area", 1e9, "-o", tmp_path / "none.csv")
+    assert code == 2 and err.count("\n") == 1 and not (tmp_path / "none.csv").exists()
+
+
+def test_simulate_on_a_terrain(river, tmp_path, capsys):
+    steep = generate.tilted_plain((200, 400), 30.0, 0.5)
+    write_terrain(Terrain(steep.to_numpy(), 30.0, origin=(-1000.0, 3000.0), crs="EPSG:32619"), tmp_path / "steep.npz")
+    arguments = ["simulate", river, "--terrain", tmp_path / "steep.npz", "--years", 20, "--no-progress"]
+    code, _, err = run(capsys, *arguments, "-o", tmp_path / "out")
+    assert code == 0, err
+    history = History.load(tmp_path / "out" / "run")
+    first, last = history.networks[0].polylines()[0], history.networks[-1].polylines()[0]
+    # Too steep to move; resampling slides points along the line until their chords are even.
+    np.testing.assert_allclose(first, last, atol=0.5)
 
 
 def test_every_parameter_is_a_flag(river, tmp_path, capsys):

@@ -277,6 +277,23 @@ def outlet_area(network):
     return network.channel_drainage_area[~np.isin(network.channel_to, network.channel_from)].sum()
 
 
+def test_each_channel_may_have_its_own_spacing(tmp_path):
+    network = random_tree(3, sources=6, size=8000.0, width=12.0)
+    with pytest.raises(ValueError, match="or spacing_in_widths=1"):
+        Simulation(network)
+    params = MeanderParams(spacing_in_widths=0.8)
+    sim = Simulation(network, params)
+    wanted = np.minimum(50.0, 0.8 * sim.network.channel_width)
+    np.testing.assert_allclose(sim._spacing.numpy(), wanted, rtol=0.02)
+    assert np.ptp(wanted) > 5.0
+    sim.run(steps=100, store=tmp_path / "run")
+    rest, whole = Simulation.resume(tmp_path / "run"), Simulation(network, params)
+    rest.run(steps=100)
+    whole.run(steps=200)
+    assert len(whole.history.collisions) > 0
+    np.testing.assert_array_equal(rest.network.points(), whole.network.points())
+
+
 def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path):
     def start():
         return Simulation(random_tree(7, sources=8, size=8000.0, width=25.0), MeanderParams(spacing=20.0))

@@ -15,15 +15,28 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
-    {"crs", "params", "network", "progress"},
-    {"meander", "metrics", "generate"},
+    {"crs", "params", "network", "progress", "terrain"},
+    {"meander", "metrics", "generate", "hydrology"},
     {"history"},
     {"simulation"},
     {"io"},
     {"viz"},
     {"cli", "__main__"},
 ]
-HEAVY = ("pyvista", "vtk", "matplotlib", "rasterio", "pyogrio", "geopandas", "shapely", "pyproj", "rich", "imageio")
+HEAVY = (
+    "pyvista",
+    "vtk",
+    "matplotlib",
+    "rasterio",
+    "pyogrio",
+    "geopandas",
+    "shapely",
+    "pyproj",
+    "rich",
+    "imageio",
+    "xarray",
+    "PIL",
+)
 
 
 def python(code):

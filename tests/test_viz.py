@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 from scipy.spatial import cKDTree
 
 from warpriver.network import RiverNetwork
-from warpriver.viz import bands, belt, draw_belt, draw_network, gl, maps, movie, render_scene, scene
+from warpriver.viz import bands, belt, draw_belt, draw_network, gl, maps, movie, render_scene, scene, sheet
 
 WIDTH = 80.0
 needs_gl = pytest.mark.gl
@@ -250,7 +250,7 @@ def test_map_refuses_what_it_cannot_draw(tmp_path):
 def test_a_failed_write_keeps_the_old_file(tmp_path):
     target = tmp_path / "old.png"
     target.write_bytes(b"old")
-    with pytest.raises(RuntimeError), maps.replacing(target, (".png",)) as temporary:
+    with pytest.raises(RuntimeError), sheet.replacing(target, (".png",)) as temporary:
         with open(temporary, "wb") as file:
             file.write(b"half")
         raise RuntimeError

@@ -10,14 +10,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import generate, metrics, viz
-    from warpriver.history import Cutoff, History, StopReason
+    from warpriver import generate, hydrology, metrics, viz
+    from warpriver.history import Collision, Cutoff, History, StopReason
+    from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
+    from warpriver.io.rasters import read_terrain, write_terrain
+    from warpriver.io.xarrays import from_xarray, to_xarray
     from warpriver.network import RiverNetwork
     from warpriver.params import MeanderParams
     from warpriver.simulation import Every, Simulation
+    from warpriver.terrain import Terrain
 
 __all__ = [
+    "Collision",
     "Cutoff",
     "Every",
     "History",
@@ -25,17 +30,25 @@ __all__ = [
     "RiverNetwork",
     "Simulation",
     "StopReason",
+    "Terrain",
+    "extract_network",
+    "from_xarray",
     "generate",
+    "hydrology",
     "metrics",
     "read_network",
+    "read_terrain",
+    "to_xarray",
     "viz",
     "write_network",
+    "write_terrain",
 ]
 
 __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
@@ -43,10 +56,16 @@ _HOMES = {
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "StopReason": "warpriver.history",
+    "Terrain": "warpriver.terrain",
+    "extract_network": "warpriver.hydrology.extraction",
+    "from_xarray": "warpriver.io.xarrays",
     "read_network": "warpriver.io.lines",
+    "read_terrain": "warpriver.io.rasters",
+    "to_xarray": "warpriver.io.xarrays",
     "write_network": "warpriver.io.lines",
+    "write_terrain": "warpriver.io.rasters",
 }
-_ROOMS = ("generate", "metrics", "viz")
+_ROOMS = ("generate", "hydrology", "metrics", "viz")
 
 
 def __getattr__(name: str) -> Any:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from warpriver.history import History
     from warpriver.network import RiverNetwork
     from warpriver.simulation import Simulation
+    from warpriver.terrain import Terrain
 
 __all__ = ["main"]
 
@@ -28,7 +29,7 @@ OK, STOPPED_EARLY, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 EXTRAS = {
     "viz": ("matplotlib", "pyvista"),
     "movie": ("imageio_ffmpeg",),
-    "gis": ("pyogrio", "geopandas", "shapely", "pyproj"),
+    "gis": ("pyogrio", "geopandas", "shapely", "pyproj", "rasterio", "xarray"),
     "bench": ("meanderpy", "h5py"),
 }
 
@@ -61,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"warpriver {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_demo(commands)
+    _add_network(commands)
     _add_simulate(commands)
     _add_render(commands)
     _add_info(commands)
@@ -102,11 +104,69 @@ def _demo(options: argparse.Namespace) -> int:
     spacing = options.spacing or min(50.0, options.width)
     line = generate.noisy_line(1e3 * options.length, spacing, options.width, options.seed)
     network = RiverNetwork.from_polylines([line], width=options.width, device=options.device, dtype=options.dtype)
-    simulation = _simulation(network, options, spacing)
+    simulation = _simulation(network, options)
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
     _draw_results(simulation.history, folder, movie=not options.no_movie)
     return code
+
+
+# ---- network
+
+
+def _add_network(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "network",
+        _network,
+        help="find the rivers of a terrain and write them as lines",
+        description="Route water over a terrain, take what drains enough ground for a channel, and write the channels\n"
+        "with their width, depth and discharge. Depressions are opened by carving first.",
+        epilog="examples:\n"
+        "  warpriver network dem.tif --min-area 2 -o rivers.gpkg --picture rivers.png\n"
+        "  warpriver network dem.asc --crs EPSG:4326 --to-crs utm -o rivers.csv",
+    )
+    parser.add_argument("terrain", metavar="TERRAIN", help="heights: GeoTIFF, ESRI ASCII, npz ...")
+    parser.add_argument("-o", "--out", required=True, metavar="FILE", help="lines to write; the ending says the format")
+    parser.add_argument(
+        "--min-area", type=float, default=1.0, metavar="KM2", help="least drainage area of a channel in km2 (default 1)"
+    )
+    parser.add_argument("--spacing", type=float, metavar="M", help="distance between points in m (default: the cell)")
+    parser.add_argument("--smoothing", type=int, default=4, metavar="N", help="passes that smooth courses (default 4)")
+    parser.add_argument("--picture", metavar="FILE", help="also draw the network over the shaded terrain, by order")
+    parser.add_argument("--fill", action="store_true", help="fill depressions instead of carving them open")
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+
+
+def _network(options: argparse.Namespace) -> int:
+    from warpriver import hydrology
+    from warpriver.io.lines import write_network
+    from warpriver.io.rasters import read_terrain
+
+    _quiet_warp()
+    terrain = read_terrain(options.terrain, crs=options.crs, to_crs=options.to_crs)
+    print(terrain)
+    network = hydrology.extract_network(
+        terrain,
+        min_drainage_area=1e6 * options.min_area,
+        spacing=options.spacing,
+        smoothing=options.smoothing,
+        carve=not options.fill,
+    )
+    print(network)
+    area = network.channel_drainage_area
+    if area is not None:
+        print(f"largest drainage area {area.max() / 1e6:.4g} km2, discharge {network.channel_discharge.max():.4g} m3/s")
+    write_network(network, options.out)
+    print(options.out)
+    if options.picture is not None:
+        from warpriver import viz
+
+        order = hydrology.strahler_order(network.channel_from, network.channel_to)
+        viz.draw_network(network, options.picture, terrain=terrain, color="order", order=order)
+        print(options.picture)
+    return OK
 
 
 # ---- simulate
@@ -124,6 +184,7 @@ def _add_simulate(commands: Any) -> None:
         epilog="examples:\n"
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
         "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
+        "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
         "  warpriver simulate out/river/run --years 100",
     )
     parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
@@ -132,6 +193,11 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--layer", help="layer to read, of a file with several")
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
     parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    parser.add_argument(
+        "--terrain",
+        metavar="FILE",
+        help="heights under the river (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope",
+    )
     _add_run_options(parser, out=None, years=200.0)
 
 
@@ -141,9 +207,14 @@ def _simulate(options: argparse.Namespace) -> int:
 
     _quiet_warp()
     source = Path(options.input)
+    terrain = None
+    if options.terrain is not None:
+        from warpriver.io.rasters import read_terrain
+
+        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
     if _is_run(source):
         run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
-        simulation = Simulation.resume(run, device=options.device)
+        simulation = Simulation.resume(run, terrain=terrain, device=options.device)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = _fresh_folder(options.out or f"out/{run.stem}")
@@ -158,12 +229,11 @@ def _simulate(options: argparse.Namespace) -> int:
             dtype=options.dtype,
             device=options.device,
         )
-        spacing = options.spacing or min(50.0, min(float(w.min()) for w in network.point_widths()))
-        simulation = _simulation(network, options, spacing)
+        simulation = _simulation(network, options, terrain)
         folder = _fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
-    _draw_results(simulation.history, folder, movie=False, scene=False)
+    _draw_results(simulation.history, folder, movie=False, scene=False, terrain=terrain)
     return code
 
 
@@ -182,7 +252,10 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
     model = parser.add_argument_group("model (Paris et al. 2023, Table 1)")
     model.add_argument("--step-days", type=float, metavar="DAYS", help="time step in days (default 106)")
     model.add_argument(
-        "--spacing", type=float, metavar="M", help="distance between points in m (default 50, or the narrowest width)"
+        "--spacing",
+        type=float,
+        metavar="M",
+        help="distance between points in m (default 50, at most a channel's width)",
     )
     for field in dataclasses.fields(MeanderParams):
         if field.name in ("time_step", "spacing"):
@@ -199,7 +272,7 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
         )
 
 
-def _simulation(network: RiverNetwork, options: argparse.Namespace, spacing: float) -> Simulation:
+def _simulation(network: RiverNetwork, options: argparse.Namespace, terrain: Terrain | None = None) -> Simulation:
     from warpriver.simulation import Simulation
 
     given = {
@@ -207,10 +280,11 @@ def _simulation(network: RiverNetwork, options: argparse.Namespace, spacing: flo
         for field in dataclasses.fields(MeanderParams)
         if getattr(options, field.name, None) is not None
     }
-    given["spacing"] = spacing
+    if options.spacing is None and options.spacing_in_widths is None:
+        given["spacing_in_widths"] = 1.0
     if options.step_days is not None:
         given["time_step"] = options.step_days / DAYS_PER_YEAR
-    return Simulation(network, MeanderParams(**given), seed=options.seed, check=options.check)
+    return Simulation(network, MeanderParams(**given), terrain=terrain, seed=options.seed, check=options.check)
 
 
 def _run(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
@@ -255,18 +329,20 @@ def _write_results(simulation: Simulation, folder: Path) -> None:
     )
 
 
-def _draw_results(history: History, folder: Path, *, movie: bool, scene: bool = True) -> None:
+def _draw_results(
+    history: History, folder: Path, *, movie: bool, scene: bool = True, terrain: Terrain | None = None
+) -> None:
     """Draw what can be drawn on this machine; what cannot is named, and is no failure."""
     if importlib.util.find_spec("matplotlib") is None:
         print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
         return
     from warpriver import viz
 
-    viz.draw_belt(history, folder / "belt.png")
+    viz.draw_belt(history, folder / "belt.png", terrain=terrain)
     print(f"  map      {folder / 'belt.png'}")
     if scene:
         try:
-            viz.render_scene(history, folder / "preview.png")
+            viz.render_scene(history, folder / "preview.png", terrain=terrain)
             print(f"  3-D      {folder / 'preview.png'}")
         except (RuntimeError, ImportError) as error:
             print(f"  no 3-D preview: {error}")
@@ -300,6 +376,7 @@ def _add_render(commands: Any) -> None:
     parser.add_argument(
         "--window", type=float, nargs=4, metavar=("W", "S", "E", "N"), help="part to draw, in m (default: everything)"
     )
+    parser.add_argument("--terrain", metavar="FILE", help="heights to draw under the rivers")
     parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
     parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
     parser.add_argument("--title", help="title of a map or movie")
@@ -319,15 +396,19 @@ def _render(options: argparse.Namespace) -> int:
     is_movie = out.suffix.lower() in (".gif", ".mp4")
     if not is_movie and out.suffix.lower() != ".png":
         raise ValueError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
-    window = options.window
+    window, terrain = options.window, None
+    if options.terrain is not None:
+        from warpriver.io.rasters import read_terrain
+
+        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
     if not _is_run(source):
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
         network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
         if options.scene:
-            viz.render_scene(network, out, window=window)
+            viz.render_scene(network, out, window=window, terrain=terrain)
         else:
-            viz.draw_network(network, out, window=window, title=options.title)
+            viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
     history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
@@ -337,11 +418,13 @@ def _render(options: argparse.Namespace) -> int:
         if until < 0:
             raise ValueError(f"--until {options.until:g}: the run begins at {history.times[0]:g} yr")
     if is_movie:
-        viz.movie(history, out, fps=options.fps, window=window, every=options.every, title=options.title)
+        viz.movie(
+            history, out, fps=options.fps, window=window, terrain=terrain, every=options.every, title=options.title
+        )
     elif options.scene:
-        viz.render_scene(history, out, window=window, until=until)
+        viz.render_scene(history, out, window=window, terrain=terrain, until=until)
     else:
-        viz.draw_belt(history, out, window=window, until=until, title=options.title)
+        viz.draw_belt(history, out, window=window, terrain=terrain, until=until, title=options.title)
     print(out)
     return OK
 

@@ -121,6 +121,8 @@ class Record:
         channel_drainage_area: (C,) m2, or None where it is not known.
         channel_id, channel_from, channel_to: (C,) identity, node above and node below.
         node_xy: (N, 2) m, absolute.
+        channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
+            width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
     """
 
     step: int
@@ -139,6 +141,7 @@ class Record:
     channel_from: np.ndarray
     channel_to: np.ndarray
     node_xy: np.ndarray
+    channel_fixed: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -149,6 +152,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
+    "channel_fixed",
 )  # fmt: skip
 
 

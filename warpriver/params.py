@@ -98,6 +98,15 @@ class MeanderParams:
         source="Paris2023",
         doc="distance between the points of a channel; at most the channel width",
     )
+    spacing_in_widths: float = parameter(
+        0.0,
+        "widths",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer; a network "
+        "of brooks and rivers then needs no more points than each asks for",
+    )
     migration_rate: float = parameter(
         60.0,
         "m/yr",
@@ -157,6 +166,14 @@ class MeanderParams:
         doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
     )
 
+    slope_threshold: float = parameter(
+        0.15,
+        "m/m",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="s0: on a terrain, migration fades with the slope and stops where it is this steep",
+    )
     collision_distance: float = parameter(
         1.0,
         "mean widths",

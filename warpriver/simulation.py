@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from warpriver import progress as progress_bar
+from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, StopReason
 from warpriver.meander import checks
 from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, StepBuffers
@@ -32,9 +33,12 @@ from warpriver.meander.resampling import resample
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
+from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
 
+# Columns of what holds for a channel between edits; see ``Record.channel_fixed``.
+NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
 # Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
@@ -81,6 +85,7 @@ class Simulation:
         history: What has been recorded so far.
         step_count: Steps done.
         substeps: Equal parts in which a step is done, so that each is at most ``stable_dt`` yr long.
+        terrain: The ground, or None for a plain.
         stable_dt: Longest sub-step in yr for the narrowest, shallowest channel.
         seed: Seed of random events; migration and cutoffs draw no random numbers.
         check: True: every phase of every step is checked.
@@ -91,6 +96,7 @@ class Simulation:
     history: History
     buffers: StepBuffers
     _law: Any
+    _fixed: np.ndarray
     _edited: bool
 
     def __init__(
@@ -98,6 +104,7 @@ class Simulation:
         network: RiverNetwork,
         params: MeanderParams | None = None,
         *,
+        terrain: Terrain | None = None,
         seed: int = 0,
         device: Any = None,
         dtype: str | None = None,
@@ -109,6 +116,8 @@ class Simulation:
         Args:
             network: Where to start from.
             params: Constants; by default those of [Paris2023].
+            terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
+                and where it has no data. It is not copied: brush it between steps and the channels feel it.
             seed: Seed of random events.
             device: Warp device, by default the network's.
             dtype: "float64" or "float32", by default the network's.
@@ -117,10 +126,12 @@ class Simulation:
 
         Raises:
             ValueError: The spacing exceeds a channel's width, a channel is a ring, channels part or flow in a circle,
-                or the time step is out of all proportion.
+                the terrain lies elsewhere or in another CRS, or the time step is out of all proportion.
         """
         self.params = params if params is not None else MeanderParams()
         self._check_network(network)
+        _check_ground(network, terrain)
+        self.terrain = terrain
         self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture)
         self._resample_start()
         self._record_step()
@@ -138,6 +149,7 @@ class Simulation:
         cls,
         history: History | str | os.PathLike,
         *,
+        terrain: Terrain | None = None,
         device: Any = "cpu",
         check: bool = False,
         capture: bool = True,
@@ -146,6 +158,7 @@ class Simulation:
 
         Args:
             history: A history, or the path of a saved or streamed run; a streamed one grows when run again.
+            terrain: The ground, as it was.
             device: Warp device.
             check: As in the constructor.
             capture: As in the constructor.
@@ -161,7 +174,9 @@ class Simulation:
         self.params = history.params
         record = history.record(-1)
         network = history.network(-1).to(device)
-        self._prepare(network, seed=history.seed, check=check, capture=capture, spacing=record.channel_spacing)
+        _check_ground(network, terrain)
+        self.terrain = terrain
+        self._prepare(network, seed=history.seed, check=check, capture=capture, record=record)
         self.step_count = record.step
         self._record_step()
         self.history = history
@@ -284,16 +299,18 @@ class Simulation:
             )
         if self.params.collision_distance > 0.0:
             check_forest(network)
+        if self.params.spacing_in_widths > 0.0:
+            return
         narrow = [float(w.min()) for w in network.point_widths()]
         c = int(np.argmin(narrow))
         if self.params.spacing > narrow[c]:
             raise ValueError(
                 f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
-                f"be missed; set MeanderParams(spacing=...) to {narrow[c]:g} or less"
+                f"be missed; set MeanderParams(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
             )
 
     def _prepare(
-        self, network: RiverNetwork, *, seed: int, check: bool, capture: bool, spacing: np.ndarray | None = None
+        self, network: RiverNetwork, *, seed: int, check: bool, capture: bool, record: Record | None = None
     ) -> None:
         self.seed = seed
         self.check = check
@@ -301,20 +318,17 @@ class Simulation:
         self.substeps = 0
         self._edited = False
         self._capture = capture
-        even = np.full(network.channel_count, self.params.spacing)
+        if self.terrain is not None and self.terrain.device != network.device:
+            self.terrain = self.terrain.to(network.device)
         self.network = network
-        self._install(even if spacing is None else spacing, even)
+        fixed = self._fix_channels() if record is None else record.channel_fixed
+        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
         self._plan_substeps()
-        needed = max(network.point_count, int(network.channel_lengths().sum() / self.params.spacing))
+        needed = max(network.point_count, int((network.channel_lengths() / fixed[:, WANTED]).sum()))
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
 
-    def _install(self, spacing: np.ndarray, wanted: np.ndarray) -> None:
-        """Prepare what the step needs of the network's channels.
-
-        Args:
-            spacing: (C,) even spacing of its points, m.
-            wanted: (C,) spacing to resample to, m.
-        """
+    def _fix_channels(self) -> np.ndarray:
+        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``."""
         network = self.network
         narrow = widest = network.channel_width
         shallow = network.channel_depth
@@ -323,14 +337,28 @@ class Simulation:
             first = network.starts()[:-1]
             narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
             widest = np.maximum.reduceat(section[:, 0], first)
-        self.stable_dt = float(np.min(stable_dt(narrow, shallow, self.params)))
+        wanted = np.full(network.channel_count, self.params.spacing)
+        if self.params.spacing_in_widths > 0.0:
+            wanted = np.minimum(wanted, self.params.spacing_in_widths * narrow)
+        nodes = gathered_nodes(network, self.params)
+        return np.column_stack([narrow, shallow, widest, wanted, nodes])
+
+    def _install(self, spacing: np.ndarray, fixed: np.ndarray) -> None:
+        """Prepare what the step needs of the network's channels.
+
+        Args:
+            spacing: (C,) even spacing of their points, m.
+            fixed: (C, 6) from :meth:`_fix_channels`.
+        """
+        network, self._fixed = self.network, fixed
+        self.stable_dt = float(np.min(stable_dt(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)))
         scalar, _, real = PRECISIONS[network.dtype]
-        form = np.stack([network.channel_width, network.channel_depth, widest, wanted], axis=1).astype(real)
-        nodes = gathered_nodes(network, self.params, spacing)
+        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]]).astype(real)
+        nodes = fixed[:, NODES].astype(np.int32)
         self._form: wp.array = wp.array(form, dtype=wp.types.vector(4, scalar), device=network.device)
         self._nodes: wp.array = wp.array(nodes, dtype=wp.vec2i, device=network.device)
         self._spacing: wp.array = wp.array(spacing.astype(real), dtype=scalar, device=network.device)
-        self._collisions = collision_law(network, self.params, float(widest.max()))
+        self._collisions = collision_law(network, self.params, float(fixed[:, WIDEST].max()))
         self._graph: Any = None
 
     def _plan_substeps(self) -> None:
@@ -392,7 +420,7 @@ class Simulation:
     def _phases(self) -> Iterator[tuple[str, Callable[[], None]]]:
         """The verbs of one (sub-)step, in order."""
         network, form, spacing, buffers = self.network, self._form, self._spacing, self.buffers
-        yield "migrate", lambda: migrate(network, form, spacing, self._law, buffers)
+        yield "migrate", lambda: migrate(network, form, spacing, self.terrain, self._law, buffers)
         yield "cut off", lambda: cut_off(network, form, spacing, self.params, buffers)
         yield "resample", lambda: resample(network, form, spacing, buffers)
         if self._collisions is not None:
@@ -497,7 +525,7 @@ class Simulation:
         if len(edited.point_source) > buffers.point_capacity:
             self._allocate(int(HEADROOM * len(edited.point_source)), buffers.cut_capacity, buffers.oxbow_capacity)
         gather_points(network, edited, self.buffers)
-        spacing, wanted = self._spacing.numpy()[edited.channel_old], self._form.numpy()[edited.channel_old, 3]
+        spacing = self._spacing.numpy()[edited.channel_old]
         network.replace_channels(
             edited.channel_start,
             channel_width=edited.channel_width,
@@ -508,9 +536,10 @@ class Simulation:
             channel_nodes=edited.channel_nodes,
         )
         self.buffers.fit_channels(network)
+        wp.copy(network.point_xy, self.buffers.point_moved, count=network.point_count)
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
-        self._install(spacing, wanted)
+        self._install(spacing, self._fix_channels())
         self._resample_moved()
         self._edited = True
 
@@ -536,6 +565,7 @@ class Simulation:
                 channel_from=network.channel_from.copy(),
                 channel_to=network.channel_to.copy(),
                 node_xy=network.node_xy.copy(),
+                channel_fixed=self._fixed.copy(),
             )
         )
 
@@ -554,6 +584,25 @@ class Simulation:
         if not (math.isfinite(years) and years >= 0):
             raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
         return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
+
+
+def _check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
+    """Raise ``ValueError`` unless the terrain lies under the network."""
+    if terrain is None:
+        return
+    if terrain.crs is not None and network.crs is not None and terrain.crs != network.crs:
+        raise ValueError(
+            f"the terrain is in {short_name(terrain.crs)}, the network in {short_name(network.crs)}; "
+            "read one of them with to_crs="
+        )
+    west, south, east, north = terrain.bounds
+    xy = network.points()
+    inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
+    if not inside.any():
+        raise ValueError(
+            f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
+            f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
+        )
 
 
 @contextmanager

@@ -118,7 +118,7 @@ class Case:
         rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [device_law(self.kernel, law), chunk, rate]
+        inputs += [None, self.kernel.RasterGrid(), device_law(self.kernel, law), chunk, rate]
         threads = chunk_count(self.capacity, chunk)
         wp.launch(self.kernel.move_points, dim=threads, inputs=inputs, outputs=[out], device=self.device)
         return self._channels(out)
@@ -401,7 +401,7 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
         form = forms(network.channel_width, network.channel_depth, network.channel_width, 50.0, scalar, "cpu")
         spacing = to_device(np.full(len(lines), 50.0), scalar, "cpu")
         buffers = StepBuffers(network, network.point_count, 1, 1)
-        launcher.migrate(network, form, spacing, launcher.migration_law(params, 0.3, dtype), buffers)
+        launcher.migrate(network, form, spacing, None, launcher.migration_law(params, 0.3, dtype), buffers)
         results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()

@@ -1,5 +1,29 @@
 """Lines and terrains from nothing."""
 
 from warpriver.generate.curves import kinoshita, noisy_line, sine_generated, straight_line, valley_line
+from warpriver.generate.terrains import (
+    cone,
+    fluvial_terrain,
+    fractal_terrain,
+    mountain_front,
+    mountain_front_line,
+    mountain_front_zones,
+    read_sample_dem,
+    tilted_plain,
+)
 
-__all__ = ["kinoshita", "noisy_line", "sine_generated", "straight_line", "valley_line"]
+__all__ = [
+    "cone",
+    "fluvial_terrain",
+    "fractal_terrain",
+    "kinoshita",
+    "mountain_front",
+    "mountain_front_line",
+    "mountain_front_zones",
+    "noisy_line",
+    "read_sample_dem",
+    "sine_generated",
+    "straight_line",
+    "tilted_plain",
+    "valley_line",
+]

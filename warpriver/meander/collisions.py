@@ -39,7 +39,7 @@ def collision_law(network: RiverNetwork, params: MeanderParams, widest: float) -
     return law
 
 
-def gathered_nodes(network: RiverNetwork, params: MeanderParams, spacing: np.ndarray) -> np.ndarray:
+def gathered_nodes(network: RiverNetwork, params: MeanderParams) -> np.ndarray:
     """Label the nodes for the search, (C, 2) int32 above and below each channel: near ones count as one.
 
     Channels that meet at neighbouring junctions lie as close there as those that share one. Nodes that a channel of
@@ -48,13 +48,11 @@ def gathered_nodes(network: RiverNetwork, params: MeanderParams, spacing: np.nda
     Args:
         network: The network.
         params: ``junction_reach``.
-        spacing: (C,) even spacing of the points, m.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    length = spacing * (np.diff(network.starts()) - 1)
-    short = length < 0.5 * params.junction_reach * network.channel_width
+    short = network.channel_lengths() < 0.5 * params.junction_reach * network.channel_width
     ends = network.channel_from[short], network.channel_to[short]
     graph = coo_array((np.ones(int(short.sum())), ends), shape=(network.node_count, network.node_count))
     label = connected_components(graph, directed=False)[1]

@@ -11,6 +11,7 @@ from warpriver.kernels import migration as kernels
 from warpriver.meander.buffers import StepBuffers
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
+from warpriver.terrain import Terrain
 
 __all__ = ["explicit_dt", "migrate", "migration_law", "stable_dt"]
 
@@ -69,16 +70,20 @@ def migration_law(params: MeanderParams, time_step: float, dtype: str) -> Any:
     law.scale_local = int(params.sinuosity_scaling == "whole")
     law.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
     law.end_damping = params.end_damping
+    law.slope_threshold = params.slope_threshold
     return law
 
 
-def migrate(network: RiverNetwork, form: wp.array, spacing: wp.array, law: Any, buffers: StepBuffers) -> None:
+def migrate(
+    network: RiverNetwork, form: wp.array, spacing: wp.array, terrain: Terrain | None, law: Any, buffers: StepBuffers
+) -> None:
     """Move every point by its rate over one (sub-)step, from ``network.point_xy`` to ``buffers.point_moved``.
 
     Args:
         network: The network; its points are evenly spaced along each channel.
         form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
         spacing: (C,) even spacing of the points, m.
+        terrain: Ground whose slope slows migration, on the network's device, or None.
         law: From :func:`migration_law`.
         buffers: Where ``point_rate`` and ``point_moved`` are written.
     """
@@ -92,12 +97,15 @@ def migrate(network: RiverNetwork, form: wp.array, spacing: wp.array, law: Any, 
         outputs=[buffers.point_rate],
         device=network.device,
     )  # fmt: skip
+    height, grid = None, kernel.RasterGrid()
+    if terrain is not None:
+        height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
     wp.launch(
         kernel.move_points,
         dim=buffers.chunk_count,
         inputs=[
-            network.point_xy, network.point_section, network.channel_start, form, spacing, law, buffers.chunk,
-            buffers.point_rate,
+            network.point_xy, network.point_section, network.channel_start, form, spacing, height, grid, law,
+            buffers.chunk, buffers.point_rate,
         ],
         outputs=[buffers.point_moved],
         device=network.device,

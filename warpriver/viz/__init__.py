@@ -1,9 +1,10 @@
 """Pictures: plan maps and movies by matplotlib, 3-D previews by pyvista; both are imported when they draw."""
 
 from warpriver.viz import gl
-from warpriver.viz.belt import draw_belt
+from warpriver.viz.belt import draw_before_after, draw_belt
 from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
+from warpriver.viz.relief import hillshade
 from warpriver.viz.scene import render_scene
 
-__all__ = ["draw_belt", "draw_network", "gl", "movie", "render_scene"]
+__all__ = ["draw_before_after", "draw_belt", "draw_network", "gl", "hillshade", "movie", "render_scene"]

@@ -8,24 +8,23 @@ from typing import Any
 import numpy as np
 
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
-from warpriver.viz.maps import (
-    GROUND,
-    INK,
-    WATER,
-    Sheet,
-    add_water,
-    channel_paths,
-    checked_window,
-    color_ramp,
-    need_matplotlib,
-    style_bar,
-)
+from warpriver.viz.maps import RELIEF_RAMP, add_channels, map_window
+from warpriver.viz.relief import relief_picture
+from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, color_ramp, need_matplotlib, style_bar
 
-__all__ = ["draw_belt"]
+__all__ = ["draw_before_after", "draw_belt"]
 
 # Deposits run from bare sand through grass and willow to closed forest, lakes from open water to swamp.
 DEPOSIT_RAMP = ((0.0, "#f3e7c6"), (0.1, "#e3d3a1"), (0.28, "#bcb877"), (0.55, "#83935a"), (1.0, "#496843"))
 OXBOW_RAMP = ((0.0, "#5c98b8"), (0.12, "#86aeae"), (0.3, "#85a08a"), (0.6, "#607f5c"), (1.0, "#3f5c40"))
+
+# A course that another channel took the water from falls dry: bare gravel, then scrub.
+DRY_RAMP = ((0.0, "#c99a72"), (0.15, "#b98a66"), (0.45, "#95805f"), (1.0, "#6f7356"))
+
+RELIEF_WATER = RELIEF_RAMP[1][1]
+
+# Part of the relief's shades that deposits carry; courses narrower than this many samples are painted as wide as it.
+DEPOSIT_SHADE, LEAST_SAMPLES = 0.6, 1.5
 
 # Strength of the faint banding in time that the shades of age carry, so that scroll bars read as arcs.
 SCROLL_STRENGTH = 0.075
@@ -35,6 +34,7 @@ def draw_belt(
     history: Any,
     path: Any = None,
     *,
+    terrain: Any = None,
     until: int | None = None,
     window: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
@@ -47,13 +47,15 @@ def draw_belt(
 
     Each recorded course is drawn at its true width, in the order of time, as a point-bar deposit whose shade
     tells how long ago the channel left it: sand where it is fresh, closed forest where it is old. Loops that
-    were cut off lie among them as lakes that turn into swamp. The present channel is on top. A faint banding
-    in time is added to the shades so that scroll bars read as arcs. Record often enough that the channel
-    moves less than its width between two records; otherwise bare ground shows between them.
+    were cut off lie among them as lakes that turn into swamp, and courses given up where two channels met as dry
+    beds that scrub covers. The present channel is on top. A faint banding in time is added to the shades so that
+    scroll bars read as arcs. Record often enough that the channel moves less than its width between two records;
+    otherwise bare ground shows between them.
 
     Args:
         history: History.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
+        terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
         until: Index of the record to show as the present (negative: from the end); by default the last.
         window: (west, south, east, north) to show, in m; by default everything. It grows where the page has
             room.
@@ -69,23 +71,85 @@ def draw_belt(
 
     Raises:
         ImportError: matplotlib is missing.
-        ValueError: No record, a record that does not exist, a window that shows nothing, an ``age_span`` that
-            is not positive, or a file name with an unknown suffix.
+        ValueError: No record, a record that does not exist, a window that shows nothing, a terrain elsewhere or in
+            another CRS, an ``age_span`` that is not positive, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
     need_matplotlib()
     record = checked_record(history, until)
     if age_span is not None and not age_span > 0.0:
         raise ValueError(f"age_span is {age_span:g} yr; it must be positive")
-    page = BeltSheet(history, window=window, size=size, dpi=dpi, title=title, legend=legend, age_span=age_span)
+    page = BeltSheet(
+        history,
+        window=window,
+        size=size,
+        dpi=dpi,
+        title=title,
+        legend=legend,
+        age_span=age_span,
+        terrain=terrain,
+    )
     page.turn_to(record)
     if path is not None:
         page.sheet.save(path)
     return page.sheet.figure
 
 
+def draw_before_after(
+    history: Any,
+    path: Any = None,
+    *,
+    terrain: Any = None,
+    until: int | None = None,
+    window: Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    dpi: float = 200.0,
+    title: str | None = None,
+) -> Any:
+    """Draw the first record and the last one of a history in two maps of the same extent, as :func:`draw_belt` does.
+
+    The maps lie side by side or, where the river is long from west to east, one above the other.
+
+    Args:
+        history: History.
+        path: File to write (.png, .jpg, .pdf or .svg), or None.
+        terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
+        until: Index of the record to show second; by default the last.
+        window: (west, south, east, north) to show, in m; by default everything. It grows where the page has room.
+        size: Width and height of the picture in pixels; by default fitted to the window.
+        dpi: Pixels per inch.
+        title: Title at the upper left; None writes "Before and after", "" leaves the line out.
+
+    Returns:
+        matplotlib.figure.Figure.
+
+    Raises:
+        ImportError: matplotlib is missing.
+        ValueError: As :func:`draw_belt`.
+        OSError: The file cannot be written.
+    """
+    need_matplotlib()
+    record = checked_record(history, until)
+    page = BeltSheet(
+        history,
+        window=window,
+        size=size,
+        dpi=dpi,
+        title="Before and after" if title is None else title,
+        legend=True,
+        age_span=None,
+        terrain=terrain,
+        two=True,
+    )
+    page.turn_to(0, panel=0)
+    page.turn_to(record, panel=1)
+    if path is not None:
+        page.sheet.save(path)
+    return page.sheet.figure
+
+
 class BeltSheet:
-    """A page with the belt map, which can be turned from one record to a later one."""
+    """A page with the belt map, or two, each of which can be turned from one record to a later one."""
 
     def __init__(
         self,
@@ -98,59 +162,86 @@ class BeltSheet:
         legend: bool,
         age_span: float | None,
         bounds: Window | None = None,
+        terrain: Any = None,
+        two: bool = False,
     ):
         """Lay out the page; parameters as in :func:`draw_belt`, ``bounds`` in m where they are known."""
         bounds = bounds or history_bounds(history, len(history.times) - 1)
-        view = checked_window(window, bounds, 2.0 * float(np.max(history.networks[0].channel_width)))
+        margin = 2.0 * float(np.max(history.networks[0].channel_width))
+        view = map_window(window, bounds, margin, terrain, getattr(history, "crs", None))
         text = "Channel belt" if title is None else title
         self._history = history
-        self.sheet = Sheet(view, size=size, dpi=dpi, title=text, legend=legend)
-        self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span)
+        self.sheet = Sheet(view, size=size, dpi=dpi, title=text, legend=legend, two=two)
+        self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span, terrain=terrain)
+        self._water_color = WATER if terrain is None else RELIEF_WATER
         west, south, east, north = self.sheet.window
         blank = np.zeros((*self.sheet.shape, 3), np.uint8)
-        self._image = self.sheet.axes.imshow(
-            blank, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest"
-        )
-        self._water: list[Any] = []
-        self._has_note = bool(text)
+        self._images = [
+            axes.imshow(
+                blank, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest"
+            )
+            for axes in self.sheet.panels
+        ]
+        self._water: list[list[Any]] = [[] for _ in self.sheet.panels]
+        self._notes = [self.sheet.note if text else None]
+        if two:
+            self._notes = [self._add_note(axes) for axes in self.sheet.panels]
         if legend:
             longest = max(history.networks[0].polylines(), key=len)
-            self.sheet.add_scale_bar(flow=longest[-1] - longest[0])
+            alone = history.networks[0].channel_count == 1
+            self.sheet.add_scale_bar(flow=longest[-1] - longest[0] if alone else None)
             self._add_legend()
 
-    def turn_to(self, record: int) -> None:
-        """Show a record, the same one or a later one than before."""
+    def turn_to(self, record: int, panel: int = 0) -> None:
+        """Show a record, the same one or a later one than before, in one of the maps."""
         self.painter.advance(record)
-        self._image.set_data(self.painter.picture(record))
-        for collection in self._water:
+        self._images[panel].set_data(self.painter.picture(record))
+        for collection in self._water[panel]:
             collection.remove()
-        network = self.painter.network
-        paths, index = channel_paths(self.sheet, network)
-        self._water = add_water(self.sheet, paths, network.channel_width[index], WATER, bank=0.7)
-        if self._has_note:
+        axes = self.sheet.panels[panel]
+        self._water[panel] = add_channels(self.sheet, self.painter.network, self._water_color, bank=0.7, axes=axes)
+        note = self._notes[panel]
+        if note is not None:
             time = float(self._history.times[record])
-            count = self.painter.cutoff_count
-            cut = {0: "", 1: ", 1 cutoff"}.get(count, f", {count:,} cutoffs")
-            digits = 0 if self.painter.age_span >= 50.0 else 1
-            self.sheet.note.set_text(f"year {time:,.{digits}f}{cut}")
+            words = [f"year {time:,.{0 if self.painter.age_span >= 50.0 else 1}f}"]
+            for count, name in ((self.painter.cutoff_count, "cutoff"), (self.painter.collision_count, "collision")):
+                words += [f"{count:,} {name}{'s' if count > 1 else ''}"] if count else []
+            note.set_text(", ".join(words))
+
+    def _add_note(self, axes: Any) -> Any:
+        """Add an empty label in the upper left corner of a map."""
+        rows, columns = self.sheet.shape
+        inch = self.sheet.dpi
+        place = (0.08 * inch / columns, 1.0 - 0.08 * inch / rows)
+        box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "none", "alpha": 0.82}
+        return axes.text(
+            *place, "", transform=axes.transAxes, fontsize=9, color=INK, va="top", ha="left", bbox=box, zorder=9
+        )
 
     def _add_legend(self) -> None:
-        """Draw the two ramps over one axis of age at the right of the strip."""
+        """Draw the ramps over one axis of age at the right of the strip."""
         from matplotlib.ticker import MaxNLocator
 
+        rows: list[tuple[str, Sequence[tuple[float, str]]]] = [
+            ("oxbow lakes", OXBOW_RAMP),
+            ("point bars", DEPOSIT_RAMP),
+        ]
+        if getattr(self._history, "collisions", ()):
+            rows.insert(0, ("dry courses", DRY_RAMP))
         ramp = np.linspace(0.0, 1.0, 256)
-        image = np.stack([color_ramp(OXBOW_RAMP, ramp), color_ramp(DEPOSIT_RAMP, ramp)])
-        width = self.sheet.legend_width
-        box = self.sheet.strip(-width, 0.36, width, 0.34)
+        image = np.stack([color_ramp(stops, ramp) for _, stops in rows])
+        width, count = self.sheet.legend_width, len(rows)
+        box = self.sheet.strip(-width, 0.36, width, 0.34 if count == 2 else 0.44)
         box.imshow(
             image,
-            extent=(0.0, self.painter.age_span, 0.0, 2.0),
+            extent=(0.0, self.painter.age_span, 0.0, count),
             origin="lower",
             aspect="auto",
             interpolation="nearest",
         )
-        box.axhline(1.0, color="white", linewidth=1.2)
-        box.set_yticks([1.5, 0.5], ["point bars", "oxbow lakes"])
+        for level in range(1, count):
+            box.axhline(level, color="white", linewidth=1.2)
+        box.set_yticks(np.arange(count) + 0.5, [name for name, _ in rows])
         box.xaxis.set_major_locator(MaxNLocator(nbins=max(2, round(1.6 * width)), steps=[1, 2, 5, 10]))
         style_bar(box)
         box.tick_params(axis="y", length=0, pad=4, labelsize=8.5)
@@ -158,7 +249,7 @@ class BeltSheet:
 
 
 class BeltPainter:
-    """Paints which course or oxbow lake covered each pixel last, and colours the pixels by its age.
+    """Paints which course, oxbow lake or dry bed covered each pixel last, and colours the pixels by its age.
 
     A course costs one filled path and a picture one look-up, however many records came before: this is what
     makes movies linear in the number of frames.
@@ -176,6 +267,8 @@ class BeltPainter:
         *,
         supersample: int = 2,
         age_span: float | None = None,
+        terrain: Any = None,
+        strength: float = 1.0,
     ):
         """Prepare an empty floodplain.
 
@@ -185,6 +278,8 @@ class BeltPainter:
             shape: (rows, columns) in pixels.
             supersample: Samples per pixel and direction.
             age_span: Age in yr at which deposits look oldest; by default the time that the history spans.
+            terrain: Terrain whose relief is the ground, or None for a plain one.
+            strength: Strength of its shades.
         """
         from matplotlib.backends.backend_agg import RendererAgg
 
@@ -204,12 +299,28 @@ class BeltPainter:
         self.network: Any = None
         self._courses = 0
         self._oxbows = 0
+        self._collisions = sorted(getattr(history, "collisions", ()), key=lambda collision: collision.time)
+        self._collision_times = np.array([collision.time for collision in self._collisions])
+        self._beds = 0
         self._noise = vegetation_noise(shape)
+        # Where there is data: the relief; elsewhere the plain ground.
+        self._relief: Any = None
+        if terrain is not None:
+            self._relief = relief_picture(terrain, window, shape, strength=strength)
+            plain = 255.0 * color_ramp(((0.0, GROUND),), 0.0)
+            self._relief.color[~self._relief.known] = plain
+            self._relief.shade[~self._relief.known] = 1.0
+            self._relief.color[:] *= (1.0 + 0.015 * self._noise)[..., None]
 
     @property
     def cutoff_count(self) -> int:
         """Number of cutoffs painted."""
         return self._oxbows
+
+    @property
+    def collision_count(self) -> int:
+        """Number of collisions whose dry beds are painted."""
+        return self._beds
 
     def advance(self, record: int) -> None:
         """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
@@ -221,18 +332,32 @@ class BeltPainter:
                 if len(xy) >= 3:
                     self._fill([xy], [taper_ends(xy, float(cutoff.width))], 1 + len(self._times) + self._oxbows)
                 self._oxbows += 1
+            while self._beds < len(self._collisions) and self._collision_times[self._beds] <= time:
+                self._fill_bed(self._collisions[self._beds])
+                self._beds += 1
             self.network = self._history.networks[self._courses]
             self._courses += 1
             self._fill(self.network.polylines(), self.network.point_widths(), self._courses)
 
+    def _fill_bed(self, collision: Any) -> None:
+        """Fill the course that was given up in a collision."""
+        lines = [np.asarray(xy, np.float64) for xy in collision.pieces() if len(xy) >= 2]
+        code = 1 + len(self._times) + len(self._cutoffs) + self._beds
+        self._fill(lines, [np.full(len(xy), float(collision.width)) for xy in lines], code)
+
     def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
-        """Fill the bands of some lines with an event's number: course k is 1 + k, oxbow j is 1 + K + j."""
+        """Fill the bands of some lines with an event's number.
+
+        Course k is 1 + k, oxbow j of J is 1 + K + j, and bed i is 1 + K + J + i.
+        """
         from matplotlib.path import Path
         from matplotlib.transforms import Affine2D
 
         lines, widths = select_inside(lines, widths, self._window)
         if not lines:
             return
+        least = LEAST_SAMPLES / self._scale
+        widths = [np.maximum(width, least) for width in widths]
         vertices, codes, _ = band_outlines(*refine_lines(lines, widths, step=6.0 / self._scale))
         transform = Affine2D().translate(-self._window[0], -self._window[1]).scale(self._scale)
         rgb = tuple(((code >> shift) & 255) / 255.0 for shift in (0, 8, 16))
@@ -270,21 +395,32 @@ class BeltPainter:
     def picture(self, record: int) -> np.ndarray:
         """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north."""
         now = self._times[record]
-        age = (now - np.concatenate([self._times, self._cutoff_times])) / self.age_span
+        age = (now - np.concatenate([self._times, self._cutoff_times, self._collision_times])) / self.age_span
         age = np.clip(age, 0.0, 1.0)
-        courses = len(self._times)
-        table = np.zeros((1 + len(age), 4))
+        courses = slice(1, 1 + len(self._times))
+        oxbows = slice(courses.stop, courses.stop + len(self._cutoffs))
+        beds = slice(oxbows.stop, 1 + len(age))
+        age = np.concatenate([[0.0], age])
+        table = np.zeros((len(age), 4))
         table[0, :3], table[0, 3] = color_ramp(((0.0, GROUND),), 0.0), 0.4
-        table[1 : 1 + courses, :3] = color_ramp(DEPOSIT_RAMP, age[:courses])
-        table[1 : 1 + courses, :3] *= 1.0 + _scroll_tone(self._times, self.age_span)[:, None]
-        table[1 : 1 + courses, 3] = 0.25 + 0.75 * age[:courses]
-        table[1 + courses :, :3] = color_ramp(OXBOW_RAMP, age[courses:])
-        table[1 + courses :, 3] = 0.6 * age[courses:]
+        table[courses, :3] = color_ramp(DEPOSIT_RAMP, age[courses])
+        table[courses, :3] *= 1.0 + _scroll_tone(self._times, self.age_span)[:, None]
+        table[courses, 3] = 0.25 + 0.75 * age[courses]
+        table[oxbows, :3] = color_ramp(OXBOW_RAMP, age[oxbows])
+        table[oxbows, 3] = 0.6 * age[oxbows]
+        table[beds, :3] = color_ramp(DRY_RAMP, age[beds])
+        table[beds, 3] = 0.2 + 0.7 * age[beds]
+        if self._relief is not None:
+            table[0] = 0.0
         words = np.round(255.0 * np.clip(table, 0.0, 1.0)).astype(np.uint8).view(np.uint32)[:, 0]
         cover = self.cover()
         mean = _box_mean(words[cover].view(np.uint8).reshape(*cover.shape, 4), self._factor)
         tone = 1.0 + 0.05 * self._noise * mean[..., 3] / 255.0
-        return np.clip(mean[..., :3] * tone[..., None], 0.0, 255.0).astype(np.uint8)
+        if self._relief is None:
+            return np.clip(mean[..., :3] * tone[..., None], 0.0, 255.0).astype(np.uint8)
+        bare = _box_mean((cover == 0).astype(np.uint8)[..., None], self._factor)
+        tone *= 1.0 + DEPOSIT_SHADE * (self._relief.shade - 1.0)
+        return np.clip(mean[..., :3] * tone[..., None] + bare * self._relief.color, 0.0, 255.0).astype(np.uint8)
 
 
 def _box_mean(samples: np.ndarray, factor: int) -> np.ndarray:

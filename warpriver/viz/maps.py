@@ -5,28 +5,34 @@ matplotlib is imported when a map is drawn, not before, and its global state (``
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from warpriver.io.files import beside
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
+from warpriver.viz.relief import check_ground, relief_picture
+from warpriver.viz.sheet import (
+    BANK,
+    GROUND,
+    INK,
+    WATER,
+    Sheet,
+    checked_window,
+    color_ramp,
+    need_matplotlib,
+    style_bar,
+)
 
 __all__ = ["draw_network"]
 
-WATER = "#3d7ea6"
-BANK = "#1d4560"
-GROUND = "#cfcbb4"
-INK = "#2b2f2c"
-FAINT = "#77796f"
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
+# On a relief, whose own shades are as dark, even the least flow is a strong blue.
+RELIEF_RAMP = ((0.0, "#3f9cc4"), (0.45, "#1f6c9e"), (0.8, "#124377"), (1.0, "#0d2450"))
 
-# Largest ratio of the sides of a map that is fitted to its river; narrower ones get more ground beside it.
-MAX_ASPECT = 9.0
+# Least width of a line that stands for a channel, in points: for the narrowest channel, and what the widest adds.
+LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
 
 
 # ---- network map
@@ -36,7 +42,9 @@ def draw_network(
     network: Any,
     path: Any = None,
     *,
+    terrain: Any = None,
     color: str = "water",
+    order: Any = None,
     background: Any = None,
     extent: Sequence[float] | None = None,
     window: Sequence[float] | None = None,
@@ -47,15 +55,21 @@ def draw_network(
 ) -> Any:
     """Draw the plan map of a network: every channel at its true width, north up, axes in kilometres.
 
+    Channels too narrow to be seen at their width are drawn as lines, 0.45 points wide for the narrowest of the network
+    and up to 1.1 points for wider ones.
+
     Args:
         network: RiverNetwork.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
-        color: "water", or "discharge" (m3/s) or "width" (m) for shades of blue with a colour bar.
-        background: Image under the channels, row 0 at the north edge: (rows, columns) greys, which are
-            stretched from their least to their greatest value, or (rows, columns, 3 or 4) colours.
+        terrain: Terrain to draw under the channels, as shaded relief; plain ground shows where it has no data.
+        color: "water"; or "discharge" (m3/s), "width" (m), "area" (drainage area, km2; where the network has it) or
+            "order" (where ``order`` is given) for shades of blue with a colour bar.
+        order: (C,) whole number of each channel, as its Strahler order.
+        background: Image under the channels instead of a terrain, row 0 at the north edge: (rows, columns) greys,
+            which are stretched from their least to their greatest value, or (rows, columns, 3 or 4) colours.
         extent: (west, south, east, north) of ``background`` in m.
         window: (west, south, east, north) to show, in m; by default the background, or all channels and a
-            margin.
+            margin, which ends where a terrain does.
         title: Title at the upper left, or None.
         flow_arrow: Put an arrow beside the longest channel, in the direction of flow, where there is room.
         size: Width and height of the picture in pixels; by default fitted to the window.
@@ -67,32 +81,33 @@ def draw_network(
     Raises:
         ImportError: matplotlib is missing.
         ValueError: An unknown ``color``, a window that shows no channel, a background that is no image or has
-            no extent, or a file name with an unknown suffix.
+            no extent, a terrain elsewhere or in another CRS, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
     need_matplotlib()
-    choices = {"water": None, "discharge": network.channel_discharge, "width": network.channel_width}
-    if color not in choices:
-        raise ValueError(f"color is {color!r}; use one of {', '.join(choices)}")
+    values = _color_values(network, color, order)
     if (background is None) != (extent is None):
         raise ValueError("give background and extent, (west, south, east, north) in m, together")
-    window = extent if window is None else window
-    view = checked_window(window, network.bounds(), 2.0 * float(np.max(network.channel_width)))
+    if terrain is not None and background is not None:
+        raise ValueError("give a terrain or a background, not both")
+    view = map_window(
+        extent if window is None else window,
+        network.bounds(),
+        2.0 * float(np.max(network.channel_width)),
+        terrain,
+        network.crs if terrain is not None else None,
+    )
     sheet = Sheet(view, size=size, dpi=dpi, title=title or "", legend=True, ticks=True)
     sheet.axes.set_facecolor(GROUND)
-    if background is not None and extent is not None:
+    if terrain is not None:
+        _add_relief(sheet, terrain)
+    elif background is not None and extent is not None:
         _add_background(sheet, background, extent)
-    paths, index = channel_paths(sheet, network)
-    values = choices[color]
-    if values is None or not paths:
-        add_water(sheet, paths, network.channel_width[index], WATER, bank=0.9)
+    if values is None:
+        add_channels(sheet, network, WATER if terrain is None else RELIEF_RAMP[1][1], bank=0.9)
     else:
-        shown = np.asarray(values, np.float64)[index]
-        order = np.argsort(shown, kind="stable")
-        norm, unit = _norm(shown), {"discharge": "m³/s", "width": "m"}[color]
-        colors = color_ramp(FLOW_RAMP, norm(shown[order]))
-        add_water(sheet, [paths[k] for k in order], network.channel_width[index[order]], colors, bank=0.4)
-        _add_value_bar(sheet, norm, f"bankfull {color}, {unit}")
+        ramp = FLOW_RAMP if terrain is None else RELIEF_RAMP
+        _add_valued_channels(sheet, network, values, color, ramp)
     sheet.add_km_ticks()
     sheet.add_scale_bar()
     if flow_arrow:
@@ -100,6 +115,88 @@ def draw_network(
     if path is not None:
         sheet.save(path)
     return sheet.figure
+
+
+def _color_values(network: Any, color: str, order: Any) -> np.ndarray | None:
+    """Return the value of each channel that sets its colour, None for one colour.
+
+    Raises:
+        ValueError: The network does not have it, or ``order`` is not one number a channel.
+    """
+    choices: dict[str, Any] = {
+        "water": None,
+        "discharge": network.channel_discharge,
+        "width": network.channel_width,
+    }
+    area = getattr(network, "channel_drainage_area", None)
+    if area is not None:
+        choices["area"] = area / 1e6
+    if order is not None:
+        order = np.asarray(order)
+        if order.shape != (len(network.channel_width),) or not (np.isfinite(order).all() and (order >= 1).all()):
+            raise ValueError(
+                f"order has shape {order.shape}; give a number of 1 or more for each of the "
+                f"{len(network.channel_width)} channels"
+            )
+        choices["order"] = order
+    if color not in choices:
+        hint = {"order": "; order= is missing", "area": "; the drainage area is not known"}.get(color, "")
+        raise ValueError(f"color is {color!r}; use one of {', '.join(choices)}{hint}")
+    return None if choices[color] is None else np.asarray(choices[color], np.float64)
+
+
+def map_window(window: Sequence[float] | None, bounds: Window, margin: float, terrain: Any, crs: str | None) -> Window:
+    """Return the window in m as `checked_window` does; a margin around the channels ends where the terrain does.
+
+    Raises:
+        ValueError: As there; or the terrain is in another CRS or not in the window.
+    """
+    view = checked_window(window, bounds, margin)
+    if terrain is None:
+        return view
+    check_ground(terrain, view, crs)
+    if window is not None:
+        return view
+    west, south, east, north = terrain.bounds
+    return (
+        max(view[0], min(west, bounds[0])),
+        max(view[1], min(south, bounds[1])),
+        min(view[2], max(east, bounds[2])),
+        min(view[3], max(north, bounds[3])),
+    )
+
+
+def _add_relief(sheet: Sheet, terrain: Any) -> None:
+    """Lay the relief of a terrain under the channels, clear where there is no data."""
+    relief = relief_picture(terrain, sheet.window, sheet.shape)
+    pixels = np.empty((*sheet.shape, 4), np.uint8)
+    pixels[..., :3] = np.clip(relief.color, 0.0, 255.0)
+    pixels[..., 3] = np.where(relief.known, 255, 0)
+    west, south, east, north = sheet.window
+    sheet.axes.imshow(
+        pixels, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest", zorder=1
+    )
+
+
+def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: str, ramp: Any) -> None:
+    """Draw channels coloured by a value, the greatest on top, with a colour bar."""
+    lines = network.polylines()
+    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, network.point_widths(), strict=True)])
+    if not inside.any():
+        return
+    norm = _norm(values[inside], whole=name == "order")
+    part = np.asarray(norm(values), np.float64)
+    if name == "order":
+        part = (values - norm.boundaries[0] - 0.5) / max(len(norm.boundaries) - 2, 1)
+    colors = color_ramp(ramp, np.clip(part, 0.0, 1.0))
+    add_channels(sheet, network, colors, bank=0.4, rank=values)
+    label = {
+        "discharge": "bankfull discharge, m³/s",
+        "width": "bankfull width, m",
+        "area": "drainage area, km²",
+        "order": "stream order",
+    }[name]
+    _add_value_bar(sheet, norm, label, ramp)
 
 
 def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
@@ -113,27 +210,34 @@ def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
     sheet.axes.set_ylim(sheet.window[1], sheet.window[3])
 
 
-def _norm(values: np.ndarray) -> Any:
-    """Return the scale for colouring by ``values``: logarithmic where they span more than a decade."""
-    from matplotlib.colors import LogNorm, Normalize
+def _norm(values: np.ndarray, whole: bool = False) -> Any:
+    """Return the scale for colouring by ``values``: logarithmic where they span more than a decade; or of steps."""
+    from matplotlib.colors import BoundaryNorm, LogNorm, Normalize
 
     low, high = float(values.min()), float(values.max())
+    if whole:
+        return BoundaryNorm(np.arange(np.floor(low), np.floor(high) + 2.0) - 0.5, 256)
     if high <= low:
         return Normalize(0.5 * low, 1.5 * high)
     return LogNorm(low, high) if high > 10.0 * low > 0.0 else Normalize(low, high)
 
 
-def _add_value_bar(sheet: Sheet, norm: Any, label: str) -> None:
+def _add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
     """Draw the colour bar of a value at the right of the strip."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+    from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-    scale = ScalarMappable(norm, LinearSegmentedColormap.from_list("flow", FLOW_RAMP))
+    scale = ScalarMappable(norm, LinearSegmentedColormap.from_list("flow", ramp))
     width = sheet.legend_width
     box = sheet.strip(-width, 0.42, width, 0.13)
     bar = sheet.figure.colorbar(scale, cax=box, orientation="horizontal")
-    if isinstance(norm, LogNorm):
+    if isinstance(norm, BoundaryNorm):
+        steps = norm.boundaries
+        bar.set_ticks(0.5 * (steps[1:] + steps[:-1])[:: -(-len(steps) // 12)])
+        bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.0f}"))
+        bar.ax.minorticks_off()
+    elif isinstance(norm, LogNorm):
         bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:,.10g}"))
         bar.ax.xaxis.set_minor_formatter(NullFormatter())
     else:
@@ -199,292 +303,85 @@ def _arrow_place(
     return None if best is None else best[1:]
 
 
-# ---- page
+# ---- channels
 
 
-class Sheet:
-    """A page with one map whose pixels are square and known, a title above it and a strip below it.
+def add_channels(
+    sheet: Sheet,
+    network: Any,
+    colors: Any,
+    *,
+    bank: float,
+    rank: np.ndarray | None = None,
+    axes: Any = None,
+) -> list[Any]:
+    """Draw a network's channels: bands with thin bank lines where their width can be seen, lines where it cannot.
 
-    Attributes:
-        figure: The matplotlib figure.
-        canvas: Its Agg canvas.
-        axes: The map; its units are m.
-        window: (west, south, east, north) shown, m.
-        shape: (rows, columns) of the map in pixels.
-        metres_per_pixel: Ground size of a pixel, m.
-        dpi: Pixels per inch.
-        note: The text at the upper right.
-    """
-
-    def __init__(
-        self,
-        window: Window,
-        *,
-        size: tuple[int, int] | None,
-        dpi: float,
-        title: str,
-        legend: bool,
-        ticks: bool = False,
-    ):
-        """Lay out the page.
-
-        Args:
-            window: (west, south, east, north) in m; it grows until it fills the map.
-            size: Width and height of the whole picture in pixels, or None: fitted to the window.
-            dpi: Pixels per inch: sets the size of letters.
-            title: Title, or "" for none.
-            legend: Leave a strip below the map.
-            ticks: Leave room for tick labels.
-
-        Raises:
-            ValueError: A size too small to hold a map.
-        """
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        left, right = round((0.62 if ticks else 0.3) * dpi), round(0.3 * dpi)
-        top = round((0.55 if title else 0.3) * dpi)
-        bottom = round(((0.92 if legend else 0.3) + (0.3 if ticks else 0.0)) * dpi)
-        if size is None:
-            width, height = _fitted_size(window)
-            if legend:
-                width = max(width, 6.0)
-            columns, rows = round(width * dpi), round(height * dpi)
-        else:
-            columns, rows = int(size[0]) - left - right, int(size[1]) - top - bottom
-            if columns < 64 or rows < 64:
-                raise ValueError(
-                    f"size is {tuple(size)} pixels, too small for a map at {dpi:g} dpi; give at least "
-                    f"({64 + left + right}, {64 + top + bottom}), or a smaller dpi"
-                )
-        page = (columns + left + right, rows + top + bottom)
-        self.window = grow_to_aspect(window, columns / rows)
-        self.shape = (rows, columns)
-        self.metres_per_pixel = (self.window[2] - self.window[0]) / columns
-        self.figure = Figure(figsize=(page[0] / dpi, page[1] / dpi), dpi=dpi, facecolor="white")
-        self.canvas = FigureCanvasAgg(self.figure)
-        self._page, self._left, self._right = page, left, page[0] - right
-        self.axes = self.figure.add_axes(self._box(left, bottom, columns, rows))
-        self.axes.set_xlim(self.window[0], self.window[2])
-        self.axes.set_ylim(self.window[1], self.window[3])
-        for spine in self.axes.spines.values():
-            spine.set(linewidth=0.6, color=FAINT)
-        self.axes.set(xticks=[], yticks=[])
-        y = (bottom + rows + 0.16 * dpi) / page[1]
-        self.figure.text(left / page[0], y, title, fontsize=13, color=INK, weight="bold")
-        self.note = self.figure.text((page[0] - right) / page[0], y, "", fontsize=10, color=FAINT, ha="right")
-        self.dpi = dpi
-
-    def _box(self, x: float, y: float, width: float, height: float) -> tuple[float, float, float, float]:
-        """Turn a rectangle in pixels from the lower left into parts of the page."""
-        return x / self._page[0], y / self._page[1], width / self._page[0], height / self._page[1]
-
-    @property
-    def legend_width(self) -> float:
-        """Width of the colour bar in the strip, inches."""
-        return float(np.clip(0.38 * self.shape[1] / self.dpi, 1.0, 2.5))
-
-    def strip(self, x: float, y: float, width: float, height: float) -> Any:
-        """Add axes in the strip, in inches, with ``x`` from the map's left or, below 0, from its right."""
-        dpi = self.dpi
-        edge = self._left + x * dpi if x >= 0.0 else self._right + x * dpi
-        return self.figure.add_axes(self._box(edge, y * dpi, width * dpi, height * dpi))
-
-    def add_scale_bar(self, flow: np.ndarray | None = None) -> None:
-        """Draw a north arrow, a scale bar and, where ``flow`` (2,) is given, the direction of flow."""
-        from matplotlib.patches import Rectangle
-
-        across = self.shape[1] / self.dpi
-        free = across - self.legend_width - 1.0 - 0.8 - (0.75 if flow is not None else 0.0)
-        if flow is not None and free < 0.8:
-            flow, free = None, free + 0.75
-        room = float(np.clip(free, 0.4, 2.0)) * self.dpi * self.metres_per_pixel
-        power = 10.0 ** np.floor(np.log10(room))
-        length = next(k * power for k in (5.0, 2.0, 1.0) if k * power <= room)
-        width = length / self.metres_per_pixel / self.dpi
-        span = width + 1.6
-        box = self.strip(0.0, 0.3, span, 0.5)
-        box.set(xlim=(0.0, span), ylim=(0.0, 0.5))
-        box.axis("off")
-        for k, shade in enumerate((INK, "white")):
-            corner, part = (0.36 + 0.5 * k * width, 0.16), 0.5 * width
-            box.add_patch(Rectangle(corner, part, 0.055, facecolor=shade, edgecolor=INK, linewidth=0.7))
-        label = f"{length / 1e3:g} km" if length >= 1000.0 else f"{length:g} m"
-        for x, text in ((0.36, "0"), (0.36 + width, label)):
-            box.text(x, 0.3, text, fontsize=8.5, color=INK, ha="center")
-        arrow = {"arrowstyle": "-|>,head_width=0.22", "lw": 1.0, "shrinkA": 0.0, "shrinkB": 0.0}
-        box.annotate("", (0.09, 0.48), (0.09, 0.2), arrowprops={**arrow, "color": INK})
-        box.text(0.09, 0.02, "N", fontsize=8.5, color=INK, ha="center")
-        if flow is not None and np.hypot(*flow) > 0.0:
-            half = 0.16 * flow / np.hypot(*flow)
-            middle = np.array([0.36 + width + 0.75, 0.34])
-            box.annotate("", middle + half, middle - half, arrowprops={**arrow, "color": WATER, "lw": 1.4})
-            box.text(middle[0], 0.02, "flow", fontsize=8.5, color=INK, ha="center")
-
-    def add_km_ticks(self) -> None:
-        """Put ticks with kilometres around the map."""
-        from matplotlib.ticker import FuncFormatter, MaxNLocator
-
-        rows, columns = self.shape
-        for axis, pixels in ((self.axes.xaxis, columns), (self.axes.yaxis, rows)):
-            axis.set_major_locator(MaxNLocator(max(2, min(9, int(pixels / self.dpi / 1.1))), steps=[1, 2, 5, 10]))
-            axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v / 1e3:.10g}"))
-        self.axes.tick_params(labelsize=8, colors=FAINT, labelcolor=INK, width=0.6, length=3, pad=2)
-        for label in self.axes.get_yticklabels():
-            label.set(rotation=90, va="center")
-        self.axes.set_xlabel("easting, km", fontsize=8, color=FAINT, labelpad=2)
-        self.axes.set_ylabel("northing, km", fontsize=8, color=FAINT, labelpad=2)
-
-    def save(self, path: Any) -> None:
-        """Write the figure; the format follows the suffix."""
-        with replacing(path, (".png", ".jpg", ".pdf", ".svg")) as temporary:
-            self.figure.savefig(temporary, dpi=self.dpi)
-
-
-def _fitted_size(window: Window) -> tuple[float, float]:
-    """Return width and height of a map of a window, inches."""
-    aspect = (window[2] - window[0]) / (window[3] - window[1])
-    aspect = float(np.clip(aspect, 1.0 / MAX_ASPECT, MAX_ASPECT))
-    # Long rivers get a longer page, square ones a page of moderate area.
-    width = 12.0 + 4.0 * np.log(aspect) / np.log(MAX_ASPECT) if aspect > 1.0 else 12.0 * aspect
-    height = width / aspect
-    shrink = max(9.0 / max(width, height), 0.7) if aspect < 1.6 else 1.0
-    return width * shrink, height * shrink
-
-
-def style_bar(box: Any) -> None:
-    """Give a colour bar thin, small ticks."""
-    box.tick_params(labelsize=8, length=2.5, width=0.6, colors=FAINT, labelcolor=INK, pad=2)
-    for spine in box.spines.values():
-        spine.set(linewidth=0.6, color=FAINT)
-
-
-def checked_window(window: Sequence[float] | None, bounds: Window, margin: float) -> Window:
-    """Return the window in m: the one that was asked for, or ``bounds`` with a margin.
-
-    Args:
-        window: (west, south, east, north) in m, or None.
-        bounds: What there is to show, in m.
-        margin: Least margin around it, m.
-
-    Raises:
-        ValueError: The window is not four finite numbers, is empty, or shows none of ``bounds``.
-    """
-    if window is None:
-        west, south, east, north = bounds
-        pad = max(margin, 0.035 * max(east - west, north - south))
-        return west - pad, south - pad, east + pad, north + pad
-    values = [float(v) for v in window]
-    if len(values) != 4 or not np.isfinite(values).all() or values[0] >= values[2] or values[1] >= values[3]:
-        raise ValueError(f"window is {tuple(window)}; give (west, south, east, north) in m, west < east, south < north")
-    west, south, east, north = values
-    if west > bounds[2] or east < bounds[0] or south > bounds[3] or north < bounds[1]:
-        raise ValueError(
-            f"window ({west:g}, {south:g}, {east:g}, {north:g}) m shows nothing: the channels lie in "
-            f"({bounds[0]:g}, {bounds[1]:g}, {bounds[2]:g}, {bounds[3]:g}) m"
-        )
-    return west, south, east, north
-
-
-def grow_to_aspect(window: Window, aspect: float) -> Window:
-    """Widen a window (m) about its centre until its width is ``aspect`` times its height."""
-    west, south, east, north = window
-    width, height = max(east - west, aspect * (north - south)), max(north - south, (east - west) / aspect)
-    x, y = 0.5 * (west + east), 0.5 * (south + north)
-    return x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height
-
-
-def need_matplotlib() -> None:
-    """Raise ``ImportError`` that says what to install when matplotlib is missing."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise ImportError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
-
-
-@contextlib.contextmanager
-def replacing(path: Any, suffixes: Sequence[str]) -> Iterator[str]:
-    """Yield a temporary name for ``path``, which it replaces when the block ends without an error.
-
-    Args:
-        path: File to write.
-        suffixes: Suffixes allowed, with their dots.
-
-    Raises:
-        ValueError: Another suffix.
-        OSError: The folder does not exist or cannot be written.
-    """
-    target = pathlib.Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise ValueError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
-    if target.is_dir():
-        raise IsADirectoryError(f"cannot write {target}: it is a folder")
-    with beside(target) as temporary:
-        yield str(temporary)
-
-
-# ---- channels and colours
-
-
-def channel_paths(sheet: Sheet, network: Any) -> tuple[list[Any], np.ndarray]:
-    """Outline a network's channels for a sheet.
+    All banks are drawn before all water, so that junctions stay open. Bank lines thin out where a channel is only a
+    few pixels wide.
 
     Args:
         sheet: The page; channels outside its window are left out.
         network: RiverNetwork.
+        colors: One colour, or (C, 3) one a channel.
+        bank: Greatest width of the bank lines in points.
+        rank: (C,) numbers: the channels are drawn in their order; by default wide ones last.
+        axes: Map to draw on, by default the sheet's first.
 
     Returns:
-        One matplotlib path per channel drawn, and the index of each of them in the network.
+        What was added, to be removed again.
     """
+    from matplotlib.collections import LineCollection, PathCollection
     from matplotlib.path import Path
 
+    axes = sheet.axes if axes is None else axes
     lines, widths = network.polylines(), network.point_widths()
-    index = np.flatnonzero([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
+    drawn = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
+    width = np.asarray(network.channel_width, np.float64)
+    index = np.argsort(width if rank is None else rank, kind="stable")
+    index = index[drawn[index]]
     if not len(index):
-        return [], index
-    lines, widths = refine_lines(
-        [lines[c] for c in index], [widths[c] for c in index], step=4.0 * sheet.metres_per_pixel
-    )
-    vertices, codes, offset = band_outlines(lines, widths)
-    cuts = offset[1:-1]
-    pieces = zip(np.split(vertices, cuts), np.split(codes, cuts), strict=True)
-    return [Path(v, c, readonly=True) for v, c in pieces], index
-
-
-def add_water(sheet: Sheet, paths: list[Any], channel_width: np.ndarray, colors: Any, bank: float) -> list[Any]:
-    """Draw channels with thin bank lines: all banks first, then all water, so that junctions stay open.
-
-    Bank lines thin out where the channel is only a few pixels wide, and a hairline keeps what is narrower in
-    sight.
-
-    Args:
-        sheet: The page.
-        paths: Channel outlines.
-        channel_width: Width of each in m.
-        colors: One colour, or one a path.
-        bank: Greatest width of the bank lines in points.
-
-    Returns:
-        The two collections; none where there are no paths.
-    """
-    from matplotlib.collections import PathCollection
-
-    if not paths:
         return []
-    points = np.asarray(channel_width) / sheet.metres_per_pixel * 72.0 / sheet.dpi
-    lines = np.clip(0.4 * (points - 0.8), 0.0, bank)
-    hairs = np.maximum(0.15, 0.6 - points)
-    banks = PathCollection(paths, facecolors=BANK, edgecolors=BANK, linewidths=lines, joinstyle="round", zorder=5)
-    water = PathCollection(paths, facecolors=colors, edgecolors=colors, linewidths=hairs, zorder=6)
-    for collection in (banks, water):
-        sheet.axes.add_collection(collection, autolim=False)
-    return [banks, water]
+    points = width / sheet.metres_per_pixel * 72.0 / sheet.dpi
+    least = _least_lines(width)
+    shades = None if isinstance(colors, str) else np.asarray(colors)
+    added: list[Any] = []
+    narrow = index[points[index] < least[index]]
+    if len(narrow):
+        thin = [_thin_out(lines[c], 0.5 * sheet.metres_per_pixel) for c in narrow]
+        style = {"capstyle": "round", "joinstyle": "round"}
+        rim = np.minimum(0.35, bank)
+        added.append(LineCollection(thin, colors=BANK, alpha=0.35, linewidths=least[narrow] + rim, zorder=5, **style))
+        color = colors if shades is None else shades[narrow]
+        added.append(LineCollection(thin, colors=color, linewidths=least[narrow], zorder=6, **style))
+    wide = index[points[index] >= least[index]]
+    if len(wide):
+        step = 4.0 * sheet.metres_per_pixel
+        vertices, codes, offset = band_outlines(
+            *refine_lines([lines[c] for c in wide], [widths[c] for c in wide], step)
+        )
+        cuts = offset[1:-1]
+        pieces = zip(np.split(vertices, cuts), np.split(codes, cuts), strict=True)
+        paths = [Path(v, c, readonly=True) for v, c in pieces]
+        edge = np.clip(0.4 * (points[wide] - 0.8), 0.0, bank)
+        hair = np.maximum(0.15, 0.6 - points[wide])
+        color = colors if shades is None else shades[wide]
+        banks = PathCollection(paths, facecolors=BANK, edgecolors=BANK, linewidths=edge, joinstyle="round", zorder=5)
+        added += [banks, PathCollection(paths, facecolors=color, edgecolors=color, linewidths=hair, zorder=6)]
+    for collection in added:
+        axes.add_collection(collection, autolim=False)
+    return added
 
 
-def color_ramp(stops: Sequence[tuple[float, str]], values: Any) -> np.ndarray:
-    """Interpolate a ramp of (position, "#rrggbb") stops at ``values`` in 0..1: (..., 3) floats in 0..1."""
-    at = [p for p, _ in stops]
-    rgb = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for _, c in stops]) / 255.0
-    return np.stack([np.interp(values, at, rgb[:, k]) for k in range(3)], axis=-1)
+def _least_lines(width: np.ndarray) -> np.ndarray:
+    """Return the least width of the line that stands for each channel, points."""
+    low, high = float(width.min()), float(width.max())
+    part = np.log(width / low) / np.log(high / low) if high > 1.01 * low else np.zeros_like(width)
+    return LEAST_LINE + LEAST_GROWTH * part
+
+
+def _thin_out(xy: np.ndarray, step: float) -> np.ndarray:
+    """Leave out points of a line that stand much closer than ``step`` m; the ends stay."""
+    length = np.hypot(*np.diff(xy, axis=0).T).sum()
+    stride = max(1, int(step * (len(xy) - 1) / max(length, 1e-9)))
+    return xy if stride == 1 else np.concatenate([xy[:-1:stride], xy[-1:]])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.viz.belt import DEPOSIT_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
-from warpriver.viz.maps import color_ramp, need_matplotlib, replacing
+from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
 __all__ = ["movie"]
 
@@ -18,6 +18,7 @@ def movie(
     history: Any,
     path: Any,
     *,
+    terrain: Any = None,
     fps: float = 12.0,
     size: tuple[int, int] = (1280, 720),
     window: Sequence[float] | None = None,
@@ -35,6 +36,7 @@ def movie(
     Args:
         history: History.
         path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
+        terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
         fps: Frames a second, above 0 and at most 60.
         size: Width and height in pixels; both even for .mp4.
         window: (west, south, east, north) to show, in m; by default everything. It grows to fill the frame.
@@ -64,6 +66,7 @@ def movie(
         "size": size,
         "dpi": dpi,
         "title": title,
+        "terrain": terrain,
         "bounds": history_bounds(history, last),
     }
     with replacing(path, (".gif", ".mp4")) as temporary:

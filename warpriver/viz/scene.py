@@ -11,11 +11,14 @@ import numpy as np
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
 from warpriver.viz.belt import OXBOW_RAMP, BeltPainter, checked_record, history_bounds, vegetation_noise
-from warpriver.viz.maps import GROUND, WATER, checked_window, color_ramp, replacing
+from warpriver.viz.maps import RELIEF_RAMP, map_window
+from warpriver.viz.sheet import GROUND, WATER, color_ramp, replacing
+from warpriver.viz.surface import LIT_STRENGTH, TerrainGround, clip_window
 
 __all__ = ["render_scene"]
 
 SOIL = "#8d7b62"
+RELIEF_WATER = RELIEF_RAMP[1][1]
 SKY = ("#f4f6f5", "#c9dbe6")
 
 # Longest side of the ground's picture in pixels, and of its height grid in cells.
@@ -33,42 +36,48 @@ def render_scene(
     network_or_history: Any,
     path: Any,
     *,
+    terrain: Any = None,
     size: tuple[int, int] = (1280, 800),
-    exaggeration: float = 8.0,
+    exaggeration: float | None = None,
     camera: Sequence[Sequence[float]] | None = None,
     window: Sequence[float] | None = None,
     until: int | None = None,
 ) -> None:
-    """Write an oblique 3-D view of a river in its floodplain, drawn off-screen.
+    """Write an oblique 3-D view of a river in its floodplain or on its terrain, drawn off-screen.
 
-    Channels and oxbow lakes are flat ribbons at true width. The floodplain carries the channel belt of a
-    history as its colour; its levees and banks are drawn, not simulated: their height is a fixed part of the
-    channel depth.
+    Channels and oxbow lakes are ribbons at true width; on a terrain those that would be narrower than two pixels are
+    made as wide as that. The ground carries the channel belt of a history as its colour. Without a terrain it is a
+    floodplain whose levees and banks are drawn, not simulated: their height is a fixed part of the channel depth. A
+    terrain is drawn with at most a million cells, level across each channel.
 
     Args:
         network_or_history: RiverNetwork, or History.
         path: File to write (.png or .jpg).
+        terrain: Terrain under the channels; its gaps are filled with the nearest heights and left plain.
         size: Width and height in pixels.
-        exaggeration: Factor on heights; 0 for a flat floodplain.
-        camera: Position, focal point and up direction, three (x, y, z) in m with z = 0 at the floodplain; by
-            default a view from the south that holds the whole block.
-        window: (west, south, east, north) of the block in m; by default everything.
+        exaggeration: Factor on heights; 0 for a flat ground. By default 8, and on a terrain as much as makes its
+            relief a twelfth of the block's length, but 1 to 8.
+        camera: Position, focal point and up direction, three (x, y, z) in m with z = 0 at the floodplain, or at the
+            terrain's lowest height in the block, and heights exaggerated; by default a view from the south that holds
+            the whole block.
+        window: (west, south, east, north) of the block in m; by default everything, up to the terrain's edge.
         until: Index of the record of a history to show as the present; by default the last.
 
     Raises:
         RuntimeError: This machine cannot draw off-screen; the message says what to install.
         ImportError: pyvista is missing.
-        ValueError: A size, exaggeration, camera, record or window that makes no sense, or an unknown suffix.
+        ValueError: A size, exaggeration, camera, record or window that makes no sense, a terrain elsewhere or in
+            another CRS, or an unknown suffix.
         OSError: The file cannot be written.
     """
     if min(size) < 16:
         raise ValueError(f"size is {tuple(size)} pixels; give at least (16, 16)")
-    if not (np.isfinite(exaggeration) and exaggeration >= 0.0):
+    if exaggeration is not None and not (np.isfinite(exaggeration) and exaggeration >= 0.0):
         raise ValueError(f"exaggeration is {exaggeration}; give a number of 0 or more")
     if camera is not None and np.shape(camera) != (3, 3):
         raise ValueError("camera: give position, focal point and up direction, each (x, y, z) in m")
     with replacing(path, (".png", ".jpg")) as temporary:
-        pixels = _draw(network_or_history, size, float(exaggeration), camera, window, until)
+        pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until)
         from PIL import Image
 
         Image.fromarray(pixels).save(temporary)
@@ -76,8 +85,9 @@ def render_scene(
 
 def _draw(
     subject: Any,
+    terrain: Any,
     size: tuple[int, int],
-    exaggeration: float,
+    exaggeration: float | None,
     camera: Sequence[Sequence[float]] | None,
     window: Sequence[float] | None,
     until: int | None,
@@ -88,22 +98,40 @@ def _draw(
     network = subject if history is None else history.networks[record]
     bounds = network.bounds() if history is None else history_bounds(history, record)
     width = float(np.max(network.channel_width))
-    view = checked_window(window, bounds, 3.0 * width)
+    view = map_window(window, bounds, 3.0 * width, terrain, subject.crs if terrain is not None else None)
+    if terrain is not None:
+        view = clip_window(view, terrain.bounds)
     plotter = _new_plotter(size)
     try:
         painter = None
         if history is not None:
-            painter = BeltPainter(history, view, _texture_shape(view), supersample=1)
+            painter = BeltPainter(
+                history, view, _texture_shape(view), supersample=1, terrain=terrain, strength=LIT_STRENGTH
+            )
             painter.advance(record)
-        ground = _Ground(view, network, exaggeration)
-        picture = painter.picture(record) if painter is not None else _plain_picture(_texture_shape(view))
-        _add_block(plotter, ground, picture)
+        ground: Any
+        if terrain is None:
+            ground = _Ground(view, network, 8.0 if exaggeration is None else float(exaggeration))
+        else:
+            ground = TerrainGround(view, network, terrain, exaggeration)
         if painter is not None:
-            _add_lakes(plotter, ground, painter, record, exaggeration)
+            picture = painter.picture(record)
+        else:
+            picture = _plain_picture(_texture_shape(view)) if terrain is None else ground.picture(_texture_shape(view))
+        _add_block(plotter, ground, picture)
+        if painter is not None and terrain is None:
+            # On a terrain the lakes are a part of the picture.
+            _add_lakes(plotter, ground, painter, record)
         lines, widths = select_inside(network.polylines(), network.point_widths(), view)
         if lines:
-            lines, widths = refine_lines(lines, widths, step=0.2 * width)
-            _add_ribbons(plotter, ground, lines, widths, WATER, gap=0.02 * ground.depth * exaggeration, water=True)
+            if terrain is None:
+                lines, widths = refine_lines(lines, widths, step=0.2 * width)
+            else:
+                lines, widths = ground.drape(lines, widths, 2.0 * (view[2] - view[0]) / size[0])
+            gap = 0.02 * ground.depth * ground.exaggeration
+            _add_ribbons(
+                plotter, ground, lines, widths, WATER if terrain is None else RELIEF_WATER, gap=gap, water=True
+            )
         _aim(plotter, ground, camera)
         image = plotter.screenshot(None, return_img=True)
     finally:
@@ -142,7 +170,8 @@ class _Ground:
         from scipy.spatial import cKDTree
 
         west, south, east, north = window
-        self.window = window
+        self.window, self.exaggeration = window, exaggeration
+        self.top, self.ambient = 0.0, 0.25
         self.origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
         self.cell = max(east - west, north - south) / GRID_CELLS
         lines, widths = select_inside(network.polylines(), network.point_widths(), window)
@@ -174,6 +203,10 @@ class _Ground:
         floor = -(self.drop + edge * self.rise) / (1.0 - edge)
         return np.where(far, 0.0, floor + bank * (levee - floor))
 
+    def water_level(self, xy: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Return the height of the water in m at the (2 P, 2) banks of channels with that many points each."""
+        return np.full(len(xy), -self.drop)
+
     def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x (nx,), y (ny,) in absolute m and the height (ny, nx) in m."""
         west, south, east, north = self.window
@@ -201,7 +234,7 @@ def _plain_picture(shape: tuple[int, int]) -> np.ndarray:
     return np.clip(255.0 * color_ramp(((0.0, GROUND),), 0.0) * tone, 0.0, 255.0).astype(np.uint8)
 
 
-def _add_block(plotter: Any, ground: _Ground, picture: np.ndarray) -> None:
+def _add_block(plotter: Any, ground: Any, picture: np.ndarray) -> None:
     """Add the ground with its picture, and the sides of the block below it."""
     import pyvista
 
@@ -215,7 +248,7 @@ def _add_block(plotter: Any, ground: _Ground, picture: np.ndarray) -> None:
     texture = pyvista.Texture(np.ascontiguousarray(picture))
     texture.interpolate = True
     texture.mipmap = True
-    plotter.add_mesh(surface, texture=texture, smooth_shading=True, ambient=0.25, diffuse=0.85, specular=0.0)
+    plotter.add_mesh(surface, texture=texture, smooth_shading=True, ambient=ground.ambient, diffuse=0.85, specular=0.0)
     points, faces = block_sides(gx, gy, z, 0.04 * np.sqrt((east - west) * (north - south)) + 2.0 * ground.drop)
     sides = pyvista.PolyData(points, faces)
     plotter.add_mesh(sides, color=SOIL, smooth_shading=False, ambient=0.7, diffuse=0.5, specular=0.0)
@@ -271,7 +304,7 @@ def runs(mask: np.ndarray) -> list[slice]:
 
 def _add_ribbons(
     plotter: Any,
-    ground: _Ground,
+    ground: Any,
     lines: Sequence[np.ndarray],
     widths: Sequence[np.ndarray],
     colors: Any,
@@ -283,7 +316,7 @@ def _add_ribbons(
     import pyvista
 
     xy, faces, owner = ribbon_surface(lines, widths)
-    z = np.full(len(xy), -ground.drop) if water else ground.height(xy)
+    z = ground.water_level(xy, np.array([len(line) for line in lines])) if water else ground.height(xy)
     # On a plane a small lift keeps the ribbon clear of the ground at any distance.
     lift = max(gap, 2e-4 * (ground.window[2] - ground.window[0]) if ground.drop == 0.0 else 0.0)
     surface = pyvista.PolyData(np.column_stack([xy - ground.origin, z + lift]), faces)
@@ -300,12 +333,17 @@ def _add_ribbons(
     if surface.n_cells == 0:
         return
     if isinstance(colors, str):
-        plotter.add_mesh(surface, color=colors, **look)
+        actor = plotter.add_mesh(surface, color=colors, **look)
     else:
-        plotter.add_mesh(surface, scalars="rgb", rgb=True, **look)
+        actor = plotter.add_mesh(surface, scalars="rgb", rgb=True, **look)
+    if isinstance(ground, TerrainGround):
+        # What lies on rough ground wins against it where both are about as far away.
+        mapper = actor.GetMapper()
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(-4.0, -8.0)
 
 
-def _trim(surface: Any, ground: _Ground) -> Any:
+def _trim(surface: Any, ground: Any) -> Any:
     """Cut a surface off at the sides of the block."""
     west, south, east, north = ground.window
     half = 0.5 * np.array([east - west, north - south])
@@ -319,7 +357,7 @@ def _trim(surface: Any, ground: _Ground) -> Any:
     return surface
 
 
-def _add_lakes(plotter: Any, ground: _Ground, painter: BeltPainter, record: int, exaggeration: float) -> None:
+def _add_lakes(plotter: Any, ground: _Ground, painter: BeltPainter, record: int) -> None:
     """Add what later courses have left of the oxbow lakes, coloured by their age."""
     lines, widths, colors = [], [], []
     for xy, width, age, seen in painter.lakes(record):
@@ -328,11 +366,11 @@ def _add_lakes(plotter: Any, ground: _Ground, painter: BeltPainter, record: int,
             widths.append(taper_ends(xy, width)[run])
             colors.append(color_ramp(OXBOW_RAMP, age))
     if lines:
-        gap = 0.04 * ground.depth * exaggeration
+        gap = 0.04 * ground.depth * ground.exaggeration
         _add_ribbons(plotter, ground, lines, widths, np.array(colors), gap=gap, water=False)
 
 
-def _aim(plotter: Any, ground: _Ground, camera: Sequence[Sequence[float]] | None) -> None:
+def _aim(plotter: Any, ground: Any, camera: Sequence[Sequence[float]] | None) -> None:
     """Point the camera: as asked, or from the south so that the block fills the picture."""
     if camera is not None:
         position, focus, up = (np.array(v, np.float64) for v in camera)
@@ -348,7 +386,7 @@ def _aim(plotter: Any, ground: _Ground, camera: Sequence[Sequence[float]] | None
     rise = np.radians(40.0)
     direction = np.array([np.sin(turn) * np.cos(rise), -np.cos(turn) * np.cos(rise), np.sin(rise)])
     half = 0.5 * np.array([east - west, north - south])
-    corners = np.array([[sx * half[0], sy * half[1], 0.0] for sx in (-1, 1) for sy in (-1, 1)])
+    corners = np.array([[sx * half[0], sy * half[1], z] for sx in (-1, 1) for sy in (-1, 1) for z in {0.0, ground.top}])
     plotter.camera.view_angle = 25.0
     width, height = plotter.window_size
     focus, distance = fit_view(corners, direction, np.radians(25.0), width / height)

@@ -1,0 +1,251 @@
+"""Networks extracted from terrains: forests that follow the ground and lose no water."""
+
+import warnings
+
+import numpy as np
+import pytest
+from data_folder import data_folder
+from trees import assert_forest
+
+from warpriver import MeanderParams, Simulation, Terrain, generate, read_terrain
+from warpriver.hydrology import carve_depressions, discharge, drainage_area, route
+from warpriver.hydrology.extraction import extract_network
+from warpriver.hydrology.orders import shreve_magnitude, strahler_order
+from warpriver.network import bankfull_depth
+
+# File and threshold in m2.
+REAL = {"bigtujunga_srtm30m.tif": 1e6, "mandakini_srtm90m.tif": 5e6, "gabilan_lidar1m.tif": 1e4}
+
+
+def valley(rows=60, columns=41, cell_size=10.0):
+    """Two valleys that meet in the middle of row 30 and run south as one."""
+    row, column = np.mgrid[:rows, :columns].astype(float)
+    middle = columns // 2
+    away = np.abs(column - middle)
+    arm = np.clip(30 - row, 0, None) * 0.5
+    return Terrain(1.0 * np.abs(away - arm) + 0.5 * (rows - row), cell_size, origin=(500.0, 900.0))
+
+
+def outlets(network):
+    """Channels from which water leaves."""
+    return ~np.isin(network.channel_to, network.channel_from)
+
+
+def river_cells(terrain, threshold):
+    """Centres of the cells above the threshold, m; their drainage area at outlets, m2."""
+    flow = route(carve_depressions(terrain))
+    area = drainage_area(flow)
+    row, column = np.nonzero(area >= threshold)
+    west, north = terrain.origin
+    centers = np.column_stack([west + (column + 0.5) * terrain.cell_size, north - (row + 0.5) * terrain.cell_size])
+    index = np.ravel_multi_index((row, column), area.shape)
+    out = flow.receiver[row, column] == index
+    return centers, area[row, column][out], centers[out]
+
+
+def crossings(network):
+    """Pairs of channels that cross."""
+    shapely = pytest.importorskip("shapely")
+    lines = [shapely.LineString(line) for line in network.polylines()]
+    pairs = shapely.STRtree(lines).query(lines, predicate="crosses")
+    return int((pairs[0] < pairs[1]).sum())
+
+
+def test_two_valleys_meet_where_they_do():
+    terrain = valley()
+    network = extract_network(terrain, min_drainage_area=150 * 100.0)
+    assert_forest(network)
+    assert network.channel_count == 3 and network.node_count == 4
+    assert strahler_order(network.channel_from, network.channel_to).max() == 2
+    junction = network.node_xy[np.intersect1d(network.channel_to, network.channel_from)[0]]
+    expected = np.array([500.0 + 20.5 * 10.0, 900.0 - 30.5 * 10.0])
+    assert np.hypot(*(junction - expected)) < 25.0
+    outlet = network.node_xy[network.channel_to[outlets(network)][0]]
+    np.testing.assert_allclose(outlet, [500.0 + 20.5 * 10.0, 900.0 - 59.5 * 10.0])
+
+
+def test_attributes_follow_their_laws():
+    network = extract_network(valley(), min_drainage_area=1.5e4)
+    area = network.channel_drainage_area
+    assert (area % 100.0 == 0.0).all()
+    np.testing.assert_allclose(network.channel_discharge, discharge(area))
+    for width, depth, a, mean in zip(
+        network.point_widths(), network.point_depths(), area, network.channel_width, strict=True
+    ):
+        np.testing.assert_allclose(width[-1], 7.2 * np.sqrt(0.42 * 100**0.69) / 1e4 * np.sqrt(a))
+        np.testing.assert_allclose(depth, bankfull_depth(width))
+        assert (np.diff(width) >= 0.0).all() and width[0] < mean < width[-1]
+    constant = extract_network(valley(), min_drainage_area=1.5e4, varying=False, width_coefficient=0.01)
+    assert constant.point_section is None
+    assert (constant.channel_width > network.channel_width).all()
+
+
+@pytest.mark.parametrize("smoothing", [0, 4, 12])
+def test_points_are_even_and_near_the_cells(smoothing):
+    terrain = generate.fluvial_terrain((120, 160), 50.0, 800.0, 3)
+    network = extract_network(terrain, min_drainage_area=2e5, spacing=20.0, smoothing=smoothing)
+    assert_forest(network)
+    for line in network.polylines():
+        step = np.hypot(*np.diff(line, axis=0).T)
+        assert step.max() < 1.25 * step.mean() and abs(step.mean() - 20.0) < 6.0
+    from scipy.spatial import cKDTree
+
+    centers, _, _ = river_cells(terrain, 2e5)
+    off = cKDTree(centers).query(network.points())[0] / 50.0
+    assert off.mean() < 0.6 and off.max() < 2.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_water_is_lost(seed):
+    rng = np.random.default_rng(seed)
+    if seed % 2:
+        terrain = generate.fractal_terrain((90, 110), 30.0, 300.0, seed)
+    else:
+        terrain = generate.fluvial_terrain((90, 110), 30.0, 300.0, seed)
+    height = terrain.to_numpy()
+    height[40:50, 30 : 30 + seed * 4] = np.nan
+    terrain = Terrain(height, 30.0)
+    for threshold in (900.0 * rng.integers(5, 30), 900.0 * 100):
+        network = extract_network(terrain, min_drainage_area=threshold, carve=True)
+        assert_forest(network)
+        _, area, xy = river_cells(terrain, threshold)
+        last = outlets(network)
+        # Every outlet has the area of its cell, but for what joins just there: added up by place.
+        at = np.round(network.node_xy[network.channel_to[last]], 3)
+        found = dict(zip(map(tuple, at), network.channel_drainage_area[last], strict=True))
+        wanted = dict(zip(map(tuple, np.round(xy, 3)), area, strict=True))
+        assert len(found) == last.sum() and set(found) <= set(wanted)
+        assert all(found[place] == wanted[place] for place in found)
+        missing = sum(wanted.values()) - sum(found.values())
+        assert missing < 0.15 * sum(wanted.values()), "only the shortest courses are left out"
+
+
+def test_every_threshold_gives_a_forest():
+    terrain = generate.fluvial_terrain((60, 80), 50.0, 500.0, 1)
+    sources = []
+    for threshold in (2500.0, 1e4, 5e4, 2e5, 1e6):
+        network = extract_network(terrain, min_drainage_area=threshold)
+        assert_forest(network)
+        width = [w.max() for w in network.point_widths()]
+        assert (network.channel_lengths() > width).all()
+        sources.append(shreve_magnitude(network.channel_from, network.channel_to)[outlets(network)].sum())
+    assert sources == sorted(sources, reverse=True)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_any_threshold_width_and_spacing_gives_a_forest(seed):
+    rng = np.random.default_rng(seed)
+    shape = int(rng.integers(3, 60)), int(rng.integers(3, 60))
+    terrain = generate.fluvial_terrain(shape, float(rng.uniform(1.0, 90.0)), 300.0, seed)
+    flow = route(terrain)
+    for threshold in np.percentile(drainage_area(flow), [0, 50, 90, 98]):
+        try:
+            network = extract_network(
+                terrain,
+                min_drainage_area=float(threshold),
+                width_coefficient=float(10.0 ** rng.uniform(-4.0, 0.0)),
+                smoothing=int(rng.integers(0, 20)),
+                spacing=terrain.cell_size * float(rng.uniform(0.1, 5.0)),
+                flow=flow,
+            )
+        except ValueError as error:
+            assert "no channel" in str(error)
+            continue
+        assert_forest(network)
+        assert (network.channel_lengths() > [w.max() for w in network.point_widths()]).all()
+
+
+def test_wide_rivers_on_fine_cells():
+    terrain = generate.fluvial_terrain((100, 100), 10.0, 200.0, 2)
+    network = extract_network(terrain, min_drainage_area=1e4, width_coefficient=0.2)
+    assert_forest(network)
+    width = np.array([w.max() for w in network.point_widths()])
+    assert width.max() > 30.0 and (network.channel_lengths() > width).all()
+
+
+def test_more_than_two_streams_in_one_cell():
+    """Eight valleys run into a hole: seven junctions, one channel each."""
+    y, x = np.mgrid[-30:31, -30:31].astype(float)
+    spokes = np.min([np.abs(x), np.abs(y), np.abs(x - y), np.abs(x + y)], axis=0)
+    height = 0.5 * np.hypot(x, y) + spokes
+    height[30:, 30] = -0.01 * np.arange(31)
+    network = extract_network(Terrain(height, 10.0), min_drainage_area=5e3)
+    assert_forest(network)
+    assert shreve_magnitude(network.channel_from, network.channel_to)[outlets(network)].max() >= 5
+
+
+def test_cone_has_many_basins():
+    network = extract_network(generate.cone((120, 120), 10.0, 0.1), min_drainage_area=1500.0)
+    assert_forest(network)
+    assert outlets(network).sum() >= 8
+
+
+def test_periodic_sides_end_channels():
+    """A valley that runs over the west side and on from the east side is two channels."""
+    row, column = np.mgrid[:60, :41]
+    terrain = Terrain(1.0 * np.abs((column + row) % 41 - 20) + 2.0 * (60 - row), 10.0)
+    edges = {"north": "open", "south": "open", "east": "periodic", "west": "periodic"}
+    network = extract_network(terrain, min_drainage_area=8e3, edges=edges)
+    assert_forest(network)
+    x = [(line[0, 0], line[-1, 0]) for line in network.polylines()]
+    assert any(end == 5.0 for _, end in x) and any(start == 405.0 for start, _ in x)
+    assert max(np.hypot(*np.diff(line, axis=0).T).max() for line in network.polylines()) < 30.0
+
+
+def test_flow_and_area_are_used_again():
+    terrain = generate.fractal_terrain((80, 80), 30.0, 300.0, 5)
+    whole = extract_network(terrain, min_drainage_area=1e5)
+    flow = route(carve_depressions(terrain))
+    again = extract_network(terrain, min_drainage_area=1e5, flow=flow, area=drainage_area(flow))
+    assert (whole.points() == again.points()).all() and (whole.channel_to == again.channel_to).all()
+    filled = extract_network(terrain, min_drainage_area=1e5, carve=False)
+    assert_forest(filled)
+    single = extract_network(terrain, min_drainage_area=1e5, dtype="float32")
+    assert single.dtype == "float32"
+    np.testing.assert_allclose(single.points(), whole.points(), atol=1e-3)
+
+
+def test_bad_input_says_what_is_wrong():
+    terrain = generate.fluvial_terrain((40, 40), 50.0, 500.0, 1)
+    with pytest.raises(ValueError, match="largest drainage area on this terrain is"):
+        extract_network(terrain, min_drainage_area=1e9)
+    with pytest.raises(ValueError, match="longer than three cells"):
+        extract_network(Terrain(np.arange(4.0).reshape(2, 2), 10.0), min_drainage_area=1.0)
+    for name, value in (("min_drainage_area", 0.0), ("spacing", -1.0), ("smoothing", 1.5), ("width_coefficient", 0.0)):
+        arguments = {"min_drainage_area": 1e5, name: value}
+        with pytest.raises(ValueError, match=name):
+            extract_network(terrain, **arguments)
+    with pytest.raises(ValueError, match="shape"):
+        extract_network(terrain, min_drainage_area=1e5, area=np.ones((3, 3)))
+    with pytest.raises(ValueError, match="downstream"):
+        extract_network(terrain, min_drainage_area=1e5, area=np.random.default_rng(0).uniform(1, 2, (40, 40)))
+    other = route(generate.cone((20, 20), 10.0, 0.1))
+    with pytest.raises(ValueError, match="another terrain"):
+        extract_network(terrain, min_drainage_area=1e5, flow=other)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_terrain_gives_a_network_that_runs(name):
+    folder = data_folder("dem")
+    pytest.importorskip("rasterio")
+    terrain = read_terrain(folder / name)
+    network = extract_network(terrain, min_drainage_area=REAL[name])
+    assert_forest(network)
+    assert network.crs == terrain.crs
+    assert crossings(network) <= 0.01 * network.channel_count
+    # Streams go down: height along each channel falls from its upper to its lower end.
+    top = terrain.sample(np.array([line[0] for line in network.polylines()]))
+    foot = terrain.sample(np.array([line[-1] for line in network.polylines()]))
+    known = np.isfinite(top) & np.isfinite(foot)
+    print(f"{name}: {network!r}, falls in {(top > foot)[known].mean():.1%} of channels")
+    assert (top >= foot)[known].mean() > 0.9
+    # Small waters slow the run down: a coarser network of the same ground is enough for it.
+    coarse = extract_network(terrain, min_drainage_area=10 * REAL[name])
+    assert_forest(coarse)
+    narrowest = min(float(w.min()) for w in coarse.point_widths())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulation = Simulation(coarse, MeanderParams(spacing=narrowest), terrain=terrain)
+        history = simulation.run(steps=20)
+    assert history.stop_reason.value == "completed"
+    assert_forest(simulation.network)

@@ -1,0 +1,161 @@
+"""Depressions: filled until they spill, or opened by carving a course out of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+
+from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain
+from warpriver.kernels import depressions as kernels
+from warpriver.terrain import Terrain
+
+__all__ = ["carve_depressions", "fill_depressions"]
+
+# Scratch and result in bytes a cell, besides the padded copy.
+FILL_BYTES, CARVE_BYTES = 29, 49
+# Rims of depressions wait in as many buckets by height; about every second cell of rough ground is one for a time.
+CELLS_PER_BUCKET = 4
+# In m: below that all of them are one.
+LEAST_RELIEF = 1e-200
+
+
+def fill_depressions(
+    terrain: Terrain, *, epsilon: bool = True, edges: Edges = "open", nodata: NoData = "outlet"
+) -> Terrain:
+    """Raise every cell from which water cannot leave until it can [Barnes2014].
+
+    The result is the least surface W >= z with W = max(z, s(least W among the eight neighbours)) in every cell but the
+    outlets, which keep their height. With ``epsilon`` s(h) is the next float64 number above h, at least h + 2^-52 m:
+    every cell then has a lower neighbour, flats included, and water drains over it. Without it s(h) = h: depressions
+    become flats. That surface is unique, so the order in which cells of equal height are dealt with does not matter;
+    nothing is lowered, and filling a filled terrain changes nothing.
+
+    Args:
+        terrain: The surface; it is not changed.
+        epsilon: Whether filled ground keeps a least slope towards its outlet. Heights stored as float32 lose it.
+        edges: What the four sides are, "open" (water leaves at their cells), "closed" (a wall) or "periodic" (joined to
+            the opposite side): one word, four in the order north, south, east, west, or a mapping by those names.
+        nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
+
+    Returns:
+        The filled terrain. Ground that has no outlet drains to its lowest cell, which keeps its height.
+
+    Raises:
+        ValueError: An unknown edge rule, a periodic side without its opposite, or more than 2^31 cells.
+        MemoryError: There is no room, told before anything is allocated.
+    """
+    cells = pad_terrain(terrain, edges, nodata, FILL_BYTES)
+    _flood(cells, epsilon)
+    return _terrain_like(terrain, cells)
+
+
+def carve_depressions(
+    terrain: Terrain,
+    *,
+    edges: Edges = "open",
+    nodata: NoData = "outlet",
+    max_depth: float | None = None,
+    max_length: float | None = None,
+) -> Terrain:
+    """Cut a course out of every depression where that takes least height away, and fill what cannot be cut.
+
+    Pits are opened one after another, the lowest first, at equal height the first in the raster. From the pit's cells
+    the cheapest course to lower ground, to drained ground of the same height, or to an outlet is searched, where a cell
+    costs the height by which it exceeds the pit, summed over the course (plus 2^-20 m a cell of length, which decides
+    between courses that cut the same). Cells on it are lowered to a line that falls from the pit by 2^-50 of its height
+    a cell, or is level. At last the terrain is filled with epsilon, so that no pit and no flat is left. The result lies
+    nowhere above :func:`fill_depressions`.
+
+    Args:
+        terrain: The surface; it is not changed.
+        edges: As in :func:`fill_depressions`.
+        nodata: As in :func:`fill_depressions`.
+        max_depth: Greatest cut in a cell in m; None for any.
+        max_length: Greatest length of a course in m; None for any. A limit also bounds the time of the search.
+
+    Returns:
+        The carved terrain.
+
+    Raises:
+        ValueError: A limit below 0, and as :func:`fill_depressions`.
+        MemoryError: There is no room, told before anything is allocated.
+    """
+    depth, length = _limit(max_depth, "max_depth"), _limit(max_length, "max_length")
+    cells = pad_terrain(terrain, edges, nodata, CARVE_BYTES)
+    _carve(cells, depth, length / terrain.cell_size)
+    _flood(cells, True)
+    return _terrain_like(terrain, cells)
+
+
+def _flood(cells: PaddedCells, epsilon: bool) -> None:
+    """Fill the heights in place; the ghosts among them get stale."""
+    kernel, count = kernels.build(wp.float64), cells.count
+    lowest, highest = float(np.fmin.reduce(cells.height, axis=None)), float(np.fmax.reduce(cells.height, axis=None))
+    buckets = count // CELLS_PER_BUCKET + 1
+    flood = kernel.Flood()
+    flood.rows, flood.stride, flood.epsilon, flood.lowest = cells.rows, cells.stride, int(epsilon), lowest
+    flood.buckets_per_meter = buckets / max(highest - lowest, LEAST_RELIEF)
+    wp.launch(
+        kernel.flood_cells,
+        dim=1,
+        inputs=[flood],
+        outputs=[
+            wp.empty(1, dtype=int, device="cpu"),
+            wp.empty(count, dtype=int, device="cpu"),
+            wp.empty(buckets, dtype=int, device="cpu"),
+            flat(cells.height),
+            flat(cells.state),
+            wp.empty(count, dtype=int, device="cpu"),
+            wp.empty(3, dtype=int, device="cpu"),
+            wp.empty(count, dtype=wp.float64, device="cpu"),
+            wp.empty(count, dtype=int, device="cpu"),
+        ],
+        device="cpu",
+    )
+
+
+def _carve(cells: PaddedCells, max_depth: float, max_length: float) -> None:
+    """Carve courses into the heights in place; lengths are in cells."""
+    kernel = kernels.build(wp.float64)
+    height, state, count = flat(cells.height), flat(cells.state), cells.count
+    pit = np.zeros(count, np.uint8)
+    wp.launch(kernel.find_pits, cells.rows, [cells.stride, height, state], [flat(pit)], device="cpu")
+    pit_cell = np.flatnonzero(pit).astype(np.int32)
+    if not len(pit_cell):
+        return
+    pit_cell = pit_cell[np.argsort(cells.height.reshape(-1)[pit_cell], kind="stable")]
+    wp.launch(
+        kernel.carve_pits,
+        dim=1,
+        inputs=[cells.rows, cells.stride, max_depth, max_length, flat(pit_cell), state],
+        outputs=[
+            wp.empty(1, dtype=int, device="cpu"),
+            height,
+            flat(pit),
+            wp.empty(count, dtype=int, device="cpu"),
+            wp.empty(count, dtype=wp.float64, device="cpu"),
+            wp.empty(count, dtype=int, device="cpu"),
+            wp.empty(count, dtype=wp.float64, device="cpu"),
+            wp.empty(count, dtype=int, device="cpu"),
+        ],
+        device="cpu",
+    )
+
+
+def _limit(value: float | None, name: str) -> float:
+    """Return a limit as a number, or raise ``ValueError``."""
+    if value is None:
+        return math.inf
+    if not float(value) >= 0.0:
+        raise ValueError(f"{name} is {value}; give m, 0 or more, or None for no limit")
+    return float(value)
+
+
+def _terrain_like(terrain: Terrain, cells: PaddedCells) -> Terrain:
+    """Wrap the heights as a terrain on the device of the one they come from."""
+    height: wp.array = wp.array(cells.interior(cells.height), dtype=wp.float64, device="cpu", copy=False)
+    if terrain.device.is_cuda:
+        height = wp.clone(height, device=terrain.device)
+    return Terrain._of(height, terrain.cell_size, terrain.origin, terrain.crs)

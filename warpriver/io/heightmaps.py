@@ -1,0 +1,135 @@
+"""Height maps of 16 bits, PNG and raw, with a JSON file beside them that says what a pixel and a step are."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.io.files import decoded, need
+from warpriver.io.raster_source import Raster, north_up
+from warpriver.terrain import Terrain, require_memory
+
+__all__ = ["PNG", "RAW", "read_heightmap", "write_heightmap"]
+
+log = logging.getLogger("warpriver")
+
+PNG = ".png"
+RAW = (".r16", ".raw")
+TOP = 65535
+
+
+def side_file(path: Path) -> Path:
+    """Return the JSON file that goes with a height map: its whole name and .json."""
+    return path.with_name(path.name + ".json")
+
+
+def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[int, int] | None) -> Raster:
+    """Read steps of height, and scale them to metres by ``limits`` = (low, high) or by the JSON file."""
+    side: dict[str, Any] = {}
+    if side_file(path).is_file():
+        try:
+            side = json.loads(decoded(side_file(path)))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{side_file(path)}: not JSON ({error})") from error
+        if not isinstance(side, dict):
+            raise ValueError(f"{side_file(path)}: not a JSON object")
+    try:
+        stated = (float(side["height_low"]), float(side["height_high"])) if "height_low" in side else None
+        pixel = float(side["metres_per_pixel"]) if "metres_per_pixel" in side else None
+        west, north = (float(v) for v in side.get("origin", (0.0, 0.0)))
+        rows_columns = (int(side["rows"]), int(side["columns"])) if "rows" in side else None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{side_file(path)}: not what write_terrain writes ({error!r})") from error
+    found = limits or stated
+    if found is None:
+        raise ValueError(f"{path}: a height map does not tell its heights; pass range=(low, high) in m")
+    low, high = checked_limits(found)
+    step, top = _read_png(path) if path.suffix.lower() == PNG else _read_raw(path, shape or rows_columns)
+    if top < TOP:
+        log.warning("%s: %d steps of height are few: slopes come in terraces", path, top + 1)
+    first = 0 if side.get("no_data") is None else 1
+    height = low + (step - np.float64(first)) * ((high - low) / (top - first))
+    if first:
+        height[step == 0] = np.nan
+    affine = None if pixel is None else north_up(west, north, pixel, pixel)
+    return Raster(path, height, affine, side.get("crs"))
+
+
+def _read_png(path: Path) -> tuple[np.ndarray, int]:
+    """Return the steps of a grey PNG, and the highest step that it can hold."""
+    (image,) = need(f"reading {path.suffix}", "PIL.Image")
+    head = path.read_bytes()[:26]
+    if len(head) < 26 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
+        raise ValueError(f"{path}: not a PNG file, or cut short")
+    columns, rows, bits, color = struct.unpack(">IIBB", head[16:26])
+    if color != 0 or bits not in (8, 16):
+        raise ValueError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
+    require_memory((rows, columns), 22, what=f"{path}: a raster")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", image.DecompressionBombWarning)
+            with image.open(path) as picture:
+                return np.array(picture), 2**bits - 1
+    except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
+        raise ValueError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
+
+
+def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, int]:
+    """Return the steps of a raw file, and the highest step."""
+    size = path.stat().st_size
+    side = math.isqrt(size // 2)
+    if shape is None and 2 * side * side != size:
+        raise ValueError(f"{path}: {size} bytes are no square of 16-bit steps; pass shape=(rows, columns)")
+    rows, columns = shape or (side, side)
+    if rows < 1 or columns < 1 or 2 * rows * columns != size:
+        raise ValueError(f"{path}: {size} bytes, but {rows} x {columns} steps of 16 bits are {2 * rows * columns}")
+    require_memory((rows, columns), 20, what=f"{path}: a raster")
+    return np.fromfile(path, "<u2").reshape(rows, columns), TOP
+
+
+def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None) -> None:
+    """Write steps of height between ``limits``, by default the lowest and the highest; 0 is no data where there is any.
+
+    The JSON file is written beside it.
+    """
+    height = terrain.to_numpy()
+    gap = np.isnan(height)
+    lowest, highest = float(np.nanmin(height)), float(np.nanmax(height))
+    low, high = checked_limits(limits or (lowest, highest if highest > lowest else lowest + 1.0))
+    if lowest < low or highest > high:
+        raise ValueError(
+            f"{path}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
+        )
+    first = int(gap.any())
+    with np.errstate(invalid="ignore"):
+        step = np.rint((height - low) * ((TOP - first) / (high - low))) + first
+    step[gap] = 0.0
+    if path.suffix.lower() == PNG:
+        (image,) = need(f"writing {path.suffix}", "PIL.Image")
+        image.fromarray(step.astype(np.uint16)).save(path)
+    else:
+        step.astype("<u2").tofile(path)
+    side = {
+        "metres_per_pixel": terrain.cell_size, "rows": terrain.shape[0], "columns": terrain.shape[1],
+        "height_low": low, "height_high": high, "no_data": 0 if first else None,
+        "origin": list(terrain.origin), "crs": terrain.crs,
+    }  # fmt: skip
+    side_file(path).write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
+
+
+def checked_limits(limits: Any) -> tuple[float, float]:
+    """Return (low, high) in m, or raise ``ValueError``."""
+    try:
+        low, high = (float(v) for v in limits)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"range is {limits!r}; give (low, high) in m") from error
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"range is ({low:g}, {high:g}); give (low, high) in m with low below high")
+    return low, high

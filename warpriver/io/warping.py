@@ -1,0 +1,53 @@
+"""Rasters in another CRS, or turned: heights looked up where the new cells' centres lie in the old raster."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from warpriver.io.files import need
+from warpriver.io.raster_source import Raster, north_up
+from warpriver.terrain import Terrain, require_memory
+
+__all__ = ["warp"]
+
+# Points along each side of a raster whose places in another CRS tell its extent there; points looked up at a time.
+OUTLINE, STRIP = 33, 1_000_000
+
+
+def warp(raster: Raster, target: str) -> Raster:
+    """Return a raster on north-up square cells in another CRS, bilinear as ``Terrain.sample``.
+
+    Exact on planes, as the filters of GDAL's warper are not where cells shrink or turn: there slopes of 0.2 came out
+    0.008 off. A cell in the middle keeps its area.
+    """
+    (pyproj,) = need("to_crs", "pyproj")
+    there = pyproj.Transformer.from_crs(raster.crs, target, always_xy=True)
+    back = pyproj.Transformer.from_crs(target, raster.crs, always_xy=True)
+    rows, columns = raster.height.shape
+
+    def moved(columns_at: np.ndarray, rows_at: np.ndarray) -> np.ndarray:
+        return np.stack(there.transform(*raster.points(columns_at, rows_at).T), axis=1)
+
+    corners = moved(0.5 * columns + np.array([-0.5, 0.5, -0.5]), 0.5 * rows + np.array([-0.5, -0.5, 0.5]))
+    side, ends = np.linspace(0.0, 1.0, OUTLINE), np.repeat([0.0, 1.0], OUTLINE)
+    outline = moved(columns * np.concatenate([side, side, ends]), rows * np.concatenate([ends, side, side]))
+    if not np.isfinite(corners).all() or not np.isfinite(outline).all():
+        raise ValueError(f"{raster.path}: a part of it cannot be brought into the CRS {target[:40]}; crop it first")
+    (ax, ay), (bx, by) = corners[1:] - corners[0]
+    size = math.sqrt(abs(ax * by - ay * bx))
+    (west, south), (east, north) = outline.min(axis=0), outline.max(axis=0)
+    # A hair less, so that rounding adds no row without data.
+    shape = (max(2, math.ceil((north - south) / size - 1e-6)), max(2, math.ceil((east - west) / size - 1e-6)))
+    require_memory(shape, 18, what=f"{raster.path}: the reprojected raster")
+    # The old raster with its cells as units: x counts columns, -y rows.
+    old, to_cells = Terrain(raster.height, 1.0), raster.to_cells()
+    height = np.empty(shape)
+    x = west + (np.arange(shape[1]) + 0.5) * size
+    for first in range(0, shape[0], max(1, STRIP // shape[1])):
+        strip = height[first : first + max(1, STRIP // shape[1])]
+        y = north - (first + np.arange(len(strip)) + 0.5) * size
+        at = to_cells(*back.transform(*(a.ravel() for a in np.meshgrid(x, y))))
+        strip[:] = old.sample(at * (1.0, -1.0)).reshape(strip.shape)
+    return Raster(raster.path, height, north_up(float(west), float(north), size, size), target, units=raster.units)
