@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import json
 import math
 import os
-import platform
 import resource
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -21,6 +18,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 import warp as wp
+from machine import machine
 
 import warpriver as wr
 
@@ -159,33 +157,6 @@ def meanderpy_cost(points: int) -> dict | None:
     return {"points": points, "meanderpy_ms": 1e3 * theirs, "ours_ms": 1e3 * ours, "ratio": theirs / ours}
 
 
-def machine(device: str) -> dict:
-    """What the figures were measured on."""
-    processor = platform.processor()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [row.split(":", 1)[1].strip() for row in info.read_text().splitlines() if row.startswith("model name")]
-        processor = names[0] if names else processor
-    done = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
-    peers = {}
-    for peer in ("meanderpy",):
-        try:
-            peers[peer] = importlib.metadata.version(peer)
-        except importlib.metadata.PackageNotFoundError:
-            peers[peer] = None
-    return {
-        "processor": processor,
-        "cores": os.cpu_count(),
-        "device": wp.get_device(device).name,
-        "python": platform.python_version(),
-        "warpriver": wr.__version__,
-        "warp": wp.__version__,
-        "numpy": np.__version__,
-        "commit": done.stdout.strip() or None,
-        "peers": peers,
-    }
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="cpu")
@@ -221,7 +192,7 @@ def main() -> None:
     result = {
         "benchmark": "step",
         "dtype": options.dtype,
-        "machine": machine(options.device),
+        "machine": machine(options.device, ("meanderpy",)),
         "sizes": rows,
         "exponent": slope,
         "phases_ns_per_point": phases,
