@@ -44,13 +44,6 @@ def build(scalar):
         mixed = ((wp.uint32(x) * HASH_X) ^ (wp.uint32(y) * HASH_Y)) * HASH_MIX
         return int((mixed ^ (mixed >> wp.uint32(15))) & wp.uint32(mask))
 
-    @wp.func(module=name)
-    def width_at(point_section: wp.array[vec2], i: int, form: vec4) -> scalar:
-        """Width at a point."""
-        if point_section:
-            return point_section[i][0]
-        return form[0]
-
     @wp.kernel(module=name, enable_backward=False)
     def insert_blocks(
         # network
@@ -147,8 +140,8 @@ def build(scalar):
                 continue
             for j in range(blocks[3], stop_j):
                 if i < result[0] or (i == result[0] and j < result[1]):
-                    width_c = width_at(point_section, i, channel_form[c])
-                    width_d = width_at(point_section, j, channel_form[d])
+                    width_c = line.section_at(point_section, i, channel_form[c])[0]
+                    width_d = line.section_at(point_section, j, channel_form[d])[0]
                     touch = HALF * law.distance * (width_c + width_d)
                     if wp.length_sq(point_xy[j] - point_xy[i]) < touch * touch:
                         reach = law.node_reach * wp.max(width_c, width_d)

@@ -105,13 +105,6 @@ def build(scalar):
         return wp.pow(wp.min(chord / (spacing * scalar(last - first)), ONE), TWO_THIRDS)
 
     @wp.func(module=name)
-    def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
-        """Width and depth at a point: its own where they vary along the channel, else the channel's."""
-        if point_section:
-            return point_section[i]
-        return vec2(form[0], form[1])
-
-    @wp.func(module=name)
     def warmup_start(
         point_xy: wp.array[vec2], point_section: wp.array[vec2], form: vec4, friction: scalar, first: int, begin: int
     ) -> int:
@@ -119,7 +112,7 @@ def build(scalar):
         i = begin
         depth = scalar(0.0)
         while i > first and depth < REACH:
-            section = section_at(point_section, i, form)
+            section = line.section_at(point_section, i, form)
             depth += TWO * friction / section[1] * wp.length(point_xy[i] - point_xy[i - 1])
             i -= 1
         return i
@@ -156,7 +149,7 @@ def build(scalar):
         lc = wp.length(c)
         k0 = line.circle_curvature(a, b, wp.length(a), lb)
         k1 = line.circle_curvature(b, c, lb, lc)
-        section = section_at(point_section, warm, form)
+        section = line.section_at(point_section, warm, form)
         memory_before = TWO * law.friction / section[1]
         value_before = scalar(0.0)
         upstream = scalar(0.0)

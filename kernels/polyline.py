@@ -16,7 +16,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
-    vec2 = wp.types.vector(2, scalar)
+    vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
     ZERO, TWO, THREE = scalar(0.0), scalar(2.0), scalar(3.0)
     TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
 
@@ -32,6 +32,13 @@ def build(scalar):
             else:
                 high = middle
         return low
+
+    @wp.func(module=name)
+    def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
+        """Width and depth at a point: its own where they vary along the channel, else the channel's."""
+        if point_section:
+            return point_section[i]
+        return vec2(form[0], form[1])
 
     @wp.func(module=name)
     def extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int) -> vec2:
@@ -66,8 +73,9 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec4=wp.types.vector(4, scalar),
+        vec4=vec4,
         channel_at=channel_at,
+        section_at=section_at,
         extended_point=extended_point,
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,
