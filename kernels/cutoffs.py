@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline
+from warpriver.kernels import buckets, polyline
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,35 +18,11 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.cutoffs_{scalar.__name__}"
-    line = polyline.build(scalar)
+    line, grid = polyline.build(scalar), buckets.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
+    floor_int, bucket_mask, bucket_of = grid.floor_int, grid.bucket_mask, grid.bucket_of
     HALF = scalar(0.5)
     FAULT_OXBOWS_FULL = 2
-    # Odd 32-bit constants with well mixed bits, to scatter tiles over the table.
-    HASH_X, HASH_Y, HASH_MIX = wp.uint32(0x9E3779B1), wp.uint32(0x85EBCA77), wp.uint32(0x27D4EB2F)
-
-    @wp.func(module=name)
-    def floor_int(x: scalar) -> int:
-        """Greatest integer at or below x (cheaper than a call of floor where the CPU code is generic)."""
-        whole = int(x)
-        if scalar(whole) > x:
-            return whole - 1
-        return whole
-
-    @wp.func(module=name)
-    def bucket_mask(points: int) -> int:
-        """Number of buckets of a channel less one: a power of two, two to four buckets a point."""
-        size = int(1)
-        while size <= 2 * points:
-            size = 2 * size
-        return size - 1
-
-    @wp.func(module=name)
-    def bucket_of(x: int, y: int, mask: int) -> int:
-        """Bucket of a grid cell: cells of an 8 x 8 tile stay together in memory, tiles are scattered."""
-        tile = ((wp.uint32(x >> 3) * HASH_X) ^ (wp.uint32(y >> 3) * HASH_Y)) * HASH_MIX
-        inside = wp.uint32(((y & 7) << 3) | (x & 7))
-        return int((((tile >> wp.uint32(9)) << wp.uint32(6)) | inside) & wp.uint32(mask))
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_points(

@@ -20,11 +20,10 @@ def build(scalar):
     name = f"warpriver.kernels.migration_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
     vec2, vec3, vec4 = line.vec2, wp.types.vector(3, scalar), line.vec4
-    ZERO, HALF, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
     TWO_THIRDS = scalar(2.0 / 3.0)
-    # Beyond this many e-foldings upstream a weight is lost in the rounding of the sum.
-    REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
+    REACH = line.REACH
     SERIES_LIMIT = scalar(0.5)
     # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
     factorial, SERIES = 2.0, []
@@ -81,7 +80,6 @@ def build(scalar):
         The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
         grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the least implicit share with which it keeps above -1/2, so
         that a kink rings for a few steps at most.
-        (1 - c d2)^-1 is a forward and a backward recurrence u_i = (1 - r) v_i + r u_(i-1).
         """
         diffusivity = -law.local_weight * law.migration_rate * widest
         if law.scale_local != 0:
@@ -89,14 +87,7 @@ def build(scalar):
         c = EIGHT_NINTHS * diffusivity * law.time_step / (spacing * spacing) - QUARTER
         if not (c > ZERO):
             return ZERO
-        return TWO * c / (ONE + TWO * c + wp.sqrt(ONE + FOUR * c))
-
-    @wp.func(module=name)
-    def smoothing_reach(r: scalar) -> int:
-        """Number of points after which r^n is lost in rounding."""
-        if r == ZERO:
-            return 0
-        return int(REACH / -wp.log(r)) + 1
+        return line.recurrence_root(c)
 
     @wp.func(module=name)
     def sinuosity_factor(point_xy: wp.array[vec2], first: int, last: int, spacing: scalar) -> scalar:
@@ -138,7 +129,7 @@ def build(scalar):
         """
         r = weight[2]
         warm = warmup_start(point_xy, point_section, form, law.friction, first, begin)
-        warm = wp.max(first, warm - smoothing_reach(r))
+        warm = wp.max(first, warm - line.recurrence_reach(r))
         before = line.extended_point(point_xy, warm - 1, first, last)
         here = point_xy[warm]
         after = line.extended_point(point_xy, warm + 1, first, last)
@@ -230,33 +221,6 @@ def build(scalar):
             channel += 1
 
     @wp.func(module=name)
-    def end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
-        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
-        away = scalar(wp.min(i - first, last - i)) * spacing
-        if away >= reach:
-            return ONE
-        t = away / reach
-        return t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
-    def slope_weight(cell_height: wp.array2d[wp.float64], grid: cells.RasterGrid, xy: vec2, limit: scalar) -> scalar:
-        """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
-        slope = cells.slope_at(cell_height, grid, xy)
-        if not (slope < limit):
-            return ZERO
-        t = slope / limit
-        return ONE - t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
-    def right_normal(before: vec2, after: vec2) -> vec2:
-        """Unit normal to the right of the flow; none where the line turns back on itself."""
-        t = after - before
-        size = wp.length(t)
-        if size == ZERO:
-            return vec2(ZERO, ZERO)
-        return vec2(t[1], -t[0]) / size
-
-    @wp.func(module=name)
     def sweep_move(
         point_xy: wp.array[vec2],
         point_section: wp.array[vec2],
@@ -278,7 +242,7 @@ def build(scalar):
         """
         r = reach[0]
         smoothed = scalar(0.0)
-        top = wp.min(last, stop - 1 + smoothing_reach(r))
+        top = wp.min(last, stop - 1 + line.recurrence_reach(r))
         for k in range(0, top - begin + 1):
             j = top - k
             if point_section:
@@ -289,10 +253,10 @@ def build(scalar):
             if j < stop:
                 moved = point_xy[j]
                 if j > first and j < last:
-                    normal = right_normal(point_xy[j - 1], point_xy[j + 1])
-                    weight = end_weight(j, first, last, reach[1], reach[2])
+                    normal = line.right_normal(point_xy[j - 1], point_xy[j + 1])
+                    weight = line.end_weight(j, first, last, reach[1], reach[2])
                     if cell_height:
-                        weight = weight * slope_weight(cell_height, grid, moved, law.slope_threshold)
+                        weight = weight * cells.slope_weight(cell_height, grid, moved, law.slope_threshold)
                     moved = moved + normal * (smoothed * weight * law.time_step)
                 point_moved_out[j] = moved
 

@@ -60,14 +60,6 @@ def build(scalar):
                 channel += 1
         chunk_length_out[k] = arc
 
-    @wp.func(module=name)
-    def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
-        """Arc length of a point since the start of the packed array; ``chunk_offset`` is an inclusive sum."""
-        k = i // chunk
-        if k == 0:
-            return point_arc[i]
-        return chunk_offset[k - 1] + point_arc[i]
-
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
         # network
@@ -85,8 +77,8 @@ def build(scalar):
     ):
         """Number of new points of each channel, from its length and the spacing asked for, and the even spacing."""
         channel = wp.tid()
-        head = arc_at(point_arc, chunk_offset, chunk, channel_start[channel])
-        foot = arc_at(point_arc, chunk_offset, chunk, channel_start[channel + 1] - 1)
+        head = line.arc_at(point_arc, chunk_offset, chunk, channel_start[channel])
+        foot = line.arc_at(point_arc, chunk_offset, chunk, channel_start[channel + 1] - 1)
         length = foot - head
         if not (length > ZERO_64 and wp.isfinite(length)):
             # Nothing of this step is taken over, so that the state before the fault can still be looked at.
@@ -148,7 +140,7 @@ def build(scalar):
         high = last
         while high - low > 1:
             middle = (low + high) // 2
-            if arc_at(point_arc, chunk_offset, chunk, middle) <= target:
+            if line.arc_at(point_arc, chunk_offset, chunk, middle) <= target:
                 low = middle
             else:
                 high = middle
@@ -182,7 +174,7 @@ def build(scalar):
         """
         first = channel_range[0]
         last = channel_range[1]
-        head = arc_at(point_arc, chunk_offset, chunk, first)
+        head = line.arc_at(point_arc, chunk_offset, chunk, first)
         target = head + spacing * wp.float64(sample_range[2] - sample_range[0])
         ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, target)
         ia = kept_before(point, ib, first)
@@ -205,8 +197,8 @@ def build(scalar):
         td = line.central_tangent(d - c, e - d, cd, de)
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
-        arc_b = arc_at(point_arc, chunk_offset, chunk, ib)
-        arc_c = arc_at(point_arc, chunk_offset, chunk, ic)
+        arc_b = line.arc_at(point_arc, chunk_offset, chunk, ib)
+        arc_c = line.arc_at(point_arc, chunk_offset, chunk, ic)
         for k in range(sample_range[2], sample_range[3]):
             target = head + spacing * wp.float64(k - sample_range[0])
             while arc_c < target and ic < last:
@@ -227,7 +219,7 @@ def build(scalar):
                 tangent_b = tangent_c
                 tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
                 arc_b = arc_c
-                arc_c = arc_at(point_arc, chunk_offset, chunk, ic)
+                arc_c = line.arc_at(point_arc, chunk_offset, chunk, ic)
             u = scalar(0.0)
             if k > sample_range[0] and arc_c > arc_b:
                 u = wp.clamp(scalar((target - arc_b) / (arc_c - arc_b)), ZERO, ONE)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from warpriver.io.rasters import read_terrain, write_terrain
     from warpriver.io.xarrays import from_xarray, to_xarray
     from warpriver.network import RiverNetwork
-    from warpriver.params import MeanderParams
+    from warpriver.params import MeanderParams, PathMeander
     from warpriver.simulation import Every, Simulation
     from warpriver.terrain import Terrain
 
@@ -27,6 +27,7 @@ __all__ = [
     "Every",
     "History",
     "MeanderParams",
+    "PathMeander",
     "RiverNetwork",
     "Simulation",
     "StopReason",
@@ -53,6 +54,7 @@ _HOMES = {
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
     "MeanderParams": "warpriver.params",
+    "PathMeander": "warpriver.params",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "StopReason": "warpriver.history",

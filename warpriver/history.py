@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 
 __all__ = ["Collision", "Cutoff", "History", "Record", "StopReason"]
 
@@ -65,7 +65,8 @@ class Cutoff:
         time: Time of the cutoff, yr.
         channel: Index of the channel.
         width: Bankfull width there, m.
-        xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included.
+        xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included. Shortest paths
+            leave closed loops: the first point is repeated at the end.
     """
 
     time: float
@@ -189,7 +190,7 @@ class History:
 
     def __init__(
         self,
-        params: MeanderParams,
+        params: MeanderParams | PathMeander,
         *,
         seed: int = 0,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
@@ -400,6 +401,7 @@ class History:
     def _header(self) -> str:
         values = {
             "format": FORMAT,
+            "solver": next(name for name, kind in SOLVER_PARAMS.items() if isinstance(self.params, kind)),
             "params": dataclasses.asdict(self.params),
             "seed": self.seed,
             "origin": self.origin.tolist(),
@@ -422,7 +424,7 @@ class History:
             if values["format"] != FORMAT:
                 raise ValueError(f"{source} has format {values['format']!r}; this version reads {FORMAT!r}")
             history = cls(
-                MeanderParams(**values["params"]),
+                SOLVER_PARAMS[values.get("solver", "migration")](**values["params"]),
                 seed=values["seed"],
                 origin=values["origin"],
                 crs=values["crs"],

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import Any
 
-__all__ = ["DAYS_PER_YEAR", "MeanderParams", "describe", "parameter"]
+__all__ = ["DAYS_PER_YEAR", "SOLVER_PARAMS", "MeanderParams", "PathMeander", "describe", "parameter"]
 
 DAYS_PER_YEAR = 365.25
 
@@ -205,3 +205,143 @@ class MeanderParams:
     def replace(self, **changes: Any) -> MeanderParams:
         """Return a copy with some fields changed (and checked again)."""
         return dataclasses.replace(self, **changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class PathMeander:
+    """Constants of meandering by shortest paths [PathStudy2026]: give them to ``Simulation`` in place of migration.
+
+    Each point is pushed by its signed curvature C, outward by k w C and downstream by a share of it; the push is blurred
+    along the channel and the line smoothed. Where strands lie within the search radius and run along each other, they
+    are joined by shortcuts; the shortest path from the head to the foot is the new channel, and what it bypasses stays
+    behind as a closed loop. Small waves of wavenumber q grow at the rate
+
+        k w q^2 (1 / (1 + (b w)^2 q^2) - S),
+
+    k the displacement rate, b the blur length and S the smoothing: fastest at the wavelength
+    2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
+    """
+
+    time_step: float = parameter(
+        106.0 / DAYS_PER_YEAR,
+        "yr",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="time between two recorded states; done in equal sub-steps where stability asks for it",
+    )
+    spacing: float = parameter(
+        50.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="distance between the points of a channel; at most the channel width",
+    )
+    spacing_in_widths: float = parameter(
+        0.0,
+        "widths",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer",
+    )
+    displacement_rate: float = parameter(
+        60.0,
+        "m/yr",
+        low=0.0,
+        source="warpriver",
+        doc="k, strength of the displacement: lateral push per unit of width times curvature",
+    )
+    downstream_share: float = parameter(
+        0.25,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="PathStudy2026",
+        doc="phi: part of the lateral push that is added along the channel, downstream",
+    )
+    blur_length: float = parameter(
+        1.75,
+        "widths",
+        low=0.5,
+        source="warpriver",
+        doc="b: length along the channel over which the push is blurred; bends grow in proportion to it",
+    )
+    smoothing: float = parameter(
+        0.25,
+        "-",
+        low=0.01,
+        high=10.0,
+        source="warpriver",
+        doc="S, strength of the smoothing: diffusivity of the line over k w; from 1 on nothing meanders",
+    )
+    search_radius: float = parameter(
+        1.5,
+        "widths",
+        low=0.0,
+        low_open=True,
+        source="PathStudy2026",
+        doc="points of a channel closer than this may be joined by a shortcut",
+    )
+    cone_angle: float = parameter(
+        45.0,
+        "deg",
+        low=0.0,
+        high=90.0,
+        low_open=True,
+        source="PathStudy2026",
+        doc="greatest angle between the lines of two strands that a shortcut joins; 90: any",
+    )
+    cutoff_min_arc: float = parameter(
+        5.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="points closer than this along the channel are neighbours, never joined",
+    )
+    end_damping: float = parameter(
+        5.0,
+        "widths",
+        low=0.0,
+        source="PathStudy2026",
+        doc="reach at both ends of a channel over which the push fades to nothing; 0: only the end points are held",
+    )
+    slope_threshold: float = parameter(
+        0.15,
+        "m/m",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="on a terrain, the push and the smoothing fade with the slope and stop where it is this steep",
+    )
+    collision_distance: float = parameter(
+        1.0,
+        "mean widths",
+        low=0.0,
+        source="Paris2023",
+        doc="two channels closer than this join where they touch; 0: never",
+    )
+    junction_reach: float = parameter(
+        10.0,
+        "widths",
+        low=0.0,
+        source="warpriver",
+        doc="two points that lie together within this arc of a node that their channels share never collide",
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.cutoff_min_arc <= self.search_radius:
+            raise ValueError(
+                f"PathMeander.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above search_radius "
+                f"({self.search_radius:g} widths): a straight line would be cut"
+            )
+
+    def replace(self, **changes: Any) -> PathMeander:
+        """Return a copy with some fields changed (and checked again)."""
+        return dataclasses.replace(self, **changes)
+
+
+# The parameters of each solver that a simulation knows, by the name that files and the command line use.
+SOLVER_PARAMS: dict[str, type] = {"migration": MeanderParams, "path": PathMeander}

@@ -18,7 +18,7 @@ from warpriver import progress as progress_bar
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, StopReason
 from warpriver.meander import checks
-from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, StepBuffers
+from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, StepBuffers
 from warpriver.meander.collisions import (
     collision_law,
     find_contacts,
@@ -27,12 +27,12 @@ from warpriver.meander.collisions import (
     join_channels,
     list_contacts,
 )
-from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law, stable_dt
+from warpriver.meander.paths import PathBuffers
 from warpriver.meander.resampling import resample
+from warpriver.meander.solvers import solver_of
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
@@ -81,7 +81,7 @@ class Simulation:
 
     Attributes:
         network: The network as it is now; the one given to the constructor is left as it was.
-        params: Constants.
+        params: Constants; their kind says which solver moves the channels.
         history: What has been recorded so far.
         step_count: Steps done.
         substeps: Equal parts in which a step is done, so that each is at most ``stable_dt`` yr long.
@@ -92,7 +92,7 @@ class Simulation:
     """
 
     network: RiverNetwork
-    params: MeanderParams
+    params: MeanderParams | PathMeander
     history: History
     buffers: StepBuffers
     _law: Any
@@ -102,7 +102,7 @@ class Simulation:
     def __init__(
         self,
         network: RiverNetwork,
-        params: MeanderParams | None = None,
+        params: MeanderParams | PathMeander | None = None,
         *,
         terrain: Terrain | None = None,
         seed: int = 0,
@@ -115,7 +115,7 @@ class Simulation:
 
         Args:
             network: Where to start from.
-            params: Constants; by default those of [Paris2023].
+            params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
                 and where it has no data. It is not copied: brush it between steps and the channels feel it.
             seed: Seed of random events.
@@ -129,6 +129,7 @@ class Simulation:
                 the terrain lies elsewhere or in another CRS, or the time step is out of all proportion.
         """
         self.params = params if params is not None else MeanderParams()
+        self._solver = solver_of(self.params)
         self._check_network(network)
         _check_ground(network, terrain)
         self.terrain = terrain
@@ -172,6 +173,7 @@ class Simulation:
             raise ValueError("the history holds no record to go on from")
         self = cls.__new__(cls)
         self.params = history.params
+        self._solver = solver_of(self.params)
         record = history.record(-1)
         network = history.network(-1).to(device)
         _check_ground(network, terrain)
@@ -297,6 +299,7 @@ class Simulation:
             raise ValueError(
                 f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
             )
+        self._solver.check(network, self.params)
         if self.params.collision_distance > 0.0:
             check_forest(network)
         if self.params.spacing_in_widths > 0.0:
@@ -306,7 +309,7 @@ class Simulation:
         if self.params.spacing > narrow[c]:
             raise ValueError(
                 f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
-                f"be missed; set MeanderParams(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
+                f"be missed; set {type(self.params).__name__}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
             )
 
     def _prepare(
@@ -351,7 +354,7 @@ class Simulation:
             fixed: (C, 6) from :meth:`_fix_channels`.
         """
         network, self._fixed = self.network, fixed
-        self.stable_dt = float(np.min(stable_dt(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)))
+        self.stable_dt = float(np.min(self._solver.stable_dt(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)))
         scalar, _, real = PRECISIONS[network.dtype]
         form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]]).astype(real)
         nodes = fixed[:, NODES].astype(np.int32)
@@ -372,13 +375,13 @@ class Simulation:
         if needed == self.substeps:
             return
         self.substeps = needed
-        self._law = migration_law(self.params, self.params.time_step / self.substeps, self.network.dtype)
+        self._law = self._solver.law(self.params, self.params.time_step / self.substeps, self.network.dtype)
         self._graph = None
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
         network = self.network
-        self.buffers = StepBuffers(network, points, cuts, oxbow_points)
+        self.buffers = self._solver.buffers(network, points, cuts, oxbow_points)
         self._graph = None
         if points == network.point_xy.shape[0]:
             return
@@ -420,8 +423,8 @@ class Simulation:
     def _phases(self) -> Iterator[tuple[str, Callable[[], None]]]:
         """The verbs of one (sub-)step, in order."""
         network, form, spacing, buffers = self.network, self._form, self._spacing, self.buffers
-        yield "migrate", lambda: migrate(network, form, spacing, self.terrain, self._law, buffers)
-        yield "cut off", lambda: cut_off(network, form, spacing, self.params, buffers)
+        yield "migrate", lambda: self._solver.move(network, form, spacing, self.terrain, self._law, buffers)
+        yield "cut off", lambda: self._solver.cut(network, form, spacing, self.params, buffers)
         yield "resample", lambda: resample(network, form, spacing, buffers)
         if self._collisions is not None:
             yield "collide", lambda: find_contacts(network, self._nodes, form, spacing, self._collisions, buffers)
@@ -458,7 +461,11 @@ class Simulation:
                     f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
                 )
             needed = int(buffers.channel_start_next.numpy()[-1])
-            if fault == FAULT_OXBOWS_FULL:
+            if fault == FAULT_SHORTCUTS_FULL:
+                assert isinstance(buffers, PathBuffers)
+                buffers.make_room_for_shortcuts()
+                self._record_step()
+            elif fault == FAULT_OXBOWS_FULL:
                 cuts = int(buffers.channel_cuts_sum.numpy()[-1])
                 loop_points = int(buffers.channel_cut_points_sum.numpy()[-1])
                 self._grow(
@@ -483,7 +490,7 @@ class Simulation:
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
         for channel, begin, length, _ in cut:
             width = network.channel_width[channel] if section is None else section[begin, 0]
-            loop = xy[begin : begin + length].copy()
+            loop = self._solver.oxbow(xy[begin : begin + length])
             self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
 
     def _resolve_collisions(self, time: float) -> None:

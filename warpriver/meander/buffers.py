@@ -10,10 +10,17 @@ import warp as wp
 
 from warpriver.network import PRECISIONS, RiverNetwork
 
-__all__ = ["FAULT_NONE", "FAULT_NOT_FINITE", "FAULT_OXBOWS_FULL", "StepBuffers", "chunk_size"]
+__all__ = [
+    "FAULT_NONE",
+    "FAULT_NOT_FINITE",
+    "FAULT_OXBOWS_FULL",
+    "FAULT_SHORTCUTS_FULL",
+    "StepBuffers",
+    "chunk_size",
+]
 
 # Values of ``fault``; the kernels write the same numbers.
-FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL = 0, 1, 2
+FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL = 0, 1, 2, 3
 
 # Points a thread works on. On the CPU a launch is one serial loop, and a long chunk makes the walk back upstream that
 # starts each chunk cheap; a GPU wants many threads.

@@ -11,7 +11,7 @@ from warpriver.kernels import collisions as kernels
 from warpriver.meander.buffers import StepBuffers
 from warpriver.meander.topology import EditedChannels, NetworkEdit, Rejoin
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 
 __all__ = ["collision_law", "find_contacts", "gather_points", "gathered_nodes", "join_channels", "list_contacts"]
 
@@ -20,7 +20,7 @@ __all__ = ["collision_law", "find_contacts", "gather_points", "gathered_nodes", 
 BLOCK_WIDTHS = 2.0
 
 
-def collision_law(network: RiverNetwork, params: MeanderParams, widest: float) -> Any:
+def collision_law(network: RiverNetwork, params: MeanderParams | PathMeander, widest: float) -> Any:
     """Pack the scalars of the search for a network; ``None`` where there is nothing to search.
 
     Args:
@@ -39,7 +39,7 @@ def collision_law(network: RiverNetwork, params: MeanderParams, widest: float) -
     return law
 
 
-def gathered_nodes(network: RiverNetwork, params: MeanderParams) -> np.ndarray:
+def gathered_nodes(network: RiverNetwork, params: MeanderParams | PathMeander) -> np.ndarray:
     """Label the nodes for the search, (C, 2) int32 above and below each channel: near ones count as one.
 
     Channels that meet at neighbouring junctions lie as close there as those that share one. Nodes that a channel of

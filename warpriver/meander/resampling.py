@@ -8,7 +8,25 @@ from warpriver.kernels import resampling as kernels
 from warpriver.meander.buffers import StepBuffers
 from warpriver.network import PRECISIONS, RiverNetwork
 
-__all__ = ["resample"]
+__all__ = ["measure", "resample"]
+
+
+def measure(network: RiverNetwork, buffers: StepBuffers) -> None:
+    """Measure the arc length of ``buffers.point_moved``, into ``point_arc`` and ``chunk_offset``.
+
+    Args:
+        network: The network whose points moved.
+        buffers: Scratch and results.
+    """
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+    wp.launch(
+        kernel.measure_chunks,
+        dim=buffers.chunk_count,
+        inputs=[network.channel_start, network.channel_count, buffers.chunk, buffers.point_moved],
+        outputs=[buffers.point_arc, buffers.chunk_length],
+        device=device,
+    )
+    wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
 
 
 def resample(network: RiverNetwork, form: wp.array, spacing: wp.array, buffers: StepBuffers) -> None:
@@ -27,14 +45,7 @@ def resample(network: RiverNetwork, form: wp.array, spacing: wp.array, buffers: 
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     start, chunk, chunks = network.channel_start, buffers.chunk, buffers.chunk_count
     channels = network.channel_count
-    wp.launch(
-        kernel.measure_chunks,
-        dim=chunks,
-        inputs=[start, channels, chunk, buffers.point_moved],
-        outputs=[buffers.point_arc, buffers.chunk_length],
-        device=device,
-    )
-    wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
+    measure(network, buffers)
     wp.launch(
         kernel.count_samples,
         dim=channels,
