@@ -138,7 +138,9 @@ def build(scalar):
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
             form = channel_form[channel]
-            sweep_push(point_xy, point_section, form, channel_spacing[channel], law, first, last, i, stop, point_push_out)
+            sweep_push(
+                point_xy, point_section, form, channel_spacing[channel], law, first, last, i, stop, point_push_out
+            )
             i = stop
             channel += 1
 
@@ -233,6 +235,16 @@ def build(scalar):
         return point[wp.min(i + 1, last)] - point[wp.max(i - 1, first)]
 
     @wp.func(module=name)
+    def side_of(a: vec2, b: vec2, p: vec2) -> scalar:
+        """Twice the area of the triangle a b p: above 0 to the left of the line from a to b."""
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+    @wp.func(module=name)
+    def segments_cross(a: vec2, b: vec2, c: vec2, d: vec2) -> bool:
+        """Tell whether the segments from a to b and from c to d cross; touching is not crossing."""
+        return side_of(a, b, c) * side_of(a, b, d) < ZERO and side_of(c, d, a) * side_of(c, d, b) < ZERO
+
+    @wp.func(module=name)
     def is_shortcut(
         point: wp.array[vec2],
         section: wp.array[vec2],
@@ -247,6 +259,8 @@ def build(scalar):
     ) -> bool:
         """Tell whether point i may be joined to a later point j: near, far along the channel, and in line with it.
 
+        Strands that cross are joined at any angle. Of the two pairs of ends looked at the nearer one lies no farther
+        apart than a segment is long, and either shortcut takes the crossing off the channel.
         ``tangent`` is that at i; ``radius`` in m and ``min_arc`` in points a metre serve where widths are constant.
         """
         reach = radius
@@ -259,7 +273,11 @@ def build(scalar):
             return False
         other = tangent_at(point, j, first, last)
         along = wp.dot(tangent, other)
-        return along * along >= law.cone * wp.length_sq(tangent) * wp.length_sq(other)
+        if along * along >= law.cone * wp.length_sq(tangent) * wp.length_sq(other):
+            return True
+        if j < last and segments_cross(point[i], point[i + 1], point[j], point[j + 1]):
+            return True
+        return i > first and segments_cross(point[i - 1], point[i], point[j - 1], point[j])
 
     @wp.func(module=name)
     def is_in_cell(p: vec2, x: int, y: int) -> bool:
@@ -383,7 +401,8 @@ def build(scalar):
 
         i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc`` and the lines along them make
         an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck the strands run opposite ways,
-        so the angle is that of lines, not of arrows. ``ordered`` as for necks: the lists descend.
+        so the angle is that of lines, not of arrows. Strands that cross are joined at any angle. ``ordered`` as for
+        necks: the lists descend.
         """
         channel_count = channel_form.shape[0]
         k = wp.tid()
@@ -433,12 +452,12 @@ def build(scalar):
         chunk_links_sum: wp.array[int],
         # out
         link_from_out: wp.array[int],
-        link_to_io: wp.array[int],
+        link_to_out: wp.array[int],
         fault_io: wp.array[int],
     ):
         """List all shortcuts (i, j), ascending in i and then in j, whatever the order in the grid's lists."""
         k = wp.tid()
-        if chunk_links_sum[chunk_links_sum.shape[0] - 1] > link_to_io.shape[0]:
+        if chunk_links_sum[chunk_links_sum.shape[0] - 1] > link_to_out.shape[0]:
             wp.atomic_max(fault_io, 0, FAULT_SHORTCUTS_FULL)
             return
         slot = int(0)
@@ -462,7 +481,7 @@ def build(scalar):
                     begin = slot
                     slot = write_partners(
                         point_moved, section_moved, point_next, bucket_head, first, last, mask, j, form, min_arc, law,
-                        begin, link_to_io,
+                        begin, link_to_out,
                     )  # fmt: skip
                     for m in range(begin, slot):
                         link_from_out[m] = j
@@ -510,9 +529,9 @@ def build(scalar):
         chunk: int,
         begin: int,
         stop: int,
-        point_neck_io: wp.array[int],
         chunk_ends: wp.array[int],
         point_from: wp.array[int],
+        point_neck_out: wp.array[int],
         chunk_necks_io: wp.array[int],
     ) -> wp.vec2i:
         """Walk the shortest path back up a channel and note the shortcuts on it; number of them and of loop points."""
@@ -529,7 +548,7 @@ def build(scalar):
                     j = high - n
                     if j <= cursor and point_from[j] > 0:
                         i = point_from[j] - 1
-                        point_neck_io[i] = j
+                        point_neck_out[i] = j
                         wp.atomic_add(chunk_necks_io, i // chunk, 1)
                         cuts += 1
                         points += j - i + 1
@@ -552,8 +571,8 @@ def build(scalar):
         # out
         point_from_io: wp.array[int],
         point_saving_io: wp.array[wp.float64],
-        point_neck_io: wp.array[int],
-        chunk_necks_io: wp.array[int],
+        point_neck_out: wp.array[int],
+        chunk_necks_out: wp.array[int],
         channel_cuts_out: wp.array[int],
         channel_cut_points_out: wp.array[int],
     ):
@@ -591,7 +610,7 @@ def build(scalar):
                                 point_saving_io[j] = gain
                                 point_from_io[j] = i + 1
                     link += links
-        found = walk_path(chunk, first, stop, point_neck_io, chunk_ends, point_from_io, chunk_necks_io)
+        found = walk_path(chunk, first, stop, chunk_ends, point_from_io, point_neck_out, chunk_necks_out)
         channel_cuts_out[channel] = found[0]
         channel_cut_points_out[channel] = found[1]
 

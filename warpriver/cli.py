@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.params import DAYS_PER_YEAR, MeanderParams
+from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, MeanderParams, PathMeander
 
 if TYPE_CHECKING:
     from warpriver.history import History
@@ -185,6 +185,7 @@ def _add_simulate(commands: Any) -> None:
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
         "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
         "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
+        "  warpriver simulate river.csv --solver path --search-radius 2 --years 300\n"
         "  warpriver simulate out/river/run --years 100",
     )
     parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
@@ -250,6 +251,12 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
     where = out or "out/NAME"
     run.add_argument("-o", "--out", default=out, metavar="FOLDER", help=f"where results go (default {where})")
     model = parser.add_argument_group("model (Paris et al. 2023, Table 1)")
+    model.add_argument(
+        "--solver",
+        choices=tuple(SOLVER_PARAMS),
+        default="migration",
+        help="what moves the channels: migration by upstream curvature, or shortest paths (default migration)",
+    )
     model.add_argument("--step-days", type=float, metavar="DAYS", help="time step in days (default 106)")
     model.add_argument(
         "--spacing",
@@ -257,34 +264,48 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
         metavar="M",
         help="distance between points in m (default 50, at most a channel's width)",
     )
+    shared = {field.name for field in dataclasses.fields(MeanderParams)}
     for field in dataclasses.fields(MeanderParams):
-        if field.name in ("time_step", "spacing"):
-            continue
-        meta = field.metadata
-        kind = str if meta["choices"] else float
-        unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
-        model.add_argument(
-            "--" + field.name.replace("_", "-"),
-            type=kind,
-            choices=meta["choices"] or None,
-            metavar=None if meta["choices"] else "X",
-            help=f"{meta['doc']}{unit} (default {field.default})",
-        )
+        if field.name not in ("time_step", "spacing"):
+            _add_model_flag(model, field)
+    path = parser.add_argument_group("model of --solver path, which shares the flags above that it has a use for")
+    for field in dataclasses.fields(PathMeander):
+        if field.name not in shared:
+            _add_model_flag(path, field)
+
+
+def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
+    """Add the flag of one constant."""
+    meta = field.metadata
+    unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
+    group.add_argument(
+        _flag(field.name),
+        type=str if meta["choices"] else float,
+        choices=meta["choices"] or None,
+        metavar=None if meta["choices"] else "X",
+        help=f"{meta['doc']}{unit} (default {field.default})",
+    )
+
+
+def _flag(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def _simulation(network: RiverNetwork, options: argparse.Namespace, terrain: Terrain | None = None) -> Simulation:
     from warpriver.simulation import Simulation
 
-    given = {
-        field.name: getattr(options, field.name)
-        for field in dataclasses.fields(MeanderParams)
-        if getattr(options, field.name, None) is not None
-    }
+    kind = SOLVER_PARAMS[options.solver]
+    own = {field.name for field in dataclasses.fields(kind)}
+    every = {field.name for params in SOLVER_PARAMS.values() for field in dataclasses.fields(params)}
+    given = {name: getattr(options, name) for name in every if getattr(options, name, None) is not None}
+    strange = sorted(set(given) - own)
+    if strange:
+        raise ValueError(f"{_flag(strange[0])} means nothing to --solver {options.solver}; leave it out")
     if options.spacing is None and options.spacing_in_widths is None:
         given["spacing_in_widths"] = 1.0
     if options.step_days is not None:
         given["time_step"] = options.step_days / DAYS_PER_YEAR
-    return Simulation(network, MeanderParams(**given), terrain=terrain, seed=options.seed, check=options.check)
+    return Simulation(network, kind(**given), terrain=terrain, seed=options.seed, check=options.check)
 
 
 def _run(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:

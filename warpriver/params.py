@@ -211,10 +211,10 @@ class MeanderParams:
 class PathMeander:
     """Constants of meandering by shortest paths [PathStudy2026]: give them to ``Simulation`` in place of migration.
 
-    Each point is pushed by its signed curvature C, outward by k w C and downstream by a share of it; the push is blurred
-    along the channel and the line smoothed. Where strands lie within the search radius and run along each other, they
-    are joined by shortcuts; the shortest path from the head to the foot is the new channel, and what it bypasses stays
-    behind as a closed loop. Small waves of wavenumber q grow at the rate
+    Each point is pushed by its signed curvature C, outward by k w C and downstream by a share of it; the push is
+    blurred along the channel and the line smoothed. Where strands lie within the search radius and run along each
+    other, or cross, they are joined by shortcuts; the shortest path from the head to the foot is the new channel, and
+    what it bypasses stays behind as a closed loop. Small waves of wavenumber q grow at the rate
 
         k w q^2 (1 / (1 + (b w)^2 q^2) - S),
 
@@ -254,7 +254,7 @@ class PathMeander:
         doc="k, strength of the displacement: lateral push per unit of width times curvature",
     )
     downstream_share: float = parameter(
-        0.25,
+        0.75,
         "-",
         low=0.0,
         high=1.0,
@@ -262,14 +262,14 @@ class PathMeander:
         doc="phi: part of the lateral push that is added along the channel, downstream",
     )
     blur_length: float = parameter(
-        1.75,
+        1.5,
         "widths",
         low=0.5,
         source="warpriver",
         doc="b: length along the channel over which the push is blurred; bends grow in proportion to it",
     )
     smoothing: float = parameter(
-        0.25,
+        0.35,
         "-",
         low=0.01,
         high=10.0,

@@ -307,9 +307,10 @@ class Simulation:
         narrow = [float(w.min()) for w in network.point_widths()]
         c = int(np.argmin(narrow))
         if self.params.spacing > narrow[c]:
+            kind = type(self.params).__name__
             raise ValueError(
                 f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
-                f"be missed; set {type(self.params).__name__}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
+                f"be missed; set {kind}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
             )
 
     def _prepare(

@@ -33,7 +33,7 @@ class PathBuffers(StepBuffers):
         point_links: (P,) int32, shortcuts that begin at each point.
         point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
             channel itself.
-        point_saving: (P,) float64, by how much the best route to a point over a shortcut is shorter than the channel, m.
+        point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
         link_from, link_to: (E,) int32, the shortcuts, in ascending order.
         link_saving: (E,) float64, the arc that each bypasses less its own length, m.
         chunk_links, chunk_links_sum: shortcuts that begin in each chunk of points, and their running sum.
