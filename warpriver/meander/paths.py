@@ -19,7 +19,16 @@ from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["PathBuffers", "check_radius", "path_law", "push", "stable_push_dt", "take_shortcuts"]
+__all__ = [
+    "PathBuffers",
+    "check_radius",
+    "find_path",
+    "find_shortcuts",
+    "path_law",
+    "push",
+    "stable_push_dt",
+    "take_shortcuts",
+]
 
 # Shortcuts that there is room for at first, a point: only where strands touch are there any.
 SHORTCUTS_PER_POINT = 0.125
@@ -148,22 +157,20 @@ def push(
         wp.copy(buffers.section_moved, network.point_section)
 
 
-def take_shortcuts(
+def find_shortcuts(
     network: RiverNetwork, form: wp.array, spacing: wp.array, params: PathMeander, buffers: PathBuffers
 ) -> None:
-    """Join near strands of ``buffers.point_moved``, find each channel's shortest path, and cut off what it bypasses.
+    """List all pairs of ``buffers.point_moved`` that a shortcut joins, and what each saves.
 
-    All pairs within the radius, the cone and beyond the least arc are edges, counted, then listed; their number has no
-    bound a point, only the room for all of them, which the host enlarges (``fault``). Cost is linear in points and
-    edges. The search itself runs serially down a channel, but only through chunks that hold an end of an edge; channels
-    run in parallel.
+    All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
+    bound a point, only the room for all of them, which the host enlarges on ``buffers.fault``.
 
     Args:
         network: The network whose points moved.
         form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
         spacing: (C,) even spacing of the points before the move, m.
         params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees.
-        buffers: Scratch and results, as of :func:`warpriver.meander.cutoffs.cut_loops`.
+        buffers: Gets the ``point_links`` and ``link_...`` arrays.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     start, chunk, chunks, b = network.channel_start, buffers.chunk, buffers.chunk_count, buffers
@@ -195,15 +202,45 @@ def take_shortcuts(
         outputs=[b.link_saving, b.chunk_ends],
         device=device,
     )
+
+
+def find_path(network: RiverNetwork, buffers: PathBuffers) -> None:
+    """Find the shortest path down each channel over the shortcuts of :func:`find_shortcuts`.
+
+    Linear in points and edges. The sweep is serial down a channel, but passes over the chunks of points that hold no
+    end of an edge; channels run in parallel.
+
+    Args:
+        network: The network whose points moved.
+        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins, and the counts of cuts.
+    """
+    b = buffers
     wp.launch(
-        kernel.find_path,
+        kernels.build(PRECISIONS[network.dtype][0]).find_path,
         dim=network.channel_count,
         inputs=[
-            start, chunk, b.point_links, b.chunk_links, b.chunk_links_sum, b.chunk_ends, b.link_to, b.link_saving,
+            network.channel_start, b.chunk, b.point_links, b.chunk_links, b.chunk_links_sum, b.chunk_ends, b.link_to,
+            b.link_saving,
         ],
         outputs=[
             b.point_from, b.point_saving, b.point_neck, b.chunk_necks, b.channel_cuts, b.channel_cut_points,
         ],
-        device=device,
+        device=network.device,
     )  # fmt: skip
+
+
+def take_shortcuts(
+    network: RiverNetwork, form: wp.array, spacing: wp.array, params: PathMeander, buffers: PathBuffers
+) -> None:
+    """Join near strands of ``buffers.point_moved``, find each channel's shortest path, and cut off what it bypasses.
+
+    Args:
+        network: The network whose points moved.
+        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
+        spacing: (C,) even spacing of the points before the move, m.
+        params: As of :func:`find_shortcuts`.
+        buffers: Scratch and results, as of :func:`warpriver.meander.cutoffs.cut_loops`.
+    """
+    find_shortcuts(network, form, spacing, params, buffers)
+    find_path(network, buffers)
     cut_loops(network, buffers)
