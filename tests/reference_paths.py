@@ -14,7 +14,7 @@ class PathLaw:
 
     time_step: float = 106.0 / 365.25
     displacement_rate: float = 60.0
-    downstream_share: float = 0.75
+    downstream_share: float = 0.9
     blur_length: float = 1.5
     smoothing: float = 0.35
     end_damping: float = 5.0

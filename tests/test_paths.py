@@ -304,7 +304,7 @@ def test_each_knob_does_what_it_says():
         ("blur_length", (1.0, 1.5, 2.2)),
         ("smoothing", (0.15, 0.35, 0.5)),
         ("search_radius", (1.0, 1.5, 2.5)),
-        ("downstream_share", (0.5, 0.75, 1.0)),
+        ("downstream_share", (0.5, 0.9, 1.5)),
     ):
         for value in values:
             sim = run(wr.PathMeander(**{knob: value}), steps=2000, seed=4)
@@ -323,7 +323,7 @@ def test_each_knob_does_what_it_says():
         # A neck is cut as soon as it is in reach; on points 50 m apart, up to two spacings before that.
         assert 100.0 * radius - 60.0 < table["search_radius", radius][1] <= 100.0 * radius
     # A share does not make the bends longer.
-    assert waves["downstream_share", 0.5] == pytest.approx(waves["downstream_share", 1.0], rel=0.15)
+    assert waves["downstream_share", 0.5] == pytest.approx(waves["downstream_share", 1.5], rel=0.2)
 
 
 def test_a_wider_cone_joins_more(curves):
@@ -341,7 +341,7 @@ def pushed(xy, params):
 def test_without_the_downstream_share_nothing_tells_the_flow():
     """Away from the ends a line pushed upside down moves as the line itself; with a share it does not."""
     line = wr.generate.kinoshita(1200.0, 1.2, 10, 25.0)
-    for share, least, most in ((0.0, 0.0, 1e-9), (0.75, 1.0, math.inf)):
+    for share, least, most in ((0.0, 0.0, 1e-9), (0.9, 1.0, math.inf)):
         params = wr.PathMeander(downstream_share=share)
         apart = np.abs(pushed(line, params) - pushed(line[::-1].copy(), params)[::-1])[250:-250].max()
         assert least <= apart <= most
@@ -350,15 +350,15 @@ def test_without_the_downstream_share_nothing_tells_the_flow():
 def test_the_downstream_share_carries_grown_bends_downstream():
     line = wr.generate.sine_generated(1200.0, 1.0, 10, 25.0)
     shifts = {}
-    for share in (0.0, 0.75):
+    for share in (0.0, 0.9):
         params = wr.PathMeander(spacing=25.0, downstream_share=share, time_step=0.1)
         there = run(params, line=line, steps=100)
         apex = [
             np.median(wr.metrics.inflection_points(n.polylines()[0], 100.0).xy[:, 0]) for n in there.history.networks
         ]
         shifts[share] = (apex[-1] - apex[0]) / 10.0
-    print(f"\nbends move by {shifts[0.75]:.1f} m a year, {shifts[0.0]:.2f} without the downstream share")
-    assert abs(shifts[0.0]) < 0.5 and shifts[0.75] > 2.0
+    print(f"\nbends move by {shifts[0.9]:.1f} m a year, {shifts[0.0]:.2f} without the downstream share")
+    assert abs(shifts[0.0]) < 0.5 and shifts[0.9] > 2.0
 
 
 def test_steep_ground_holds_the_channel():
@@ -443,7 +443,7 @@ def test_command_line(tmp_path, capsys):
         ({"cone_angle": math.nan}, "cone_angle"),
         ({"smoothing": 0.0}, "smoothing"),
         ({"blur_length": 0.1}, "blur_length"),
-        ({"downstream_share": 1.5}, "downstream_share"),
+        ({"downstream_share": 2.5}, "downstream_share"),
         ({"displacement_rate": -1.0}, "displacement_rate"),
     ],
 )

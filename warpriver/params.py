@@ -254,12 +254,13 @@ class PathMeander:
         doc="k, strength of the displacement: lateral push per unit of width times curvature",
     )
     downstream_share: float = parameter(
-        0.75,
+        0.9,
         "-",
         low=0.0,
-        high=1.0,
+        high=2.0,
         source="PathStudy2026",
-        doc="phi: part of the lateral push that is added along the channel, downstream",
+        doc="phi: part of the lateral push that is added along the channel, downstream; with little of it bends stand "
+        "still, and ever longer loops carry the belt away",
     )
     blur_length: float = parameter(
         1.5,

@@ -1,0 +1,54 @@
+"""What each knob of the shortest-path solver does: one row a knob, low, default and high, the rest left alone."""
+
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+
+import warpriver as wr
+
+WIDTH, YEARS = 100.0, 350.0
+WINDOW = (-1_000.0, -3_000.0, 13_000.0, 3_000.0)  # m
+KNOBS = {
+    "displacement_rate": (20.0, 60.0, 120.0),
+    "smoothing": (0.2, 0.35, 0.5),
+    "blur_length": (1.0, 1.5, 2.2),
+    "search_radius": (1.0, 1.5, 3.0),
+    "downstream_share": (0.2, 0.9, 1.5),
+}
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    line = wr.generate.noisy_line(12_000.0, spacing=50.0, amplitude=50.0, seed=3)
+    rows, oxbows, wave = [], {}, {}
+    for knob, values in KNOBS.items():
+        row = []
+        for value in values:
+            params = wr.PathMeander(**{knob: value})
+            sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params)
+            history = sim.run(years=YEARS, record_every=wr.Every(years=5))
+            oxbows[knob, value] = len(history.cutoffs)
+            wave[knob, value] = np.mean(
+                [wr.metrics.wavelength(n.polylines()[0], WIDTH) for n in history.networks[-20:]]
+            )
+            print(f"{knob} {value:g}: wavelength {wave[knob, value]:.0f} m, {oxbows[knob, value]} oxbows")
+            picture = folder / "knob.png"
+            title = f"{knob.replace('_', ' ')} {value:g}"
+            wr.viz.draw_belt(history, picture, window=WINDOW, title=title, size=(800, 450), dpi=80.0, legend=False)
+            row.append(matplotlib.image.imread(picture))
+            picture.unlink()
+        rows.append(np.concatenate(row, axis=1))
+    matplotlib.image.imsave(folder / "path_knobs.png", np.concatenate(rows))
+    print(f"drawn into {folder / 'path_knobs.png'}")
+
+    rate = [oxbows["displacement_rate", v] for v in KNOBS["displacement_rate"]]
+    assert rate[0] < rate[1] < rate[2], "a stronger push cuts sooner"
+    for knob in ("smoothing", "blur_length"):
+        low, middle, high = (wave[knob, v] for v in KNOBS[knob])
+        assert low < middle < high, f"more {knob} makes longer bends"
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "out/demos"))
