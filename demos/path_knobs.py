@@ -19,26 +19,36 @@ KNOBS = {
 }
 
 
+def simulate(params: wr.PathMeander) -> wr.History:
+    line = wr.generate.noisy_line(12_000.0, spacing=50.0, amplitude=50.0, seed=3)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params)
+    return sim.run(years=YEARS, record_every=wr.Every(years=10))
+
+
+def draw(history: wr.History, folder: Path, title: str) -> np.ndarray:
+    picture = folder / "knob.png"
+    wr.viz.draw_belt(history, picture, window=WINDOW, title=title, size=(800, 450), dpi=80.0, legend=False)
+    image = matplotlib.image.imread(picture)
+    picture.unlink()
+    return image
+
+
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    line = wr.generate.noisy_line(12_000.0, spacing=50.0, amplitude=50.0, seed=3)
     rows, oxbows, wave = [], {}, {}
+    usual = simulate(wr.PathMeander())
+    middle = draw(usual, folder, "all as by default")
     for knob, values in KNOBS.items():
         row = []
         for value in values:
-            params = wr.PathMeander(**{knob: value})
-            sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params)
-            history = sim.run(years=YEARS, record_every=wr.Every(years=5))
+            is_default = value == getattr(wr.PathMeander(), knob)
+            history = usual if is_default else simulate(wr.PathMeander(**{knob: value}))
             oxbows[knob, value] = len(history.cutoffs)
-            wave[knob, value] = np.mean(
-                [wr.metrics.wavelength(n.polylines()[0], WIDTH) for n in history.networks[-20:]]
-            )
+            grown = [wr.metrics.wavelength(n.polylines()[0], WIDTH) for n in history.networks[-10:]]
+            wave[knob, value] = np.mean(grown)
             print(f"{knob} {value:g}: wavelength {wave[knob, value]:.0f} m, {oxbows[knob, value]} oxbows")
-            picture = folder / "knob.png"
             title = f"{knob.replace('_', ' ')} {value:g}"
-            wr.viz.draw_belt(history, picture, window=WINDOW, title=title, size=(800, 450), dpi=80.0, legend=False)
-            row.append(matplotlib.image.imread(picture))
-            picture.unlink()
+            row.append(middle if is_default else draw(history, folder, title))
         rows.append(np.concatenate(row, axis=1))
     matplotlib.image.imsave(folder / "path_knobs.png", np.concatenate(rows))
     print(f"drawn into {folder / 'path_knobs.png'}")

@@ -16,9 +16,9 @@ def simulate(params, folder: Path, title: str) -> tuple[wr.History, np.ndarray]:
     """Run one solver from the line that both begin with; its history and the picture of its belt."""
     line = wr.generate.noisy_line(30_000.0, spacing=50.0, amplitude=50.0, seed=0)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params)
-    history = sim.run(years=YEARS, record_every=wr.Every(years=3))
+    history = sim.run(years=YEARS, record_every=wr.Every(years=5))
     picture = folder / "belt.png"
-    wr.viz.draw_belt(history, picture, window=WINDOW, title=title, dpi=120.0)
+    wr.viz.draw_belt(history, picture, window=WINDOW, title=title, dpi=100.0)
     image = matplotlib.image.imread(picture)
     picture.unlink()
     return history, image

@@ -254,7 +254,7 @@ def test_checked_phases_and_float32():
     for dtype in ("float64", "float32"):
         sims.append(wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype))
         sims[-1].check = dtype == "float32"
-        sims[-1].run(steps=1200, record_every=100)
+        sims[-1].run(steps=900, record_every=75)
     sinuous = [np.mean([wr.metrics.sinuosity(n.polylines()[0]) for n in s.history.networks[6:]]) for s in sims]
     assert sinuous[1] == pytest.approx(sinuous[0], rel=0.2) and len(sims[1].history.cutoffs) > 20
 
