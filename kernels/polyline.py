@@ -8,6 +8,19 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Work:
+    """How the points of a network are dealt out to the threads of a launch.
+
+    A thread takes a *slab*, the whole channels slab_channel[k] .. slab_channel[k + 1] - 1, or, where ``chunk`` is not
+    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread.
+    """
+
+    slab_channel: wp.array[int]
+    chunk: int
+    first: int
+
+
 @functools.cache
 def build(scalar):
     """Make the shared polyline functions for one precision.
@@ -32,6 +45,25 @@ def build(scalar):
             else:
                 high = middle
         return low
+
+    @wp.func(module=name)
+    def point_range(work: Work, channel_start: wp.array[int], channel_count: int, k: int) -> wp.vec3i:
+        """Points of a slab or chunk as (first, stop, channel of the first); empty beyond the last one."""
+        if work.chunk == 0:
+            channel = work.slab_channel[k]
+            return wp.vec3i(channel_start[channel], channel_start[work.slab_channel[k + 1]], channel)
+        i = k * work.chunk
+        stop = wp.min(i + work.chunk, channel_start[channel_count])
+        if i >= stop:
+            return wp.vec3i(stop, stop, 0)
+        return wp.vec3i(i, stop, channel_at(channel_start, channel_count, i))
+
+    @wp.func(module=name)
+    def channel_range(work: Work, k: int) -> wp.vec2i:
+        """Channels (first, stop) of a thread that works on whole channels: those of its slab, or one."""
+        if work.chunk == 0:
+            return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
+        return wp.vec2i(k, k + 1)
 
     @wp.func(module=name)
     def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
@@ -75,6 +107,8 @@ def build(scalar):
         vec2=vec2,
         vec4=vec4,
         channel_at=channel_at,
+        point_range=point_range,
+        channel_range=channel_range,
         section_at=section_at,
         extended_point=extended_point,
         circle_curvature=circle_curvature,

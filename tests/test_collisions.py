@@ -4,7 +4,9 @@ import warp as wp
 from trees import assert_forest, random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
+from warpriver.kernels.collisions import COARSEST_SPACING
 from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
+from warpriver.meander.stages import run_stages
 from warpriver.meander.topology import NetworkEdit
 
 WIDTH = 20.0
@@ -224,14 +226,14 @@ def test_collisions_can_be_turned_off():
 
 
 def test_search_finds_what_comparing_all_pairs_finds():
-    rng = np.random.default_rng(3)
+    rng, ranks = np.random.default_rng(3), set()
     for seed in range(20):
         network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
         params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0)
         sim = Simulation(network, params.replace(collision_distance=1e-9))
         xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
         owner = np.repeat(np.arange(len(width)), np.diff(starts))
-        spacing = sim._spacing.numpy()
+        spacing = sim.channels.spacing.numpy()[: sim.network.channel_count]
         up = (np.arange(len(xy)) - starts[owner]) * spacing[owner]
         down = (starts[owner + 1] - 1 - np.arange(len(xy))) * spacing[owner]
         above, below = sim.network.channel_from[owner], sim.network.channel_to[owner]
@@ -243,15 +245,26 @@ def test_search_finds_what_comparing_all_pairs_finds():
             for ends_j, arc_j in ((above, up), (below, down)):
                 shared |= (ends_i[:, None] == ends_j) & (arc_i[:, None] + arc_j < reach)
         touching = (away < mean) & (owner[:, None] < owner) & ~shared
-        law = collision_law(sim.network, params, float(width.max()))
-        nodes = wp.array(np.stack([sim.network.channel_from, sim.network.channel_to], axis=1), dtype=wp.vec2i)
-        searched = (sim.network, nodes, sim._form, sim._spacing, law, sim.buffers)
-        find_contacts(*searched)
+        form = sim.channels.form.numpy()[: sim.network.channel_count]
+        law = collision_law(sim.network, params, form, spacing)
+        nodes = np.stack([sim.network.channel_from, sim.network.channel_to], axis=1).astype(np.int32)
+        room = sim.channels.capacity - len(nodes)
+        sim.channels.nodes = wp.array(np.pad(nodes, ((0, room), (0, 0))), dtype=wp.vec2i)
+        sim.channels.set_step(np.ones(len(nodes)))
+        searched = (sim.network, sim.channels, sim.buffers, law)
+        run_stages(find_contacts(*searched), sim.channels.whole, sim.channels.slabs)
         contacts = list_contacts(*searched)
-        pairs = {tuple(p) for p in np.argwhere(touching).tolist()}
+        # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
+        widest, wanted = form[:, 2:].T
+        longest = np.maximum(COARSEST_SPACING * wanted, spacing)
+        far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + longest
+        rank = np.maximum(np.ceil(np.log2(far / law.reach)), 0.0) * len(width) + np.arange(len(width))
+        pairs = {tuple(sorted(p, key=lambda k: rank[owner[k]])) for p in np.argwhere(touching).tolist()}
         assert {tuple(p) for p in contacts.tolist()} <= pairs
         # Every point that touches lies in a block whose contact is listed, at that point or before it.
         assert {owner[i] for i, _ in contacts.tolist()} == {owner[i] for i, _ in pairs}
+        ranks |= set((rank // len(width)).tolist())
+    assert len(ranks) > 1, "channels of several reaches were looked for"
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -284,7 +297,7 @@ def test_each_channel_may_have_its_own_spacing(tmp_path):
     params = MeanderParams(spacing_in_widths=0.8)
     sim = Simulation(network, params)
     wanted = np.minimum(50.0, 0.8 * sim.network.channel_width)
-    np.testing.assert_allclose(sim._spacing.numpy(), wanted, rtol=0.02)
+    np.testing.assert_allclose(sim.channels.spacing.numpy()[: len(wanted)], wanted, rtol=0.02)
     assert np.ptp(wanted) > 5.0
     sim.run(steps=100, store=tmp_path / "run")
     rest, whole = Simulation.resume(tmp_path / "run"), Simulation(network, params)

@@ -123,6 +123,7 @@ class Record:
         node_xy: (N, 2) m, absolute.
         channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
+        channel_pace: (C,) greatest speed of the channel's points in the step, m/yr; None in runs stored without it.
     """
 
     step: int
@@ -142,6 +143,7 @@ class Record:
     channel_to: np.ndarray
     node_xy: np.ndarray
     channel_fixed: np.ndarray
+    channel_pace: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:
@@ -152,7 +154,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed",
+    "channel_fixed", "channel_pace",
 )  # fmt: skip
 
 

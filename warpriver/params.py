@@ -114,6 +114,14 @@ class MeanderParams:
         source="Sylvester2019",
         doc="k: lateral migration per unit of width times curvature",
     )
+    reference_width: float = parameter(
+        0.0,
+        "m",
+        low=0.0,
+        source="Hickin1984",
+        doc="above 0: migration_rate is that of channels so wide, and others migrate in proportion to their width, as "
+        "surveyed rivers do; 0: the same rate for all [Paris2023]",
+    )
     friction: float = parameter(
         0.011,
         "-",
