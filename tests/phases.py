@@ -38,8 +38,6 @@ class State:
             # Any step counts as stable: it is done as it is asked for.
             limit=np.array([[np.inf, np.inf, widest]]),
             nodes=np.array([[0, 1]]),
-            pace=np.zeros(1),
-            mobility=None,
         )
         self.channels.parts.fill_(1)
         self.channels.step.fill_(1.0)

@@ -4,7 +4,7 @@ import warp as wp
 from trees import assert_forest, random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
-from warpriver.kernels.collisions import COARSEST_SPACING
+from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
 from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
 from warpriver.meander.stages import run_stages
 from warpriver.meander.topology import NetworkEdit
@@ -246,7 +246,7 @@ def test_search_finds_what_comparing_all_pairs_finds():
                 shared |= (ends_i[:, None] == ends_j) & (arc_i[:, None] + arc_j < reach)
         touching = (away < mean) & (owner[:, None] < owner) & ~shared
         form = sim.channels.form.numpy()[: sim.network.channel_count]
-        law = collision_law(sim.network, params, form, spacing)
+        law = collision_law(sim.network, params, form)
         nodes = np.stack([sim.network.channel_from, sim.network.channel_to], axis=1).astype(np.int32)
         room = sim.channels.capacity - len(nodes)
         sim.channels.nodes = wp.array(np.pad(nodes, ((0, room), (0, 0))), dtype=wp.vec2i)
@@ -255,9 +255,8 @@ def test_search_finds_what_comparing_all_pairs_finds():
         run_stages(find_contacts(*searched), sim.channels.whole, sim.channels.slabs)
         contacts = list_contacts(*searched)
         # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
-        widest, wanted = form[:, 2:].T
-        longest = np.maximum(COARSEST_SPACING * wanted, spacing)
-        far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + longest
+        widest, longest = form[:, 2], COARSEST_SPACING * form[:, 3]
+        far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + SLACK_SPACINGS * longest
         rank = np.maximum(np.ceil(np.log2(far / law.reach)), 0.0) * len(width) + np.arange(len(width))
         pairs = {tuple(sorted(p, key=lambda k: rank[owner[k]])) for p in np.argwhere(touching).tolist()}
         assert {tuple(p) for p in contacts.tolist()} <= pairs

@@ -75,7 +75,8 @@ def array_accesses(function, outputs_of):
             for name, parameter in zip(names, outputs_of.get(called, []), strict=False):
                 if is_output(parameter):
                     written.add(name)
-                if not parameter.endswith("_out"):
+                # What is scratch to the caller may be read by the called.
+                if not is_output(parameter) or (parameter.endswith("_io") and not name.endswith("_out")):
                     read.add(name)
     arguments = {a.arg for a in function.args.args}
     return written & arguments, read & arguments

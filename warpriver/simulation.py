@@ -347,7 +347,7 @@ class Simulation:
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
         self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
         self._collisions = None
-        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed, np.zeros(len(fixed)))
+        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
 
     def _fix_channels(self, length: np.ndarray) -> np.ndarray:
@@ -371,7 +371,13 @@ class Simulation:
         return np.column_stack([narrow, shallow, widest, wanted, nodes])
 
     def _install(
-        self, spacing: np.ndarray, fixed: np.ndarray, pace: np.ndarray, mobility: np.ndarray | None = None
+        self,
+        spacing: np.ndarray,
+        fixed: np.ndarray,
+        *,
+        pace: np.ndarray | None = None,
+        parts: np.ndarray | None = None,
+        mobility: np.ndarray | None = None,
     ) -> None:
         """Prepare what the step needs of the network's channels.
 
@@ -379,7 +385,8 @@ class Simulation:
             spacing: (C,) even spacing of their points, m.
             fixed: (C, 6) from :meth:`_fix_channels`.
             pace: (C,) greatest speed of their points in the time step so far, m/yr.
-            mobility: (C,) how the ground lets them move, where that is known.
+            parts: (C,) parts in which they do the time step.
+            mobility: (C,) how the ground lets them move.
         """
         network, self._fixed = self.network, fixed
         limit = np.column_stack(
@@ -400,7 +407,8 @@ class Simulation:
             self._replay = None
         form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
         self.channels.fill(
-            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], pace=pace, mobility=mobility
+            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], pace=pace, parts=parts,
+            mobility=mobility,
         )  # fmt: skip
         law = collision_law(network, self.params, form, self._collisions)
         if law is not self._collisions:
@@ -578,11 +586,13 @@ class Simulation:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
         spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
         length = spacing * (np.diff(edited.channel_start) - 1)
-        mobility = self.channels.mobility
-        mobility = None if mobility is None else mobility.numpy()[edited.channel_old]
-        pace = self.channels.pace.numpy()[edited.channel_old]
+        carried = {
+            name: array.numpy()[edited.channel_old]
+            for name in ("pace", "parts", "mobility")
+            if (array := getattr(self.channels, name)) is not None
+        }
         fixed = self._fix_channels(length)
-        self._install(spacing, fixed, pace, mobility)
+        self._install(spacing, fixed, **carried)
         self.channels.deal_out(network, self.buffers, anew=False)
         # A channel that has become narrower may have to be sampled more finely.
         self.channels.set_step(edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))

@@ -493,8 +493,6 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
             spacing=even,
             limit=np.full((len(lines), 3), np.inf),
             nodes=np.zeros((len(lines), 2)),
-            pace=np.zeros(len(lines)),
-            mobility=None,
         )
         channels.parts.fill_(1)
         buffers = StepBuffers(network, network.point_count, 1, 1)

@@ -139,8 +139,9 @@ class StepChannels:
         spacing: np.ndarray,
         limit: np.ndarray,
         nodes: np.ndarray,
-        pace: np.ndarray,
-        mobility: np.ndarray | None,
+        pace: np.ndarray | None = None,
+        parts: np.ndarray | None = None,
+        mobility: np.ndarray | None = None,
     ) -> None:
         """Take the channels of ``network`` over; the arguments are host arrays of the attributes' shapes."""
         count = network.channel_count
@@ -149,11 +150,11 @@ class StepChannels:
         network.channel_start = self.start[: count + 1]
         for array, values in (
             (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
-            (self.mobility, mobility),
+            (self.parts, parts), (self.mobility, mobility),
         ):  # fmt: skip
-            if array is not None and values is not None:
-                _assign(array, values)
-        for stale in (self.parts, self.step, self.necks, self.cuts, self.cut_points, self.samples):
+            if array is not None:
+                _assign(array, np.zeros(0) if values is None else values)
+        for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
             stale.zero_()
 
     def set_step(self, values: np.ndarray) -> None:
