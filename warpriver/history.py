@@ -123,6 +123,7 @@ class Record:
         node_xy: (N, 2) m, absolute.
         channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
+        channel_slope: (C,) m/m, NaN where it is not known; None in runs stored before slopes were.
     """
 
     step: int
@@ -142,6 +143,7 @@ class Record:
     channel_to: np.ndarray
     node_xy: np.ndarray
     channel_fixed: np.ndarray
+    channel_slope: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:
@@ -152,7 +154,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed",
+    "channel_fixed", "channel_slope",
 )  # fmt: skip
 
 
@@ -257,6 +259,7 @@ class History:
             channel_depth=record.channel_depth,
             channel_discharge=record.channel_discharge,
             channel_drainage_area=record.channel_drainage_area,
+            channel_slope=record.channel_slope,
             channel_id=record.channel_id,
             channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
             point_section=record.point_section,

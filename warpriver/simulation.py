@@ -534,6 +534,7 @@ class Simulation:
             channel_drainage_area=edited.channel_drainage_area,
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
+            channel_slope=edited.channel_slope,
         )
         self.buffers.fit_channels(network)
         wp.copy(network.point_xy, self.buffers.point_moved, count=network.point_count)
@@ -566,6 +567,7 @@ class Simulation:
                 channel_to=network.channel_to.copy(),
                 node_xy=network.node_xy.copy(),
                 channel_fixed=self._fixed.copy(),
+                channel_slope=network.channel_slope.copy(),
             )
         )
 

@@ -70,8 +70,8 @@ class EditedChannels:
     Attributes:
         channel_old: (C,) index of the channel, before, that each goes by.
         channel_start: (C + 1,) offsets of their points.
-        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_nodes: As in
-            :class:`~warpriver.network.RiverNetwork`.
+        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_slope,
+            channel_nodes: As in :class:`~warpriver.network.RiverNetwork`.
         point_source: (P,) index of each point before.
         point_scale: (P, 2) factors of width and depth, or None where they are constant along each channel.
     """
@@ -86,6 +86,7 @@ class EditedChannels:
     channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray]
     point_source: np.ndarray
     point_scale: np.ndarray | None
+    channel_slope: np.ndarray
 
 
 @dataclasses.dataclass
@@ -295,7 +296,21 @@ class NetworkEdit:
             channel_nodes=self._nodes(chains),
             point_source=source,
             point_scale=point_scale,
+            channel_slope=self._slopes(chains),
         )
+
+    def _slopes(self, chains: list[list[int]]) -> np.ndarray:
+        """Slope of each channel: that of the old one it goes by; of several parts, the drop of all over their length."""
+        old = self.network.channel_slope
+        slope = old[[self.parts[chain[0]].old for chain in chains]]
+        for k, chain in enumerate(chains):
+            if len(chain) > 1:
+                parts = [self.parts[c] for c in chain]
+                own = old[[part.old for part in parts]]
+                xy = self.network.point_xy.numpy()
+                length = [np.hypot(*np.diff(xy[p.first : p.stop].astype(np.float64), axis=0).T).sum() for p in parts]
+                slope[k] = np.average(own, weights=length)
+        return slope
 
     def _nodes(self, chains: list[list[int]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes above and below each channel, numbered anew, and their positions."""
