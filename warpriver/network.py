@@ -128,9 +128,9 @@ class RiverNetwork:
         if channel_nodes is None:
             tolerance = NODE_TOLERANCE * float(np.min(channel_width))
             channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, tolerance, self.origin)
-        count = len(channel_width)
-        identity = np.arange(count) if channel_id is None else np.asarray(channel_id)
-        _check_graph(identity, *map(np.asarray, channel_nodes), count)
+        identity = np.arange(len(channel_width)) if channel_id is None else np.asarray(channel_id)
+        above, below, node_xy = map(np.asarray, channel_nodes)
+        _check_graph(len(channel_width), identity, above, below, node_xy)
         self.replace_channels(
             start,
             channel_width=channel_width,
@@ -402,7 +402,7 @@ def _check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
 
 
 def _check_graph(
-    identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray, count: int
+    count: int, identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray
 ) -> None:
     """Raise ``ValueError`` unless identities differ, and nodes and channels belong to one another."""
     for name, array in (("channel_id", identity), ("channel_nodes' from", above), ("channel_nodes' to", below)):

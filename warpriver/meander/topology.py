@@ -300,7 +300,7 @@ class NetworkEdit:
         )
 
     def _slopes(self, chains: list[list[int]]) -> np.ndarray:
-        """Slope of each channel: that of the old one it goes by; of several parts, the drop of all over their length."""
+        """Slope of each channel: that of the old one; where parts become one, the drop of all over their length."""
         old = self.network.channel_slope
         slope = old[[self.parts[chain[0]].old for chain in chains]]
         for k, chain in enumerate(chains):
