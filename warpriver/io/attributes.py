@@ -322,8 +322,11 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
     columns["slope"] = network.channel_slope
     columns.update(_orders(network))
     if network.point_section is not None:
-        for name, arrays in (("point_width_m", network.point_widths()), ("point_depth_m", network.point_depths())):
-            columns[name] = [None if np.ptp(a) == 0.0 else a.tolist() for a in arrays]
+        for role, arrays in (("width", network.point_widths()), ("depth", network.point_depths())):
+            mean = columns[f"{role}_m"]
+            columns[f"point_{role}_m"] = [
+                None if (a == m).all() else a.tolist() for a, m in zip(arrays, mean, strict=True)
+            ]
     return columns
 
 

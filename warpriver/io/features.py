@@ -221,7 +221,10 @@ def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str], f
             line = Line(xy, where, feature=k)
             for role in wanted:
                 value = _point_list(attributes, role, len(xy), where) if role in LISTS else None
-                setattr(line, role, read_role(attributes, family, role, where) if value is None else value)
+                whole = read_role(attributes, family, role, where)
+                setattr(line, role, whole if value is None else value)
+                if value is not None:
+                    setattr(line, f"mean_{role}", whole)
             lines.append(line)
     found = ", ".join(f"{count} {kind}" for kind, count in others.items())
     if not lines:

@@ -201,7 +201,7 @@ def read_network(
     areas = [line.drainage_area for line in lines]
     slopes = [np.nan if line.slope is None else line.slope for line in lines]
     try:
-        return RiverNetwork.from_polylines(
+        network = RiverNetwork.from_polylines(
             [line.xy for line in lines],
             width=[line.width for line in lines],
             depth=[line.depth for line in lines],
@@ -217,6 +217,14 @@ def read_network(
         )
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
+    # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
+    for values, means in (
+        (network.channel_width, [line.mean_width for line in lines]),
+        (network.channel_depth, [line.mean_depth for line in lines]),
+    ):
+        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
+        values[stated] = [means[c] for c in stated]
+    return network
 
 
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
@@ -251,10 +259,11 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
 
     All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities and
-    graph, to the bit in float64 but for shapefiles, whose numbers have 15 decimals. A GeoPackage also has the nodes, as
-    points in a layer "<layer>_nodes" with node_id and kind (source, junction, outlet); it, GeoJSON, GeoParquet and
-    FlatGeobuf state the zero of the device coordinates (``origin``) and the nodes' positions in a member "warpriver" of
-    the file or layer. In text and shapefiles nodes lie where the ends of their channels do, to within rounding.
+    graph, to the bit; but in shapefiles numbers have 15 decimals, and in text the width and depth of a channel are the
+    means of its points'. A GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind
+    (source, junction, outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in
+    which a GeoPackage too states the zero of the device coordinates (``origin``). In text and shapefiles nodes lie
+    where the ends of their channels do, to within rounding.
 
     Text formats hold a row a point: channel_id, x, y, width_m, depth_m, discharge_m3s, drainage_area_m2 and slope where
     known, from_node, to_node, in digits that give back the same numbers, under a comment line with CRS, units, order
@@ -435,5 +444,5 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
         return [line for line, w in zip(lines, wide, strict=True) if not w]
     for line, w, length in zip(lines, wide, lengths, strict=True):
         if w:
-            line.width = np.minimum(line.width, NARROWED * length)
+            line.width, line.mean_width = np.minimum(line.width, NARROWED * length), None
     return lines

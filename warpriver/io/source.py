@@ -25,6 +25,7 @@ class Line:
         width: Bankfull width in m, one number or (n,).
         depth: Bankfull depth in m, one number or (n,).
         discharge: Bankfull discharge in m3/s.
+        mean_width, mean_depth: That of the channel as a whole, where it is stated beside those of the points.
         drainage_area: Drainage area at the downstream end, m2.
         slope: Drop over length, m/m.
         channel_id: Identity.
@@ -38,6 +39,8 @@ class Line:
     width: Any = None
     depth: Any = None
     discharge: Any = None
+    mean_width: float | None = None
+    mean_depth: float | None = None
     drainage_area: float | None = None
     slope: float | None = None
     channel_id: int | None = None
