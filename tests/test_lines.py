@@ -234,7 +234,7 @@ def test_arguments_that_do_not_fit(tmp_path):
     path = write(tmp_path / "a.csv", "0,0\n100,0\n200,0\n")
     for changes, message in (
         ({"repeated": "merge"}, "repeated is 'merge'; use one of 'drop', 'error'"),
-        ({"short": "keep"}, "short is 'keep'"),
+        ({"short": "merge"}, "short is 'merge'"),
         ({"layer": "b"}, r"\.csv has no layers"),
         ({"width": [1.0, 2.0]}, "width: 2 values for 1 channels"),
         ({"width": "wide"}, "width of channel 0 is 'wide', not a number"),

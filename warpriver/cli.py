@@ -488,6 +488,7 @@ def _info_file(options: argparse.Namespace) -> int:
     print(network)
     west, south, east, north = network.bounds()
     print(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
+    print(_attribute_summary(network))
     lines, lengths = network.polylines(), network.channel_lengths()
     for c in lengths.argsort()[::-1][:10]:
         sinuosity = metrics.sinuosity(lines[c])
@@ -498,6 +499,33 @@ def _info_file(options: argparse.Namespace) -> int:
     if network.channel_count > 10:
         print(f"... and {network.channel_count - 10} shorter ones")
     return OK
+
+
+def _attribute_summary(network: RiverNetwork) -> str:
+    """Say from where to where the attributes of the channels go, of those that are known."""
+    import numpy as np
+
+    from warpriver import hydrology
+
+    def span(values: np.ndarray, unit: str) -> str:
+        low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+        return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+    outlets = int((~np.isin(network.channel_to, network.channel_from)).sum())
+    parts = [f"{outlets} outlet{'s' * (outlets != 1)}"]
+    try:
+        order = hydrology.strahler_order(network.channel_from, network.channel_to)
+        parts.append(f"Strahler order 1 to {order.max()}")
+    except ValueError as error:
+        parts.append(f"no stream orders ({error})")
+    parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
+    if network.channel_drainage_area is not None:
+        parts.append(f"drainage area {span(network.channel_drainage_area / 1e6, 'km2')}")
+    known = network.channel_slope[np.isfinite(network.channel_slope)]
+    if len(known):
+        some = "" if len(known) == network.channel_count else f" in {len(known)} channels"
+        parts.append(f"slope {span(known, 'm/m')}{some}")
+    return ", ".join(parts)
 
 
 # ---- shared

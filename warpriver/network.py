@@ -159,6 +159,7 @@ class RiverNetwork:
         channel_id: Any = None,
         nodes: tuple[Any, Any, Any] | None = None,
         origin: Any = None,
+        allow_short: bool = False,
         crs: str | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
@@ -178,6 +179,7 @@ class RiverNetwork:
             nodes: (from, to, node_xy): node above and below each channel, as indices into node_xy, (N, 2) in m; by
                 default ends that meet are one node.
             origin: Absolute position of the device coordinates' zero, m; by default the middle, in whole metres.
+            allow_short: Take channels shorter than they are wide, as collisions may leave them.
             crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
             device: Warp device name, "cpu" or "cuda:0".
@@ -203,7 +205,7 @@ class RiverNetwork:
             point_depth = _per_point(depth, counts, "depth", "m")
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
-            if w.max() > length:
+            if w.max() > length and not allow_short:
                 raise ValueError(
                     f"channel {c}: its width, {w.max():g} m, exceeds its length, {length:g} m; "
                     "check the units of both, or drop the channel"
@@ -401,9 +403,7 @@ def _check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
         raise ValueError(f"channel {int(empty.argmax())} has no length: all its points are in one place; drop it")
 
 
-def _check_graph(
-    count: int, identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray
-) -> None:
+def _check_graph(count: int, identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray) -> None:
     """Raise ``ValueError`` unless identities differ, and nodes and channels belong to one another."""
     for name, array in (("channel_id", identity), ("channel_nodes' from", above), ("channel_nodes' to", below)):
         if array.shape != (count,):

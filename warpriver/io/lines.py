@@ -44,7 +44,7 @@ SUFFIXES = (*PACKABLE, *OGR, PARQUET)
 KNOWN = ", ".join(SUFFIXES) + " (text and GeoJSON also with .gz)"
 
 REPEATED = ("drop", "error")
-SHORT = ("error", "drop", "narrow")
+SHORT = ("error", "drop", "narrow", "keep")
 # A channel narrowed to its length: a hair less, so that rounding in a file does not make it wider again.
 NARROWED = 1.0 - 1e-6
 
@@ -160,8 +160,8 @@ def read_network(
         device: Warp device name, "cpu" or "cuda:0".
         repeated: What to do about points that stand twice in a row: "drop" (the count is logged) or "error".
         short: What to do about channels shorter than they are wide, as linework has at junctions: "error", "drop"
-            (leaves gaps in the network), or "narrow" (the width becomes the length; depth and discharge stay those of
-            the full width).
+            (leaves gaps in the network), "narrow" (the width becomes the length; depth and discharge stay those of the
+            full width), or "keep". In files that ``write_network`` wrote "error" is "keep": collisions leave some.
         topology: "file": channels are joined as the file says; "ends": where their ends meet.
 
     Returns:
@@ -184,6 +184,8 @@ def read_network(
     given = {"width": width, "depth": depth, "discharge": discharge}
     wanted = tuple(role for role in ROLES if given.get(role) is None)
     sources = [_read_source(p, layer, wanted) for p in paths]
+    if short == "error" and all(source.origin is not None for source in sources):  # our own files
+        short = "keep"
     for source in sources:
         source.crs = settled_crs(source, crs)
     found = one_crs(sources) if to_crs is None else reproject(sources, to_crs)
@@ -211,6 +213,7 @@ def read_network(
             channel_id=joined.channel_id,
             nodes=joined.nodes,
             origin=sources[0].origin if len(sources) == 1 else None,
+            allow_short=short == "keep",
             crs=found,
             dtype=dtype,
             device=device,
@@ -259,11 +262,12 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
 
     All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities and
-    graph, to the bit; but in shapefiles numbers have 15 decimals, and in text the width and depth of a channel are the
-    means of its points'. A GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind
-    (source, junction, outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in
-    which a GeoPackage too states the zero of the device coordinates (``origin``). In text and shapefiles nodes lie
-    where the ends of their channels do, to within rounding.
+    graph, to the bit; but in shapefiles numbers have 15 decimals, coordinates may differ in the last bit and short
+    channels need ``short="keep"``, and in text the width and depth of a channel are the means of its points'. A
+    GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind (source, junction,
+    outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in which a GeoPackage too
+    states the zero of the device coordinates (``origin``). In text and shapefiles nodes lie where the ends of their
+    channels do, to within rounding.
 
     Text formats hold a row a point: channel_id, x, y, width_m, depth_m, discharge_m3s, drainage_area_m2 and slope where
     known, from_node, to_node, in digits that give back the same numbers, under a comment line with CRS, units, order
@@ -425,7 +429,7 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
     lengths = [float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines]
     wide = [bool(np.max(line.width) > length) for line, length in zip(lines, lengths, strict=True)]
     count = sum(wide)
-    if not count:
+    if not count or short == "keep":
         return lines
     if crs is None and 2 * count >= len(lines) and within_degrees(lines):
         raise ValueError(

@@ -111,7 +111,8 @@ def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
         crs = " ".join(str(network.crs).split())
         facts = f"{facts} crs_wkt={crs}" if " " in crs or "[" in crs else f"crs={crs} {facts}"
     facts += " origin_x={!r} origin_y={!r}".format(*network.origin.tolist())
-    columns = {name: column for name, column in write_columns(network).items() if name in COLUMNS}
+    told = write_columns(network)
+    columns = {name: told[name] for name in COLUMNS if name in told}
     if not np.isfinite(network.channel_slope).any():
         del columns["slope"]
     names = separator.join(("channel_id", "x", "y", "width_m", "depth_m", *columns))
