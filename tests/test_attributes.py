@@ -11,6 +11,7 @@ from river_files import GIS, HAS_OGR, collection, confluence, feature, needs_ogr
 from trees import random_tree
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, extract_network, generate
+from warpriver.cli import main
 from warpriver.hydrology import channel_width, horton_order, shreve_magnitude, strahler_order, width_of_discharge
 from warpriver.io import attributes, read_network, write_network
 from warpriver.network import bankfull_depth, bankfull_discharge
@@ -337,5 +338,21 @@ def test_info_tells_of_the_attributes(tmp_path):
     write_network(extracted(), tmp_path / "a.gpkg")
     arguments = [sys.executable, "-m", "warpriver", "info", str(tmp_path / "a.gpkg")]
     done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    for words in ("Strahler order 1 to", "drainage area", "km2", "slope", "m/m", "discharge"):
+    for words in ("outlets", "Strahler order 1 to 2", "drainage area 0.522 to 3.92 km2", "slope 0.0317 to 0.0908 m/m"):
         assert words in done.stdout
+
+
+def test_info_warns_in_one_line_and_takes_short_lines(tmp_path, capsys):
+    rows = [
+        {"channel_id": k, "next_down": d, "drainage_area_km2": area}
+        for k, d, area in ((1, 3, 1e5), (2, 3, 10.0), (3, -1, 10.0))
+    ]
+    lines = [Y[0], [*Y[1][:-1], [1500.0, 1500.0]], Y[2]]
+    path = str(foreign(tmp_path / "a.geojson", *rows, lines=lines))
+    assert main(["info", path]) == 2
+    assert "short='narrow', 'drop' or 'keep'" in capsys.readouterr().err
+    assert main(["info", path, "--short", "narrow"]) == 0
+    said = capsys.readouterr()
+    assert "2 outlets, Strahler order 1 to 1" in said.out and "slope" not in said.out
+    warned = [line for line in said.err.splitlines() if line.startswith("warpriver info: warning: ")]
+    assert len(warned) == 2 and "inferred 3 from the drainage area" in warned[0] and "left free" in warned[1]

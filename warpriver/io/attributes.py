@@ -1,11 +1,13 @@
 """The attribute table of river networks: what is written, and what is read from the files of others.
 
 :data:`WRITTEN` and :data:`READ` are the only places that name attributes; writers, readers and the tables in the
-documentation follow them. Units of the files of others are turned into ours by the factor beside the name.
+documentation follow them. Units of the files of others are turned into ours by the factor beside the name: HydroRIVERS
+[Lehner2013], NHDPlus [McKay2012] and SWORD [Altenau2021].
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -204,11 +206,14 @@ def family_of(names: Iterable[str]) -> Family:
     return next((family for family in FAMILIES if any(marks <= there for marks in family.marks)), GENERIC)
 
 
-def read_names(family: Family, role: str) -> list[Name]:
+@functools.cache
+def read_names(family: Family, role: str) -> tuple[Name, ...]:
     """Return the names under which a kind of file may tell something: its own first, then those of any file."""
-    own = [name for name in READ.get(family.name, ()) if name.role == role] if family is not GENERIC else []
+    own = tuple(name for name in READ[family.name] if name.role == role)
+    if family == GENERIC:
+        return own
     taken = {name.name.lower() for name in own}
-    return own + [name for name in READ[GENERIC.name] if name.role == role and name.name not in taken]
+    return own + tuple(name for name in READ[GENERIC.name] if name.role == role and name.name not in taken)
 
 
 def useful_names(names: Iterable[str], wanted: Iterable[str]) -> set[str]:

@@ -16,9 +16,10 @@ __all__ = ["TOPOLOGIES", "Connections", "connect"]
 log = logging.getLogger("warpriver")
 
 TOPOLOGIES = ("file", "ends")
-# An end lies at most this many widths of its channel from the node that the file joins it to. Nearer ones are brought
-# there, as those of hand-made lines need it; what is further away is another place, whatever the file says.
-END_GAP = 1.0
+# An end lies at most this many widths of its channel, and this part of its line, from the node that the file joins it
+# to. Nearer ones are brought there, as those of hand-made lines need it; what is further away is another place,
+# whatever the file says.
+GAP_WIDTHS, GAP_PART = 1.0, 0.5
 
 
 class Connections(NamedTuple):
@@ -146,7 +147,10 @@ def _ends(lines: list[Line]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First and last point of each line, and how far from its node an end may lie."""
     head = np.array([line.xy[0] for line in lines])
     tail = np.array([line.xy[-1] for line in lines])
-    return head, tail, END_GAP * np.array([float(np.mean(line.width)) for line in lines])
+    width = np.array([float(np.mean(line.width)) for line in lines])
+    length = np.array([float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines])
+    # A width that is not positive is told when the network is built.
+    return head, tail, np.maximum(np.minimum(GAP_WIDTHS * width, GAP_PART * length), 0.0)
 
 
 def _nodes(
@@ -173,8 +177,9 @@ def _nodes(
     if len(apart):
         worst = int(apart[gap[apart].argmax()])
         warnings.warn(
-            f"{label}: {len(apart)} ends lie more than a width from the node or channel that the file joins them to, "
-            f"and are left free (the furthest, {gap[worst]:.4g} m: {lines[worst % count].where.rpartition(', ')[2]})",
+            f"{label}: {len(apart)} ends lie more than a width (or half their line) from the node or channel "
+            f"that the file joins them to, and are left free (the furthest, {gap[worst]:.4g} m: "
+            f"{lines[worst % count].where.rpartition(', ')[2]})",
             UserWarning,
             stacklevel=4,
         )

@@ -76,8 +76,9 @@ def read_network(
 
     *Attributes* are found by name, in any case; the first name that holds a value counts. A file with ``HYRIV_ID`` is
     one of HydroRIVERS, with ``COMID`` or ``NHDPlusID`` of NHDPlus, with ``reach_id`` and ``facc``, ``n_rch_up`` or
-    ``n_rch_dn`` of SWORD: its own names and units are then understood beside ours. -9998, -9999 and -999900 mean that
-    nothing is known, as do a discharge and a drainage area that are not positive.
+    ``n_rch_dn`` of SWORD: its own names and units are then understood beside ours [Lehner2013, McKay2012,
+    Altenau2021]. -9998, -9999 and -999900 mean that nothing is known, as do a discharge and a drainage area that are
+    not positive.
 
     =========== ================= ================================================================================
     file        what              attribute or column, unit if it is another
@@ -117,12 +118,12 @@ def read_network(
 
     *Topology.* Channels are joined as the file says: by its nodes, if every line has both; else by the channel
     downstream, if every line has an identity; else where ends meet. A line that its file shows to run upstream is
-    turned, as those of SWORD are. An end up to a width away from its node is brought there; one further away is left
-    free, with a warning. A channel downstream that the file does not hold (a clipped basin, or 0) makes an outlet, a
-    channel that is joined to none is a basin of its own. Where several lie downstream (SWORD), the one that drains most
-    counts. Channels downstream that form a circle, and identities that stand twice, are refused. ``topology="ends"``
-    joins lines where their ends meet and nothing else; so it is for several files at once, and where a feature is of
-    several lines.
+    turned, as those of SWORD are. An end up to a width (and half its line) away from its node is brought there; one
+    further away is left free, with a warning. A channel downstream that the file does not hold (a clipped basin, or 0)
+    makes an outlet, a channel that is joined to none is a basin of its own. Where several lie downstream (SWORD), the
+    one that drains most counts. Channels downstream that form a circle, and identities that stand twice, are refused.
+    ``topology="ends"`` joins lines where their ends meet and nothing else; so it is for several files at once, and
+    where a feature is of several lines.
 
     *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces. ``#`` starts a
     comment. Coordinates are the columns x, x_m, easting, east, x_coord or point_x, and y likewise, or longitude (lon,
@@ -161,7 +162,8 @@ def read_network(
         repeated: What to do about points that stand twice in a row: "drop" (the count is logged) or "error".
         short: What to do about channels shorter than they are wide, as linework has at junctions: "error", "drop"
             (leaves gaps in the network), "narrow" (the width becomes the length; depth and discharge stay those of the
-            full width), or "keep". In files that ``write_network`` wrote "error" is "keep": collisions leave some.
+            full width), or "keep". For files that ``write_network`` wrote "error" is "keep" unless ``width`` is given,
+            since collisions leave such channels.
         topology: "file": channels are joined as the file says; "ends": where their ends meet.
 
     Returns:
@@ -184,7 +186,7 @@ def read_network(
     given = {"width": width, "depth": depth, "discharge": discharge}
     wanted = tuple(role for role in ROLES if given.get(role) is None)
     sources = [_read_source(p, layer, wanted) for p in paths]
-    if short == "error" and all(source.origin is not None for source in sources):  # our own files
+    if short == "error" and width is None and all(source.origin is not None for source in sources):  # our own files
         short = "keep"
     for source in sources:
         source.crs = settled_crs(source, crs)
@@ -438,7 +440,7 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
         )
     if short == "error" or count == len(lines):
         first = wide.index(True)
-        advice = "" if count == len(lines) else ", or pass short='narrow' or short='drop'"
+        advice = "" if count == len(lines) else ", or pass short='narrow', 'drop' or 'keep'"
         raise ValueError(
             f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
             f"({count} of {len(lines)} lines are like that); check the units of both{advice}"
