@@ -70,3 +70,17 @@ def collection(path, *features, **members):
 
 
 LINE = [[0.0, 0.0, 7.0], [100.0, 0.0, 7.0], [200.0, 0.0, 6.0]]
+
+# Two lines that meet, and one that goes on from there.
+Y = [
+    [[0, 900], [200, 700], [500, 500]],
+    [[1000, 900], [800, 700], [500, 500]],
+    [[500, 500], [520, 250], [500, 0]],
+]
+
+
+def foreign(path, *rows, lines=Y, **members):
+    """A file of three lines that meet, with other people's attributes."""
+    return collection(
+        path, *(feature("LineString", xy, **row) for xy, row in zip(lines, rows, strict=True)), crs=None, **members
+    )

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from river_files import GIS, HAS_OGR, collection, confluence, feature, needs_ogr, needs_pyproj
+from river_files import GIS, HAS_OGR, Y, collection, confluence, feature, foreign, needs_ogr, needs_pyproj
 from trees import random_tree
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, extract_network, generate
@@ -189,19 +189,6 @@ def test_files_of_before_are_read(tmp_path):
 
 
 # ---- the names of others
-
-Y = [
-    [[0, 900], [200, 700], [500, 500]],
-    [[1000, 900], [800, 700], [500, 500]],
-    [[500, 500], [520, 250], [500, 0]],
-]
-
-
-def foreign(path, *rows, lines=Y, **members):
-    """A file of three lines that meet, with other people's attributes."""
-    return collection(
-        path, *(feature("LineString", xy, **row) for xy, row in zip(lines, rows, strict=True)), crs=None, **members
-    )
 
 
 def test_hydrorivers(tmp_path):

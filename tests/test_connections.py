@@ -5,8 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from river_files import collection, feature, needs_ogr, sine
-from test_attributes import Y, foreign
+from river_files import Y, collection, feature, foreign, needs_ogr, sine
 
 from warpriver import MeanderParams, RiverNetwork, Simulation
 from warpriver.hydrology import strahler_order

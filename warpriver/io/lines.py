@@ -15,7 +15,7 @@ import numpy as np
 
 from warpriver.hydrology.geometry import channel_width, width_of_discharge
 from warpriver.io.attributes import ROLES
-from warpriver.io.connections import TOPOLOGIES, connect
+from warpriver.io.connections import TOPOLOGIES, Connections, connect
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.features import (
     JSON,
@@ -202,34 +202,12 @@ def read_network(
     _fill_by_laws(lines)
     lines = _settle_short(lines, short, found, label)
     joined = connect(lines, sources, topology, label)
-    areas = [line.drainage_area for line in lines]
-    slopes = [np.nan if line.slope is None else line.slope for line in lines]
+    origin = sources[0].origin if len(sources) == 1 else None
+    place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
     try:
-        network = RiverNetwork.from_polylines(
-            [line.xy for line in lines],
-            width=[line.width for line in lines],
-            depth=[line.depth for line in lines],
-            discharge=[line.discharge for line in lines],
-            drainage_area=None if None in areas else areas,
-            slope=slopes,
-            channel_id=joined.channel_id,
-            nodes=joined.nodes,
-            origin=sources[0].origin if len(sources) == 1 else None,
-            allow_short=short == "keep",
-            crs=found,
-            dtype=dtype,
-            device=device,
-        )
+        return _build(lines, joined, short == "keep", label, place)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
-    # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
-    for values, means in (
-        (network.channel_width, [line.mean_width for line in lines]),
-        (network.channel_depth, [line.mean_depth for line in lines]),
-    ):
-        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
-        values[stated] = [means[c] for c in stated]
-    return network
 
 
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
@@ -424,6 +402,36 @@ def _fill_by_laws(lines: list[Line]) -> None:
                 line.depth = bankfull_depth(np.broadcast_to(line.width, len(line.xy)).copy())
             if line.discharge is None:
                 line.discharge = flow
+
+
+def _build(
+    lines: list[Line], joined: Connections, allow_short: bool, label: str, place: dict[str, Any]
+) -> RiverNetwork:
+    """Make the network of lines that have all that one needs."""
+    areas = [line.drainage_area for line in lines]
+    missing = areas.count(None)
+    if 0 < missing < len(lines):
+        log.info("%s: %d of %d channels have no drainage area; none is kept", label, missing, len(lines))
+    network = RiverNetwork.from_polylines(
+        [line.xy for line in lines],
+        width=[line.width for line in lines],
+        depth=[line.depth for line in lines],
+        discharge=[line.discharge for line in lines],
+        drainage_area=None if missing else areas,
+        slope=[np.nan if line.slope is None else line.slope for line in lines],
+        channel_id=joined.channel_id,
+        nodes=joined.nodes,
+        allow_short=allow_short,
+        **place,
+    )
+    # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
+    for values, means in (
+        (network.channel_width, [line.mean_width for line in lines]),
+        (network.channel_depth, [line.mean_depth for line in lines]),
+    ):
+        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
+        values[stated] = [means[c] for c in stated]
+    return network
 
 
 def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:
