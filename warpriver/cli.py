@@ -9,6 +9,7 @@ import os
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +42,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
     options = _parser().parse_args(arguments)
     try:
-        return options.command(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(
+                f"warpriver {options.name}: warning: {message}", file=sys.stderr
+            )
+            return options.command(options)
     except (ValueError, OSError, ImportError, RuntimeError) as error:
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
@@ -191,6 +196,7 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
     parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
     parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
     parser.add_argument(
@@ -224,6 +230,7 @@ def _simulate(options: argparse.Namespace) -> int:
             width=options.width,
             depth=options.depth,
             layer=options.layer,
+            short=options.short,
             crs=options.crs,
             to_crs=options.to_crs,
             dtype=options.dtype,
@@ -382,6 +389,7 @@ def _add_render(commands: Any) -> None:
     parser.add_argument("--title", help="title of a map or movie")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -389,7 +397,6 @@ def _add_render(commands: Any) -> None:
 def _render(options: argparse.Namespace) -> int:
     from warpriver import viz
     from warpriver.history import History
-    from warpriver.io.lines import read_network
 
     _quiet_warp()
     source, out = Path(options.input), Path(options.out)
@@ -404,7 +411,7 @@ def _render(options: argparse.Namespace) -> int:
     if not _is_run(source):
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
-        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+        network = _read_lines(source, options)
         if options.scene:
             viz.render_scene(network, out, window=window, terrain=terrain)
         else:
@@ -444,6 +451,7 @@ def _add_info(commands: Any) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -476,7 +484,6 @@ def _info(options: argparse.Namespace) -> int:
 def _info_file(options: argparse.Namespace) -> int:
     from warpriver import metrics
     from warpriver.history import History
-    from warpriver.io.lines import read_network
 
     source = Path(options.file)
     if _is_run(source):
@@ -484,10 +491,11 @@ def _info_file(options: argparse.Namespace) -> int:
         print(history)
         network = history.networks[-1]
     else:
-        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+        network = _read_lines(source, options)
     print(network)
     west, south, east, north = network.bounds()
     print(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
+    print(_attribute_summary(network))
     lines, lengths = network.polylines(), network.channel_lengths()
     for c in lengths.argsort()[::-1][:10]:
         sinuosity = metrics.sinuosity(lines[c])
@@ -500,7 +508,57 @@ def _info_file(options: argparse.Namespace) -> int:
     return OK
 
 
+def _attribute_summary(network: RiverNetwork) -> str:
+    """Say from where to where the attributes of the channels go, of those that are known."""
+    import numpy as np
+
+    from warpriver import hydrology
+
+    def span(values: np.ndarray, unit: str) -> str:
+        low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+        return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+    outlets = int((~np.isin(network.channel_to, network.channel_from)).sum())
+    parts = [f"{outlets} outlet{'s' * (outlets != 1)}"]
+    try:
+        order = hydrology.strahler_order(network.channel_from, network.channel_to)
+        parts.append(f"Strahler order 1 to {order.max()}")
+    except ValueError as error:
+        parts.append(f"no stream orders ({error})")
+    parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
+    if network.channel_drainage_area is not None:
+        parts.append(f"drainage area {span(network.channel_drainage_area / 1e6, 'km2')}")
+    known = network.channel_slope[np.isfinite(network.channel_slope)]
+    if len(known):
+        some = "" if len(known) == network.channel_count else f" in {len(known)} channels"
+        parts.append(f"slope {span(known, 'm/m')}{some}")
+    return ", ".join(parts)
+
+
 # ---- shared
+
+
+def _read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
+    from warpriver.io.lines import read_network
+
+    return read_network(
+        source,
+        width=options.width,
+        layer=options.layer,
+        short=options.short,
+        crs=options.crs,
+        to_crs=options.to_crs,
+    )
+
+
+def _add_short(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--short",
+        default="error",
+        choices=("error", "drop", "narrow", "keep"),
+        help="lines shorter than they are wide, as linework has at junctions: refuse the file, drop them, narrow them "
+        "to their length, or keep them (default error)",
+    )
 
 
 def _is_run(source: Path) -> bool:

@@ -581,6 +581,7 @@ class Simulation:
             channel_drainage_area=edited.channel_drainage_area,
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
+            channel_slope=edited.channel_slope,
         )
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
@@ -625,6 +626,7 @@ class Simulation:
                 node_xy=network.node_xy.copy(),
                 channel_fixed=self._fixed.copy(),
                 channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
+                channel_slope=network.channel_slope.copy(),
             )
         )
 

@@ -131,7 +131,11 @@ def extract_network(
 
     Returns:
         The network, in the terrain's CRS. ``channel_drainage_area`` is that just above the node at the downstream end,
-        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`.
+        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`. ``channel_slope`` is the drop
+        from the cell at the channel's upper end to the one at its lower end, over the length of its line. Heights are
+        those of the surface that water was routed on, carved or filled: the raw terrain rises along a course wherever
+        it crosses a pit or noise. So it is never below 0, 0 (or nearly) across a filled lake, and near an outlet of a
+        carved pit that of the cut.
 
     Raises:
         ValueError: A threshold or another number out of range, a threshold that leaves no channel, an area that shrinks
@@ -165,7 +169,18 @@ def extract_network(
     total = _settle_areas(stems, junction)
     xy = _smooth(_centers(stems.cell, terrain), stems, junction, int(smoothing))
     return _build(
-        stems, junction, total * cell_area, xy, cell_area, coefficient, step, varying, terrain.crs, dtype, device
+        stems,
+        junction,
+        total * cell_area,
+        xy,
+        flow.terrain.to_numpy().reshape(-1)[stems.cell].astype(np.float64),
+        cell_area,
+        coefficient,
+        step,
+        varying,
+        terrain.crs,
+        dtype,
+        device,
     )
 
 
@@ -407,6 +422,7 @@ def _build(
     junction: IndexArray,
     total: FloatArray,
     line: FloatArray,
+    height: FloatArray,
     cell_area: float,
     coefficient: float,
     spacing: float,
@@ -429,6 +445,10 @@ def _build(
     below[stems.start[1:] + np.arange(len(count))] = total
     above = below.copy()
     above[onto[joined]] -= total[joined]
+    # Height in m at each point; a tributary ends at that of the cell it joins.
+    level = np.empty(len(line))
+    level[np.arange(len(stems.area)) + stem_of_cell] = height
+    level[stems.start[1:] + np.arange(len(count))] = height[np.where(joined, junction, stems.end)]
     # Channels: from each head or junction to the next junction or tail.
     node_point = np.sort(np.concatenate([head, onto[joined]]))
     first = node_point
@@ -451,6 +471,10 @@ def _build(
     mean = np.add.reduceat(width, start[:-1]) / points
     section = np.column_stack([width, bankfull_depth(width)]) if varying else None
     depth = np.add.reduceat(section[:, 1], start[:-1]) / points if section is not None else bankfull_depth(mean)
+    # Junctions that were led up their stream to leave room lie a little above the cell that the tributary ends at.
+    drop = np.maximum(level[first] - level[last], 0.0)
+    pace = np.append(np.hypot(*np.diff(xy, axis=0).T), 0.0)
+    pace[start[1:] - 1] = 0.0
     # A round origin keeps offsets exact in binary.
     origin = np.round(0.5 * (xy.min(axis=0) + xy.max(axis=0)))
     return RiverNetwork(
@@ -460,6 +484,7 @@ def _build(
         channel_depth=depth,
         channel_discharge=discharge(above[last]),
         channel_drainage_area=above[last],
+        channel_slope=drop / np.add.reduceat(pace, start[:-1]),
         channel_nodes=(number[first], number[last], line[node_at]),
         point_section=section,
         origin=origin,
