@@ -1,6 +1,7 @@
 """Lines and terrains from nothing."""
 
 from warpriver.generate.curves import kinoshita, noisy_line, sine_generated, straight_line, valley_line
+from warpriver.generate.leheny import ErodedTerrain, erode, erode_ensemble, erosion_peak, erosion_plane
 from warpriver.generate.terrains import (
     cone,
     fluvial_terrain,
@@ -13,7 +14,12 @@ from warpriver.generate.terrains import (
 )
 
 __all__ = [
+    "ErodedTerrain",
     "cone",
+    "erode",
+    "erode_ensemble",
+    "erosion_peak",
+    "erosion_plane",
     "fluvial_terrain",
     "fractal_terrain",
     "kinoshita",
