@@ -32,13 +32,17 @@ def build(scalar):
 
     @wp.struct
     class Law:
-        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m."""
+        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m.
+
+        ``block`` is the length in cells of the parts of rows whose slides are looked for together.
+        """
 
         rows: int
         columns: int
         wraps_rows: int
         wraps_columns: int
         four: int
+        block: int
         bias: scalar
         depth: scalar
         threshold: scalar
@@ -117,6 +121,19 @@ def build(scalar):
         if wraps == 1 and (lines & 1) == 1 and line == lines - 1:
             return 2
         return line & 1
+
+    @wp.func(module=name)
+    def is_active(law: Law, row: int, below: int, block: int, block_active: wp.array[int]) -> bool:
+        """Whether a block of a row, one beside it, or those below them are active."""
+        blocks = (law.columns + law.block - 1) // law.block
+        total = int(0)
+        for step in range(3):
+            beside = block + step - 1
+            if law.wraps_columns == 1:
+                beside = (beside + blocks) % blocks
+            if beside >= 0 and beside < blocks:
+                total += block_active[row * blocks + beside] + block_active[below * blocks + beside]
+        return total > 0
 
     @wp.func(module=name)
     def settle_around(
@@ -262,9 +279,12 @@ def build(scalar):
         # out
         cell_height_io: wp.array2d[scalar],
         cell_visits_io: wp.array2d[int],
-        row_active_io: wp.array[int],
+        block_active_io: wp.array[int],
     ):
-        """Lower the cells of a part of a row by D a visit, count anew, and mark rows where that has changed some."""
+        """Lower the cells of a part of a row by D a visit, count anew, and mark its block where that has changed some.
+
+        ``chunk``, the length of a part, divides that of a block.
+        """
         row, part = wp.tid()
         changed = int(0)
         for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
@@ -274,7 +294,8 @@ def build(scalar):
                 cell_visits_io[row, column] = 0
                 changed = 1
         if changed == 1:
-            wp.atomic_max(row_active_io, row, 1)
+            blocks = (law.columns + law.block - 1) // law.block
+            wp.atomic_max(block_active_io, row * blocks + part * chunk // law.block, 1)
 
     @wp.kernel(module=name, enable_backward=False)
     def slide_pairs(
@@ -284,17 +305,18 @@ def build(scalar):
         color: int,
         chunk: int,
         # in
-        row_active: wp.array[int],
+        block_active: wp.array[int],
         # out
         cell_height_io: wp.array[scalar],
-        row_moved_io: wp.array[int],
+        block_moved_io: wp.array[int],
         tally_io: wp.array[wp.int64],
     ):
         """Bring the pairs of cells and their neighbours k, of one colour, to rest; k is 2, 3, 4 or 5.
 
         Pairs are coloured by the parity of the column (k = 2) or row that they begin in; where that wraps around and is
         odd in number, the last one has colour 2. No cell is in two pairs of a k and colour: the order does not matter.
-        Only pairs with a cell in an active row are looked at, and rows are marked in which one was lowered.
+        Only pairs that begin in or beside an active block, or above one, are looked at; blocks are marked in which a
+        cell was lowered. ``chunk``, the length of a thread's part of a row, divides that of a block.
         """
         row, part = wp.tid()
         below = row
@@ -313,7 +335,9 @@ def build(scalar):
                 below = wp.where(law.wraps_rows == 1, 0, row)
                 own = wp.where(law.wraps_rows == 1, own, -1)
         end = wp.min((part + 1) * chunk, law.columns)
-        if own != color or row_active[row] + row_active[below] == 0:
+        if own != color:
+            end = 0
+        elif not is_active(law, row, below, part * chunk // law.block, block_active):
             end = 0
         slides = int(0)
         while column < end:
@@ -336,7 +360,9 @@ def build(scalar):
                         difference -= slip(law, difference)
                         slides += 1
                     cell_height_io[high] = cell_height_io[low] + difference
-                    wp.atomic_max(row_moved_io, high // law.columns, 1)
+                    blocks = (law.columns + law.block - 1) // law.block
+                    moved = (high // law.columns) * blocks + (high % law.columns) // law.block
+                    wp.atomic_max(block_moved_io, moved, 1)
             column += step
         if slides > 0:
             wp.atomic_add(tally_io, 1, wp.int64(slides))

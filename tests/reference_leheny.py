@@ -43,6 +43,7 @@ class Ground:
         self.bias, self.depth, self.threshold, self.quantum = bias, depth, threshold, quantum
         self.cells = [tuple(int(v) for v in rc) for rc in np.argwhere(~np.isnan(self.height))]
         self.slides = 0
+        self.block = 4
 
     def neighbor(self, cell, k):
         """Neighbour k, around periodic sides; None beyond the others, and where there is no data."""
@@ -112,7 +113,7 @@ class Ground:
         for way in ways:
             for cell in way:
                 self.height[cell] -= self.depth
-        self.rest({row for way in ways for row, _ in way})
+        self.rest({self.block_of(cell) for way in ways for cell in way})
         return ways
 
     def color(self, place, axis):
@@ -126,16 +127,29 @@ class Ground:
         pairs = [(cell, self.neighbor(cell, k)) for cell in self.cells if self.color(cell[axis], axis) == color]
         return [(a, b) for a, b in pairs if b is not None]
 
+    def block_of(self, cell):
+        """Row, and number of the part of it, that a cell lies in."""
+        return cell[0], cell[1] // self.block
+
+    def looked_at(self, a, b, active):
+        """Whether a pair that begins in a is in a sweep: the blocks around a's, in both rows, have an active one."""
+        blocks = -(-self.height.shape[1] // self.block)
+        around = [self.block_of(a)[1] + step for step in (-1, 0, 1)]
+        around = [n % blocks if self.wraps[1] else n for n in around]
+        return any((row, n) in active for row in (a[0], b[0]) for n in around)
+
     def sweep(self, active, rng=None):
-        """Every group of pairs once, those with a cell in an active row, in any order; returns the rows that moved."""
+        """Every group of pairs once, those in or beside active blocks, in any order; returns the blocks that moved."""
         moved = set()
         for k in (2, 3, 4, 5):
             for color in range(3):
-                pairs = [(a, b) for a, b in self.pairs(k, color) if a[0] in active or b[0] in active]
+                pairs = [(a, b) for a, b in self.pairs(k, color) if self.looked_at(a, b, active)]
                 if rng is not None:
                     rng.shuffle(pairs)
                 for a, b in pairs:
-                    moved |= {a[0]} if self.slide(a, b) else {b[0]} if self.slide(b, a) else set()
+                    moved |= (
+                        {self.block_of(a)} if self.slide(a, b) else {self.block_of(b)} if self.slide(b, a) else set()
+                    )
         return moved
 
     def rest(self, active):

@@ -34,6 +34,8 @@ QUANTUM_BITS = {"float64": 24, "float32": 6}
 EXACT_BITS = {"float64": 52, "float32": 23}
 # Events between two looks at the host: they set how often progress is told and an interrupt is heard.
 SEGMENT = 2000
+# Cells of a row whose slides are looked for together.
+BLOCK = 64
 # Bytes a cell of a grid: height, stack and mark, and their copies; filling adds the graph of neighbours.
 GRID_BYTES, FILL_BYTES = 45, 300
 # Filled ground falls by this part of D a cell: enough to survive any number of events.
@@ -184,8 +186,8 @@ def erode(
       walks as in the serial mode, but units that meet go on together; the cell that they go to is lowered at least as
       much as the one they come from. (Were they to part, a cell could sink below all its neighbours.)
     - Slides go through all pairs of neighbours in eight groups (east, south-east, south, south-west; even and odd), in
-      none of which a cell is twice, over and over until nothing slides. A sweep looks at rows in which the rain, or the
-      sweep before, has lowered a cell, and at those beside them.
+      none of which a cell is twice, over and over until nothing slides. A sweep looks at stretches of 64 cells in
+      which the rain, or the sweep before, has lowered a cell, and at those around them.
 
     Heights are kept as whole multiples of a quantum, 2^-25 to 2^-24 of D (float32: 2^-7 to 2^-6), to which the start
     and D are rounded and a slide is rounded down. All sums are then exact, and the same in any order.
@@ -335,7 +337,7 @@ class _Run:
         law = self.kernel.Law()
         law.rows, law.columns = start.shape
         law.wraps_rows, law.wraps_columns = (int(self.rules[side] == "periodic") for side in ("north", "east"))
-        law.four = int(params.neighbors == 4)
+        law.four, law.block = int(params.neighbors == 4), BLOCK
         law.quantum, law.bias, law.threshold = quantum, params.flow_bias, params.slide_threshold
         law.depth = round(params.depth / quantum) * quantum
         self.law, self.quantum, self.depth, self.real, self.scalar = law, quantum, float(law.depth), real, scalar
@@ -355,7 +357,7 @@ class _Run:
         for g, height in enumerate(heights):
             array: wp.array = wp.array(height.astype(self.real).reshape(-1), dtype=self.scalar, device=self.device)
             before = int(self.tally.numpy()[1])
-            self._rest(array, wp.ones(self.law.rows, dtype=int, device=self.device))
+            self._rest(array, wp.ones(self.blocks, dtype=int, device=self.device))
             slides[g] = int(self.tally.numpy()[1]) - before
             rested.append(array.numpy())
         self.tally.zero_()
@@ -424,6 +426,11 @@ class _Run:
         wp.launch(kernel.raise_courses, 1, [kernel.Law(), least, *inputs], [array], device="cpu")
         return array.numpy().reshape(height.shape).copy()
 
+    @property
+    def blocks(self) -> int:
+        """Blocks of cells in which slides are looked for."""
+        return int(self.law.rows) * -(-int(self.law.columns) // BLOCK)
+
     def rain_serially(self, stop: int) -> int:
         """Do all events before ``stop`` on every grid; returns how many."""
         count, grids = stop - self.done, len(self.seeds)
@@ -440,8 +447,8 @@ class _Run:
         begin = self.done
         choice, visits = self._array("choice", int, 1, -1), self._array("visits", int, 1)
         rows, columns = self.law.rows, self.law.columns
-        active = wp.zeros(rows, dtype=int, device=self.device)
-        chunk = columns if self.device.is_cpu else 1
+        active = wp.zeros(self.blocks, dtype=int, device=self.device)
+        chunk = BLOCK if self.device.is_cpu else 1
         table, counts = self.height.reshape((rows, columns)), visits.reshape((rows, columns))
         while self.done < stop:
             number = self.done // batch
@@ -451,23 +458,25 @@ class _Run:
             wp.launch(self.kernel.walk_together, count, inputs, [choice, visits, self.tally], device=self.device)
             active.zero_()
             inputs, outputs = [self.law, chunk], [table, counts, active]
-            wp.launch(self.kernel.lower_visited, (rows, columns // chunk), inputs, outputs, device=self.device)
+            wp.launch(self.kernel.lower_visited, (rows, -(-columns // chunk)), inputs, outputs, device=self.device)
             self._rest(self.height, active)
             self.done += count
         return self.done - begin
 
     def _rest(self, height: wp.array, active: wp.array) -> None:
-        """Let pairs with a cell in an active row slide, sweep by sweep, until there is rest."""
+        """Let pairs in active blocks and beside them slide, sweep by sweep, until there is rest."""
         rows, columns = self.law.rows, self.law.columns
-        chunk = columns if self.device.is_cpu else 1
+        chunk = BLOCK if self.device.is_cpu else 1
         odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
         slides = int(self.tally.numpy()[1])
         while True:
-            moved = wp.zeros(rows, dtype=int, device=self.device)
+            moved = wp.zeros(self.blocks, dtype=int, device=self.device)
             for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
                 for color in range(3 if odd else 2):
                     inputs, outputs = [self.law, k, color, chunk, active], [height, moved, self.tally]
-                    wp.launch(self.kernel.slide_pairs, (rows, columns // chunk), inputs, outputs, device=self.device)
+                    wp.launch(
+                        self.kernel.slide_pairs, (rows, -(-columns // chunk)), inputs, outputs, device=self.device
+                    )
             before, slides = slides, int(self.tally.numpy()[1])
             if slides == before:
                 return
