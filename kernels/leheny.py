@@ -323,6 +323,8 @@ def build(scalar):
         column = part * chunk
         step = int(1)
         own = int(color)
+        aside = column_step(k)
+        threshold = law.threshold
         if k == 2:
             step = 2
             column += (column + color) & 1
@@ -341,22 +343,25 @@ def build(scalar):
             end = 0
         slides = int(0)
         while column < end:
-            beside = column + column_step(k)
-            valid = k != 2 or pair_color(column, law.columns, law.wraps_columns) == color
+            beside = column + aside
             if beside < 0 or beside >= law.columns:
-                valid = valid and law.wraps_columns == 1
+                # Only there may a pair not exist, or one to the east have colour 2.
                 beside = (beside + law.columns) % law.columns
-            if valid:
+                if law.wraps_columns == 0:
+                    beside = -1
+                if k == 2 and pair_color(column, law.columns, law.wraps_columns) != color:
+                    beside = -1
+            if beside >= 0:
                 high = row * law.columns + column
                 low = below * law.columns + beside
                 difference = cell_height_io[high] - cell_height_io[low]
-                if wp.abs(difference) > law.threshold:
+                if wp.abs(difference) > threshold:
                     if difference < ZERO:
                         n = high
                         high = low
                         low = n
                         difference = -difference
-                    while difference > law.threshold:
+                    while difference > threshold:
                         difference -= slip(law, difference)
                         slides += 1
                     cell_height_io[high] = cell_height_io[low] + difference

@@ -190,6 +190,15 @@ def test_records_change_nothing_and_erosion_goes_on(batch):
     assert (np.diff([s.volume_removed for s in recorded.snapshots]) > 0).all()
 
 
+def test_a_copy_keeps_its_edges_and_its_account():
+    eroded = wr.erode(erosion_plane((20, 30)), wr.LehenyParams(depth=5.0), events=100, seed=1, record_every=50)
+    for other in (eroded.copy(), eroded.to("cpu")):
+        assert np.array_equal(other.to_numpy(), eroded.to_numpy()) and other.height.ptr != eroded.height.ptr
+        assert (other.edges, other.params, other.snapshots) == (eroded.edges, eroded.params, ())
+        assert (other.events, other.visits, other.volume_removed) == (100, eroded.visits, eroded.volume_removed)
+        assert repr(other) == repr(eroded) and "100 events" in repr(other)
+
+
 def test_ensembles_are_single_runs_side_by_side():
     starts = [erosion_plane((30, 40)), wr.Terrain(erosion_plane((30, 40)).to_numpy() * 2.0, 1.0)]
     edges = starts[0].edges

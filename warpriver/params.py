@@ -244,7 +244,7 @@ class LehenyParams:
         "-",
         choices=(8, 4),
         source="warpriver",
-        doc="neighbours of a cell, for water and for slides; with 4 hardly anything slides",
+        doc="neighbours of a cell, for water and for slides; with 4 nothing slides until ways are deep",
     )
 
     def __post_init__(self) -> None:

@@ -141,6 +141,21 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
     assert case.tally.numpy()[1] == twin.slides > 0 and case.tally.numpy()[2] == 0
 
 
+def test_the_order_in_which_rain_walks_cannot_be_seen(device):
+    """Forty units of rain in one launch, and one by one in a shuffled order: the same visits and choices."""
+    found = []
+    for order in (None, np.random.default_rng(5).permutation(40)):
+        case = Case((False, True), False, (9, 7), device=device)
+        choice, visits = case.full(int, -1), case.full(int)
+        for first, count in [(0, 40)] if order is None else [(int(event), 1) for event in order]:
+            inputs = [case.law, 3, 4, first, 0, case.ground, case.state, case.height]
+            case.launch("walk_together", count, inputs, [choice, visits, case.tally])
+        found.append((visits.numpy().copy(), choice.numpy().copy(), case.tally.numpy().copy()))
+    for a, b in zip(*found, strict=True):
+        assert np.array_equal(a, b)
+    assert found[0][0].max() > 5
+
+
 @pytest.mark.parametrize(("wraps", "four", "shape"), CASES)
 def test_no_cell_is_in_two_pairs_of_a_group_and_every_pair_in_one(wraps, four, shape):
     """So that the pairs of a group may slide in any order: done in many shuffled ones, the result is the same."""

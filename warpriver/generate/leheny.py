@@ -58,7 +58,7 @@ class ErodedTerrain(Terrain):
         visits: Cells that they visited, each counted as often as it was; D times this is what water took.
         slides: Slides of one cell.
         volume_removed: m3 that are gone: by water, and by slides.
-        snapshots: Earlier states, as asked for; each an ErodedTerrain without snapshots.
+        snapshots: Earlier states, as asked for, on the same device; each an ErodedTerrain without snapshots.
     """
 
     edges: dict[str, Any]
@@ -88,6 +88,20 @@ class ErodedTerrain(Terrain):
         eroded.events, eroded.visits, eroded.slides, eroded.volume_removed = account
         eroded.snapshots = ()
         return eroded
+
+    @property
+    def _account(self) -> tuple[int, int, int, float]:
+        """What has happened so far."""
+        return self.events, self.visits, self.slides, self.volume_removed
+
+    def copy(self) -> ErodedTerrain:
+        """Return a copy on the same device, with its account and without snapshots."""
+        return self.to(self.device)
+
+    def to(self, device: Any) -> ErodedTerrain:
+        """Return a copy on another device, with its account and without snapshots."""
+        height = wp.clone(self.height, device=resolve_device(device))
+        return ErodedTerrain._with_account(self, height, self.edges, self.nodata, self.params, self._account)
 
     def flow(self, seed: int = 0) -> Flow:
         """Route water by steepest descent over it, as rivers are identified: among its neighbours, ties by chance.
@@ -499,10 +513,8 @@ class _Run:
             raise RuntimeError(f"{stuck} walks ended in a pit, which cannot be: please report this with the input")
         removed = float(np.nansum(before - height)) * start.cell_size**2
         slides += int(self.start_slides[grid])
-        account = self.done, visits, slides, removed
-        if isinstance(start, ErodedTerrain):
-            earlier = start.events, start.visits, start.slides, start.volume_removed
-            account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
+        earlier = start._account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
+        account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
         array: wp.array = wp.array(height, dtype=wp.float64, device=self.device)
         return ErodedTerrain._with_account(start, array, self.rules, self.nodata, self.params, account)
 
