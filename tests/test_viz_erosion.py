@@ -51,6 +51,17 @@ def test_drainage_colours_the_cells_that_drain_enough_and_no_other(eroded, tmp_p
     assert (np.diff(bright) <= 1e-12).all(), "more water is darker"
 
 
+def test_rivers_are_seen_where_cells_are_smaller_than_pixels():
+    """One line of cells that drain all, on 900 cells across 300 pixels: no part of it is lost."""
+    height = np.add.outer(np.arange(901.0)[::-1], 10.0 * np.abs(np.arange(901.0) - 450.0))
+    flow = wr.hydrology.route(wr.Terrain(height, 1.0))
+    picture, extent = laid(draw_drainage(flow, min_drainage_area=2000.0, size=(400, 400), dpi=60))
+    assert picture.shape[0] < 460 and extent[2] <= -901.0 and extent[3] == 0.0
+    river = (picture != picture[-1, 0]).any(axis=2)
+    rows = np.flatnonzero(river.any(axis=1))
+    assert len(rows) == rows[-1] - rows[0] + 1 > 0.9 * len(picture)
+
+
 def test_channels_are_drawn_by_order(eroded, tmp_path):
     network = wr.extract_network(eroded, flow=eroded.flow(), min_drainage_area=3000.0, unroll=True)
     figure = draw_ordered_network(eroded, network, tmp_path / "n.png", title="orders", dpi=60)

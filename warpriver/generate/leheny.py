@@ -154,6 +154,8 @@ def erosion_peak(
 ) -> ErodedTerrain:
     """Cone that falls from the middle of the raster to all sides, which are open.
 
+    The model knows the grid: along its eight directions water gathers less than between them, and rivers form a star.
+
     Args:
         shape: Rows and columns.
         cell_size: m.

@@ -1,10 +1,12 @@
 """Pictures of eroded terrain: by elevation, by the water that cells drain, and a movie of the network that grows.
 
-Every cell is a block of the picture: nothing is smoothed. matplotlib is imported when something is drawn, not before.
+Every cell is a block of the picture: nothing is smoothed. Where cells are smaller than pixels, rivers are as wide as
+those, so that none is lost. matplotlib is imported when something is drawn, not before.
 """
 
 from __future__ import annotations
 
+import math
 import pathlib
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -99,10 +101,10 @@ def draw_drainage(
 
     area, least = _areas(flow, min_drainage_area)
     sheet = _page(flow.terrain, title, size, dpi)
+    factor, largest = _cells_per_pixel(sheet, flow.terrain), float(np.nanmax(area))
     known = np.isfinite(area)
     ground = np.where(known[..., None], color_ramp(((0.0, GROUND),), np.zeros(area.shape)), 1.0)
-    largest = float(np.nanmax(area))
-    _lay(sheet, flow.terrain, _with_rivers(ground, area, least, largest))
+    _lay(sheet, flow.terrain, _with_rivers(ground, area, least, largest, factor), factor)
     # In cells where cells are counted, in km2 on a real map.
     unit, label = (1e6, "drainage area, km²") if largest > 1e6 else (1.0, "drainage area, m²")
     add_value_bar(sheet, LogNorm(least / unit, max(largest, 1.01 * least) / unit), label, RIVER_RAMP)
@@ -208,13 +210,13 @@ def _frames(
     sheet = _page(snapshots[-1], title, size, dpi)
     add_value_bar(sheet, Normalize(low, high), "elevation, m", ELEVATION_RAMP)
     sheet.add_scale_bar()
-    shown = None
+    shown, factor = None, _cells_per_pixel(sheet, snapshots[-1])
     for done, snapshot in enumerate(snapshots[-1:] if only_last else snapshots, start=1):
         ground = _elevation_picture(snapshot, low, high)
         ground = PALE + (1.0 - PALE) * ground
-        picture = _with_rivers(ground, drainage_area(snapshot.flow()), least, largest)
+        picture = _with_rivers(ground, drainage_area(snapshot.flow()), least, largest, factor)
         if shown is None:
-            shown = _lay(sheet, snapshot, picture)
+            shown = _lay(sheet, snapshot, picture, factor)
         shown.set_data(picture)
         sheet.note.set_text(f"{snapshot.events:,} events")
         sheet.canvas.draw()
@@ -241,13 +243,26 @@ def _elevation_picture(terrain: Any, low: float, high: float) -> np.ndarray:
     return np.where(np.isnan(height)[..., None], 1.0, np.clip(color * shade[..., None], 0.0, 1.0))
 
 
-def _with_rivers(ground: np.ndarray, area: np.ndarray, least: float, largest: float) -> np.ndarray:
-    """Ground with the cells that drain enough in the colour of what they drain, (rows, columns, 3)."""
-    river = np.nan_to_num(area, nan=0.0) >= least * (1.0 - 1e-9)
+def _with_rivers(ground: np.ndarray, area: np.ndarray, least: float, largest: float, factor: int) -> np.ndarray:
+    """Ground with the cells that drain enough in the colour of what they drain, (rows, columns, 3).
+
+    Blocks of ``factor`` cells a side become one, of the ground's mean colour and the cells' largest area.
+    """
+    rows, columns = (-(-n // factor) for n in area.shape)
+    below, aside = rows * factor - area.shape[0], columns * factor - area.shape[1]
+    picture = np.pad(ground, ((0, below), (0, aside), (0, 0)), mode="edge")
+    drained = np.pad(np.nan_to_num(area, nan=0.0), ((0, below), (0, aside)))
+    picture = picture.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
+    drained = drained.reshape(rows, factor, columns, factor).max(axis=(1, 3))
+    river = drained >= least * (1.0 - 1e-9)
     span = np.log(max(largest, 1.01 * least) / least)
-    picture = ground.copy()
-    picture[river] = color_ramp(RIVER_RAMP, np.clip(np.log(area[river] / least) / span, 0.0, 1.0))
+    picture[river] = color_ramp(RIVER_RAMP, np.clip(np.log(drained[river] / least) / span, 0.0, 1.0))
     return picture
+
+
+def _cells_per_pixel(sheet: Sheet, terrain: Any) -> int:
+    """Cells a side that share a pixel of the map, 1 or more."""
+    return max(1, math.ceil(sheet.metres_per_pixel / float(terrain.cell_size) - 1e-9))
 
 
 def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
@@ -272,10 +287,11 @@ def _page(terrain: Any, title: str | None, size: tuple[int, int] | None, dpi: fl
     return sheet
 
 
-def _lay(sheet: Sheet, terrain: Any, picture: np.ndarray) -> Any:
-    """Lay a picture of the terrain's cells on the map."""
-    west, south, east, north = terrain.bounds
-    extent = (west, east, south, north)
+def _lay(sheet: Sheet, terrain: Any, picture: np.ndarray, factor: int = 1) -> Any:
+    """Lay a picture of the terrain's cells on the map; a pixel of it is so many cells wide."""
+    west, _, _, north = terrain.bounds
+    rows, columns = (n * factor * terrain.cell_size for n in picture.shape[:2])
+    extent = (west, west + columns, north - rows, north)
     shown = sheet.axes.imshow(picture, extent=extent, origin="upper", aspect="auto", interpolation="nearest", zorder=1)
     sheet.axes.set(xlim=(sheet.window[0], sheet.window[2]), ylim=(sheet.window[1], sheet.window[3]))
     return shown
