@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import generate, hydrology, metrics, viz
-    from warpriver.generate.leheny import ErodedTerrain, erode, erode_ensemble
+    from warpriver.generate.eroded import ErodedTerrain
+    from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.history import Collision, Cutoff, History, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
@@ -55,7 +56,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
-    "ErodedTerrain": "warpriver.generate.leheny",
+    "ErodedTerrain": "warpriver.generate.eroded",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",

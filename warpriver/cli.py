@@ -17,7 +17,7 @@ from warpriver import __version__
 from warpriver.params import DAYS_PER_YEAR, LehenyParams, MeanderParams
 
 if TYPE_CHECKING:
-    from warpriver.generate.leheny import ErodedTerrain
+    from warpriver.generate.eroded import ErodedTerrain
     from warpriver.history import History
     from warpriver.hydrology.routing import Flow
     from warpriver.network import RiverNetwork

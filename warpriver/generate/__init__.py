@@ -1,7 +1,8 @@
 """Lines and terrains from nothing."""
 
 from warpriver.generate.curves import kinoshita, noisy_line, sine_generated, straight_line, valley_line
-from warpriver.generate.leheny import ErodedTerrain, erode, erode_ensemble, erosion_peak, erosion_plane
+from warpriver.generate.eroded import ErodedTerrain, erosion_peak, erosion_plane
+from warpriver.generate.leheny import erode, erode_ensemble
 from warpriver.generate.terrains import (
     cone,
     fluvial_terrain,
