@@ -298,6 +298,43 @@ def build(scalar):
             wp.atomic_max(block_active_io, row * blocks + part * chunk // law.block, 1)
 
     @wp.kernel(module=name, enable_backward=False)
+    def mark_unstable(
+        # params
+        law: Law,
+        chunk: int,
+        # in
+        block_active: wp.array[int],
+        cell_height: wp.array[scalar],
+        # out
+        block_unstable_io: wp.array[int],
+    ):
+        """Mark the blocks in which a pair begins that differs by more than M: those in or beside active ones, or above.
+
+        ``chunk``, the length of a thread's part of a row, divides that of a block.
+        """
+        row, part = wp.tid()
+        below = wp.min(row + 1, law.rows - 1)
+        if row == law.rows - 1 and law.wraps_rows == 1:
+            below = 0
+        blocks = (law.columns + law.block - 1) // law.block
+        block = part * chunk // law.block
+        if is_active(law, row, below, block, block_active):
+            found = int(0)
+            for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
+                cell = row * law.columns + column
+                height = cell_height[cell]
+                inner = is_inner(law, cell)
+                for k in range(2, 6):
+                    n = cell + row_step(k) * law.columns + column_step(k)
+                    if not inner or law.four == 1:
+                        n = neighbor(law, cell, k)
+                    if n >= 0:
+                        if wp.abs(height - cell_height[n]) > law.threshold:
+                            found = 1
+            if found == 1:
+                wp.atomic_max(block_unstable_io, row * blocks + block, 1)
+
+    @wp.kernel(module=name, enable_backward=False)
     def slide_pairs(
         # params
         law: Law,
@@ -400,6 +437,7 @@ def build(scalar):
         erode_serially=erode_serially,
         walk_together=walk_together,
         lower_visited=lower_visited,
+        mark_unstable=mark_unstable,
         slide_pairs=slide_pairs,
         raise_courses=raise_courses,
     )

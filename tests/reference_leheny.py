@@ -152,9 +152,15 @@ class Ground:
                     )
         return moved
 
+    def unstable(self, active):
+        """Blocks in which a pair begins that has to slide, in or beside active ones."""
+        pairs = [pair for k in (2, 3, 4, 5) for color in range(3) for pair in self.pairs(k, color)]
+        steep = [(a, b) for a, b in pairs if abs(self.height[a] - self.height[b]) > self.threshold]
+        return {self.block_of(a) for a, b in steep if self.looked_at(a, b, active)}
+
     def rest(self, active):
-        while active:
-            active = self.sweep(active)
+        while unstable := self.unstable(active):
+            active = self.sweep(unstable)
 
     # ---- what must hold
 

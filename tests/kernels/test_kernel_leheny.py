@@ -129,9 +129,12 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
         case.launch("lower_visited", (rows, -(-columns // chunk)), [case.law, chunk], [table, count, active])
         assert not visits.numpy().any()
         for _ in range(100):
-            if not active.numpy().any():
+            unstable = wp.zeros(active.size, dtype=int, device=device)
+            inputs = [case.law, chunk, active, case.height]
+            case.launch("mark_unstable", (rows, -(-columns // chunk)), inputs, [unstable])
+            if not unstable.numpy().any():
                 break
-            active = swept(case, active, chunk)
+            active = swept(case, unstable, chunk)
         ways = twin.batch(99, 1000 + number, events)
         np.testing.assert_array_equal(
             found, [[sum((r, c) in w for w in ways) for c in range(columns)] for r in range(rows)]

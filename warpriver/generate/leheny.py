@@ -75,7 +75,7 @@ def erode(
       much as the one they come from. (Were they to part, a cell could sink below all its neighbours.)
     - Slides go through all pairs of neighbours in eight groups (east, south-east, south, south-west; even and odd), in
       none of which a cell is twice, over and over until nothing slides. A sweep looks at stretches of 64 cells in
-      which the rain, or the sweep before, has lowered a cell, and at those around them.
+      which a pair begins that has to slide, and at those around them.
 
     Heights are kept as whole multiples of a quantum, 2^-25 to 2^-24 of D (float32: 2^-7 to 2^-6), to which the start
     and D are rounded and a slide is rounded down. All sums are then exact, and the same in any order.
@@ -352,22 +352,21 @@ class _Run:
         return self.done - begin
 
     def _rest(self, height: wp.array, active: wp.array) -> None:
-        """Let pairs in active blocks and beside them slide, sweep by sweep, until there is rest."""
+        """Let pairs slide, sweep by sweep, until there is rest; cells have been lowered in active blocks only."""
         rows, columns = self.law.rows, self.law.columns
         chunk = BLOCK if self.device.is_cpu else 1
         odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
-        slides = int(self.tally.numpy()[1])
+        dim = rows, -(-columns // chunk)
         while True:
-            moved = wp.zeros(self.blocks, dtype=int, device=self.device)
+            unstable, moved = (wp.zeros(self.blocks, dtype=int, device=self.device) for _ in range(2))
+            inputs = [self.law, chunk, active, height]
+            wp.launch(self.kernel.mark_unstable, dim, inputs, [unstable], device=self.device)
+            if not unstable.numpy().any():
+                return
             for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
                 for color in range(3 if odd else 2):
-                    inputs, outputs = [self.law, k, color, chunk, active], [height, moved, self.tally]
-                    wp.launch(
-                        self.kernel.slide_pairs, (rows, -(-columns // chunk)), inputs, outputs, device=self.device
-                    )
-            before, slides = slides, int(self.tally.numpy()[1])
-            if slides == before:
-                return
+                    inputs, outputs = [self.law, k, color, chunk, unstable], [height, moved, self.tally]
+                    wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             active = moved
 
     def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
