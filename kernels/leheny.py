@@ -123,19 +123,6 @@ def build(scalar):
         return line & 1
 
     @wp.func(module=name)
-    def is_active(law: Law, row: int, below: int, block: int, block_active: wp.array[int]) -> bool:
-        """Whether a block of a row, one beside it, or those below them are active."""
-        blocks = (law.columns + law.block - 1) // law.block
-        total = int(0)
-        for step in range(3):
-            beside = block + step - 1
-            if law.wraps_columns == 1:
-                beside = (beside + blocks) % blocks
-            if beside >= 0 and beside < blocks:
-                total += block_active[row * blocks + beside] + block_active[below * blocks + beside]
-        return total > 0
-
-    @wp.func(module=name)
     def settle_around(
         law: Law,
         base: int,
@@ -303,36 +290,33 @@ def build(scalar):
         law: Law,
         chunk: int,
         # in
-        block_active: wp.array[int],
+        listed: wp.array[int],
         cell_height: wp.array[scalar],
         # out
         block_unstable_io: wp.array[int],
     ):
-        """Mark the blocks in which a pair begins that differs by more than M: those in or beside active ones, or above.
+        """Mark those of the listed blocks in which a pair begins that differs by more than M.
 
-        ``chunk``, the length of a thread's part of a row, divides that of a block.
+        ``chunk``, the length of a thread's part of a block, divides it.
         """
-        row, part = wp.tid()
-        below = wp.min(row + 1, law.rows - 1)
-        if row == law.rows - 1 and law.wraps_rows == 1:
-            below = 0
+        place, part = wp.tid()
         blocks = (law.columns + law.block - 1) // law.block
-        block = part * chunk // law.block
-        if is_active(law, row, below, block, block_active):
-            found = int(0)
-            for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
-                cell = row * law.columns + column
-                height = cell_height[cell]
-                inner = is_inner(law, cell)
-                for k in range(2, 6):
-                    n = cell + row_step(k) * law.columns + column_step(k)
-                    if not inner or law.four == 1:
-                        n = neighbor(law, cell, k)
-                    if n >= 0:
-                        if wp.abs(height - cell_height[n]) > law.threshold:
-                            found = 1
-            if found == 1:
-                wp.atomic_max(block_unstable_io, row * blocks + block, 1)
+        row = listed[place] // blocks
+        begin = (listed[place] % blocks) * law.block + part * chunk
+        found = int(0)
+        for column in range(begin, wp.min(begin + chunk, law.columns)):
+            cell = row * law.columns + column
+            height = cell_height[cell]
+            inner = is_inner(law, cell)
+            for k in range(2, 6):
+                n = cell + row_step(k) * law.columns + column_step(k)
+                if not inner or law.four == 1:
+                    n = neighbor(law, cell, k)
+                if n >= 0:
+                    if wp.abs(height - cell_height[n]) > law.threshold:
+                        found = 1
+        if found == 1:
+            wp.atomic_max(block_unstable_io, listed[place], 1)
 
     @wp.kernel(module=name, enable_backward=False)
     def slide_pairs(
@@ -342,7 +326,7 @@ def build(scalar):
         color: int,
         chunk: int,
         # in
-        block_active: wp.array[int],
+        listed: wp.array[int],
         # out
         cell_height_io: wp.array[scalar],
         block_moved_io: wp.array[int],
@@ -352,12 +336,15 @@ def build(scalar):
 
         Pairs are coloured by the parity of the column (k = 2) or row that they begin in; where that wraps around and is
         odd in number, the last one has colour 2. No cell is in two pairs of a k and colour: the order does not matter.
-        Only pairs that begin in or beside an active block, or above one, are looked at; blocks are marked in which a
-        cell was lowered. ``chunk``, the length of a thread's part of a row, divides that of a block.
+        Only pairs that begin in listed blocks are looked at; blocks are marked in which a cell was lowered. ``chunk``,
+        the length of a thread's part of a block, divides it.
         """
-        row, part = wp.tid()
+        place, part = wp.tid()
+        blocks = (law.columns + law.block - 1) // law.block
+        row = listed[place] // blocks
         below = row
-        column = part * chunk
+        column = (listed[place] % blocks) * law.block + part * chunk
+        end = wp.min(column + chunk, law.columns)
         step = int(1)
         own = int(color)
         aside = column_step(k)
@@ -373,10 +360,7 @@ def build(scalar):
             if below == law.rows:
                 below = wp.where(law.wraps_rows == 1, 0, row)
                 own = wp.where(law.wraps_rows == 1, own, -1)
-        end = wp.min((part + 1) * chunk, law.columns)
         if own != color:
-            end = 0
-        elif not is_active(law, row, below, part * chunk // law.block, block_active):
             end = 0
         slides = int(0)
         while column < end:
@@ -402,7 +386,6 @@ def build(scalar):
                         difference -= slip(law, difference)
                         slides += 1
                     cell_height_io[high] = cell_height_io[low] + difference
-                    blocks = (law.columns + law.block - 1) // law.block
                     moved = (high // law.columns) * blocks + (high % law.columns) // law.block
                     wp.atomic_max(block_moved_io, moved, 1)
             column += step

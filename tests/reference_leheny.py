@@ -131,19 +131,20 @@ class Ground:
         """Row, and number of the part of it, that a cell lies in."""
         return cell[0], cell[1] // self.block
 
-    def looked_at(self, a, b, active):
-        """Whether a pair that begins in a is in a sweep: the blocks around a's, in both rows, have an active one."""
+    def looked_at(self, a, active):
+        """Whether a pair that begins in a is in a sweep: blocks around a's, in its row or below, are active."""
         blocks = -(-self.height.shape[1] // self.block)
         around = [self.block_of(a)[1] + step for step in (-1, 0, 1)]
         around = [n % blocks if self.wraps[1] else n for n in around]
-        return any((row, n) in active for row in (a[0], b[0]) for n in around)
+        below = (a[0] + 1) % self.height.shape[0] if self.wraps[0] else a[0] + 1
+        return any((row, n) in active for row in (a[0], below) for n in around)
 
     def sweep(self, active, rng=None):
         """Every group of pairs once, those in or beside active blocks, in any order; returns the blocks that moved."""
         moved = set()
         for k in (2, 3, 4, 5):
             for color in range(3):
-                pairs = [(a, b) for a, b in self.pairs(k, color) if self.looked_at(a, b, active)]
+                pairs = [(a, b) for a, b in self.pairs(k, color) if self.looked_at(a, active)]
                 if rng is not None:
                     rng.shuffle(pairs)
                 for a, b in pairs:
@@ -156,7 +157,7 @@ class Ground:
         """Blocks in which a pair begins that has to slide, in or beside active ones."""
         pairs = [pair for k in (2, 3, 4, 5) for color in range(3) for pair in self.pairs(k, color)]
         steep = [(a, b) for a, b in pairs if abs(self.height[a] - self.height[b]) > self.threshold]
-        return {self.block_of(a) for a, b in steep if self.looked_at(a, b, active)}
+        return {self.block_of(a) for a, b in steep if self.looked_at(a, active)}
 
     def rest(self, active):
         while unstable := self.unstable(active):

@@ -101,14 +101,22 @@ def test_grids_side_by_side_know_nothing_of_each_other(device):
         np.testing.assert_array_equal(found, case.twin.height)
 
 
-def swept(case, active, chunk):
-    """One sweep by the kernel; returns the rows that moved."""
-    moved = wp.zeros(active.size, dtype=int, device=case.device)
-    parts = -(-case.shape[1] // chunk)
+def around(case, marked):
+    """Blocks that the twin would look at, as a list on the device."""
+    blocks = -(-case.shape[1] // 4)
+    active = {divmod(int(b), blocks) for b in np.flatnonzero(marked.numpy())}
+    every = [divmod(b, blocks) for b in range(marked.size)]
+    listed = [r * blocks + b for r, b in every if case.twin.looked_at((r, 4 * b), active)]
+    return to_device(np.array(listed, np.int32), wp.int32, case.device)
+
+
+def swept(case, listed, chunk):
+    """One sweep by the kernel; returns the blocks that moved."""
+    moved = wp.zeros(case.shape[0] * -(-case.shape[1] // 4), dtype=int, device=case.device)
     for k in (2, 4) if case.law.four else (2, 3, 4, 5):
         for color in range(3):
-            inputs, outputs = [case.law, k, color, chunk, active], [case.height, moved, case.tally]
-            case.launch("slide_pairs", (case.shape[0], parts), inputs, outputs)
+            inputs, outputs = [case.law, k, color, chunk, listed], [case.height, moved, case.tally]
+            case.launch("slide_pairs", (listed.size, 4 // chunk), inputs, outputs)
     return moved
 
 
@@ -130,11 +138,11 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
         assert not visits.numpy().any()
         for _ in range(100):
             unstable = wp.zeros(active.size, dtype=int, device=device)
-            inputs = [case.law, chunk, active, case.height]
-            case.launch("mark_unstable", (rows, -(-columns // chunk)), inputs, [unstable])
+            listed = around(case, active)
+            case.launch("mark_unstable", (listed.size, 4 // chunk), [case.law, chunk, listed, case.height], [unstable])
             if not unstable.numpy().any():
                 break
-            active = swept(case, unstable, chunk)
+            active = swept(case, around(case, unstable), chunk)
         ways = twin.batch(99, 1000 + number, events)
         np.testing.assert_array_equal(
             found, [[sum((r, c) in w for w in ways) for c in range(columns)] for r in range(rows)]

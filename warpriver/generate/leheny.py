@@ -356,18 +356,35 @@ class _Run:
         rows, columns = self.law.rows, self.law.columns
         chunk = BLOCK if self.device.is_cpu else 1
         odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
-        dim = rows, -(-columns // chunk)
         while True:
             unstable, moved = (wp.zeros(self.blocks, dtype=int, device=self.device) for _ in range(2))
-            inputs = [self.law, chunk, active, height]
-            wp.launch(self.kernel.mark_unstable, dim, inputs, [unstable], device=self.device)
-            if not unstable.numpy().any():
+            listed = self._around(active)
+            inputs = [self.law, chunk, listed, height]
+            wp.launch(self.kernel.mark_unstable, (listed.size, BLOCK // chunk), inputs, [unstable], device=self.device)
+            listed = self._around(unstable)
+            if not listed.size:
                 return
+            dim = listed.size, BLOCK // chunk
             for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
                 for color in range(3 if odd else 2):
-                    inputs, outputs = [self.law, k, color, chunk, unstable], [height, moved, self.tally]
+                    inputs, outputs = [self.law, k, color, chunk, listed], [height, moved, self.tally]
                     wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             active = moved
+
+    def _around(self, marked: wp.array) -> wp.array:
+        """Numbers of the blocks from which pairs reach into marked ones: those, beside those, and above all of them."""
+        mark = marked.numpy().reshape(int(self.law.rows), -1) > 0
+        wide = mark.copy()
+        wide[:, 1:] |= mark[:, :-1]
+        wide[:, :-1] |= mark[:, 1:]
+        if self.law.wraps_columns:
+            wide[:, 0] |= mark[:, -1]
+            wide[:, -1] |= mark[:, 0]
+        listed = wide.copy()
+        listed[:-1] |= wide[1:]
+        if self.law.wraps_rows:
+            listed[-1] |= wide[0]
+        return wp.array(np.flatnonzero(listed).astype(np.int32), dtype=int, device=self.device)
 
     def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
         """Scratch of one value a cell and grid, made when it is first asked for."""
