@@ -225,6 +225,29 @@ def test_periodic_sides_end_channels():
     assert max(np.hypot(*np.diff(line, axis=0).T).max() for line in network.polylines()) < 30.0
 
 
+@pytest.mark.parametrize("turn", [0, 13, 30])
+def test_unrolled_rivers_do_not_feel_where_a_periodic_map_is_cut(turn):
+    """Rivers of land that is joined east to west, in one piece each: the same wherever it is cut."""
+    row, column = np.mgrid[:60, :41]
+    height = 1.0 * np.abs((column + row) % 41 - 20) + 2.0 * (60 - row)
+    edges = {"north": "closed", "south": "open", "east": "periodic", "west": "periodic"}
+    height += 0.3 * np.random.default_rng(1).random(height.shape)
+
+    def extract(land):
+        flow = route(carve_depressions(Terrain(land, 10.0), edges=edges), edges=edges)
+        return extract_network(flow.terrain, min_drainage_area=8e3, flow=flow, unroll=True)
+
+    whole, turned = extract(height), extract(np.roll(height, turn, 1))
+    assert_forest(whole)
+    mouth = whole.node_xy[whole.channel_to[outlets(whole)]]
+    assert (mouth[:, 1] == -595.0).all() and ((0.0 < mouth[:, 0]) & (mouth[:, 0] < 410.0)).all()
+    assert whole.channel_count == turned.channel_count
+    lengths = [np.sort(n.channel_lengths()) for n in (whole, turned)]
+    np.testing.assert_allclose(lengths[0], lengths[1], rtol=1e-9)
+    assert max(np.hypot(*np.diff(line, axis=0).T).max() for line in whole.polylines()) < 30.0
+    assert whole.points()[:, 0].max() - whole.points()[:, 0].min() > 410.0
+
+
 def test_flow_and_area_are_used_again():
     terrain = generate.fractal_terrain((80, 80), 30.0, 300.0, 5)
     whole = extract_network(terrain, min_drainage_area=1e5)
