@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
@@ -20,7 +21,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import warpriver as wr
 from warpriver.meander.cutoffs import cut_loops
-from warpriver.meander.paths import PathBuffers, find_path, find_shortcuts
+from warpriver.meander.shortcuts import PathBuffers, find_path, find_shortcuts
 
 SETTLE = 10  # steps before the measurement, so that each solver has cut what it cuts at once
 ROUNDS = 5
@@ -53,9 +54,9 @@ def least(sims: tuple[wr.Simulation, ...], steps: int) -> list[float]:
 def phase_costs(sim: wr.Simulation) -> dict[str, float]:
     """Nanoseconds a point of each phase, launched one by one; the median over several steps."""
     graphs = {}
-    for name, phase in sim._phases():
+    for name, stages in itertools.groupby(sim._stages(), lambda stage: stage.phase):
         with wp.ScopedCapture(device=sim.device) as recording:
-            phase()
+            sim._run(list(stages))
         graphs[name] = recording.graph
     costs: dict[str, list[float]] = {name: [] for name in graphs}
     for _ in range(2 * ROUNDS):
@@ -75,27 +76,28 @@ def search_cost(network: wr.RiverNetwork) -> dict:
     Beside the sweep stands what a step does around it: grid, list of edges, sweep, loops cut off.
     """
     sim = wr.Simulation(network, wr.PathMeander(collision_distance=0.0, search_radius=4.0, cone_angle=90.0))
-    buffers, network, device = sim.buffers, sim.network, sim.device
+    buffers, channels, network, device = sim.buffers, sim.channels, sim.network, sim.device
     assert isinstance(buffers, PathBuffers)
     count, start = network.point_count, network.starts()
     whole = sweep = np.inf
+    channels.set_step(np.ones(network.channel_count))  # none rests
     for _ in range(ROUNDS + 1):
         wp.copy(buffers.point_moved, network.point_xy)
         wp.synchronize_device(device)
         begin = time.perf_counter()
-        find_shortcuts(network, sim._form, sim._spacing, sim.params, buffers)
+        sim._run(find_shortcuts(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         middle = time.perf_counter()
-        find_path(network, buffers)
+        sim._run(find_path(network, channels, buffers))
         wp.synchronize_device(device)
         after = time.perf_counter()
-        cut_loops(network, buffers)
+        sim._run(cut_loops(network, channels, buffers))
         wp.synchronize_device(device)
-        if int(buffers.chunk_links_sum.numpy()[-1]) > buffers.link_capacity:
+        if buffers.link_count > buffers.link_capacity:
             buffers.make_room_for_shortcuts()
             continue
         whole, sweep = min(whole, time.perf_counter() - begin), min(sweep, after - middle)
-    links = int(buffers.chunk_links_sum.numpy()[-1])
+    links = buffers.link_count
     pairs = np.stack([buffers.link_from.numpy()[:links], buffers.link_to.numpy()[:links]], axis=1)
     neighbours = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
     neighbours = np.delete(neighbours, start[1:-1] - 1, axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import os
@@ -112,9 +113,9 @@ def phase_costs(points: int, device: str, dtype: str) -> dict[str, float]:
     sim = simulation(points, CHANNEL_POINTS, device, dtype, collisions=True)
     sim.step()
     graphs = {}
-    for name, phase in sim._phases():
+    for name, stages in itertools.groupby(sim._stages(), lambda stage: stage.phase):
         with wp.ScopedCapture(device=sim.device) as recording:
-            phase()
+            sim._run(list(stages))
         graphs[name] = recording.graph
     costs: dict[str, list[float]] = {name: [] for name in graphs}
     for _ in range(3 * ROUNDS):

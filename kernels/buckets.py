@@ -1,4 +1,4 @@
-"""Functions on the grid of linked lists in which cutoffs and shortcuts look for the points near a point."""
+"""Functions that find the bucket of a grid cell in a table, shared by the searches for points that are near."""
 
 import functools
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False})
 
 @functools.cache
 def build(scalar):
-    """Make the grid functions for one precision.
+    """Make the bucket functions for one precision.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.

@@ -5,9 +5,15 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline
+from warpriver.kernels import buckets, polyline
+from warpriver.kernels.polyline import Work
 
 wp.set_module_options({"enable_backward": False})
+
+# A channel of few points may be sampled by so much more coarsely than asked for.
+COARSEST_SPACING = 1.25
+# A chord may be longer than the spacing where a neck was cut, by 1.34 spacings (see meander/checks.py).
+SLACK_SPACINGS = 1.5
 
 
 @functools.cache
@@ -18,67 +24,109 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.collisions_{scalar.__name__}"
-    line = polyline.build(scalar)
+    line, table = polyline.build(scalar), buckets.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
-    HALF, TWO = scalar(0.5), scalar(2.0)
+    ZERO, HALF, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
+    COARSEST, SLACK = scalar(COARSEST_SPACING), scalar(SLACK_SPACINGS)
+    # A block's owner is written as channel * 32 + level.
+    LEVEL_BITS, LEVEL_MASK = 5, 31
     NOTHING = 2147483647
-    HASH_X, HASH_Y, HASH_MIX = wp.uint32(0x9E3779B1), wp.uint32(0x85EBCA77), wp.uint32(0x27D4EB2F)
+    # A bucket is four integers: last block + 1, highest channel + 1, NOTHING - lowest channel, 1 if one of them moves.
+    # All 0: empty.
+    HEAD, HIGH, LOW, MOVES, FIELDS = 0, 1, 2, 3, 4
+    # Whole tiles, so that a level keeps its tiles together.
+    LEVEL_X, LEVEL_Y = 8 * 7919, 8 * 104729
 
     @wp.struct
     class CollisionLaw:
-        """Scalars of the search; lengths in m, factors in widths."""
+        """Scalars of the search; ``reach`` in m, other lengths in widths.
+
+        Channels fall into levels by their reach, which doubles from one to the next, as do the cells: a narrow channel
+        looks for its own kind and for all wider ones, and the cells of the narrow stay small. ``level_mask`` has a bit
+        for every level that holds a channel.
+        """
 
         distance: scalar
         node_reach: scalar
         block: scalar
-        cell: scalar
+        reach: scalar
+        level_count: int
+        level_mask: int
 
     @wp.func(module=name)
-    def block_points(law: CollisionLaw, spacing: scalar) -> int:
-        """Number of consecutive points that one entry in the grid stands for."""
-        return wp.max(1, int(law.block / spacing))
+    def block_points(law: CollisionLaw, form: vec4, spacing: scalar) -> int:
+        """Number of consecutive points of a channel that one entry in the grid stands for."""
+        return wp.max(1, int(law.block * form[2] / spacing))
 
     @wp.func(module=name)
-    def bucket_of(x: int, y: int, mask: int) -> int:
-        """Bucket of a grid cell."""
-        mixed = ((wp.uint32(x) * HASH_X) ^ (wp.uint32(y) * HASH_Y)) * HASH_MIX
-        return int((mixed ^ (mixed >> wp.uint32(15))) & wp.uint32(mask))
+    def reach_of(law: CollisionLaw, form: vec4) -> scalar:
+        """What two blocks may be apart, middle to middle, and still touch is the sum of this of both.
+
+        Half the distance that counts as a touch, half a block, and what chords across a cut neck are longer.
+        """
+        spacing = COARSEST * form[3]
+        return HALF * (law.distance * form[2] + wp.max(law.block * form[2], spacing)) + SLACK * spacing
+
+    @wp.func(module=name)
+    def level_of(law: CollisionLaw, form: vec4) -> int:
+        """Level of a channel: the lowest whose reach is at least its own."""
+        reach = reach_of(law, form)
+        level = int(0)
+        size = law.reach
+        while size < reach and level < law.level_count - 1:
+            size = TWO * size
+            level += 1
+        return level
+
+    @wp.func(module=name)
+    def cell_size(law: CollisionLaw, level: int) -> scalar:
+        """Width of the cells of a level: two side by side hold all that touches what lies between their middles."""
+        return FOUR * law.reach * scalar(1 << level)
+
+    @wp.func(module=name)
+    def bucket_at(x: int, y: int, level: int, mask: int) -> int:
+        """First field of a cell's bucket; the levels lie far from each other."""
+        return FIELDS * table.bucket_of(x + level * LEVEL_X, y + level * LEVEL_Y, mask)
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_blocks(
         # network
         point_xy: wp.array[vec2],
         channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
         law: CollisionLaw,
-        chunk: int,
+        work: Work,
         # out
         point_next_out: wp.array[int],
-        point_channel_out: wp.array[int],
-        bucket_head_io: wp.array[int],
-        bucket_high_io: wp.array[int],
+        point_owner_out: wp.array[int],
+        bucket_io: wp.array[int],
     ):
-        """Link the first point of every block into the cell of the block's middle, and note the cell's last channel."""
-        channel_count = channel_spacing.shape[0]
-        mask = bucket_head_io.shape[0] - 1
-        i = wp.tid() * chunk
-        end = wp.min(i + chunk, channel_start[channel_count])
-        if i >= end:
-            return
-        channel = line.channel_at(channel_start, channel_count, i)
+        """Link the first point of every block into the cell of the block's middle, and note the cell's channels."""
+        mask = bucket_io.shape[0] // FIELDS - 1
+        share = line.point_range(work, channel_start, channel_spacing.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         while i < end:
             first = channel_start[channel]
             stop = channel_start[channel + 1]
-            step = block_points(law, channel_spacing[channel])
+            form = channel_form[channel]
+            step = block_points(law, form, channel_spacing[channel])
+            level = level_of(law, form)
+            per_cell = ONE / cell_size(law, level)
+            moves = int(channel_step[channel] > ZERO)
             j = first + (i - first + step - 1) // step * step
             while j < wp.min(end, stop):
-                p = point_xy[wp.min(j + step // 2, stop - 1)] / law.cell
-                bucket = bucket_of(int(wp.floor(p[0])), int(wp.floor(p[1])), mask)
-                point_channel_out[j] = channel
-                # Both hold a number + 1, so that a zeroed grid is an empty one.
-                wp.atomic_max(bucket_high_io, bucket, channel + 1)
-                point_next_out[j] = wp.atomic_exch(bucket_head_io, bucket, j + 1)
+                p = point_xy[wp.min(j + step // 2, stop - 1)] * per_cell
+                bucket = bucket_at(table.floor_int(p[0]), table.floor_int(p[1]), level, mask)
+                point_owner_out[j] = (channel << LEVEL_BITS) | level
+                wp.atomic_max(bucket_io, bucket + HIGH, channel + 1)
+                wp.atomic_max(bucket_io, bucket + LOW, NOTHING - channel)
+                wp.atomic_max(bucket_io, bucket + MOVES, moves)
+                point_next_out[j] = wp.atomic_exch(bucket_io, bucket + HEAD, j + 1)
                 j += step
             i = wp.min(end, stop)
             channel += 1
@@ -129,12 +177,12 @@ def build(scalar):
         """
         c, d = blocks[0], blocks[2]
         result = best
-        stop_i = wp.min(blocks[1] + block_points(law, channel_spacing[c]), channel_start[c + 1])
-        stop_j = wp.min(blocks[3] + block_points(law, channel_spacing[d]), channel_start[d + 1])
-        half = block_points(law, channel_spacing[d]) // 2
-        middle = vec2(point_xy[wp.min(blocks[3] + half, stop_j - 1)])
-        near = law.distance * wp.max(channel_form[c][2], channel_form[d][2]) + HALF * law.block
-        near += TWO * channel_spacing[d]
+        stop_i = wp.min(blocks[1] + block_points(law, channel_form[c], channel_spacing[c]), channel_start[c + 1])
+        stop_j = wp.min(blocks[3] + block_points(law, channel_form[d], channel_spacing[d]), channel_start[d + 1])
+        size = block_points(law, channel_form[d], channel_spacing[d])
+        middle = vec2(point_xy[wp.min(blocks[3] + size // 2, stop_j - 1)])
+        near = HALF * law.distance * (channel_form[c][2] + channel_form[d][2])
+        near += (HALF * scalar(size) + ONE) * channel_spacing[d]
         for i in range(blocks[1], stop_i):
             if wp.length_sq(point_xy[i] - middle) > near * near:
                 continue
@@ -150,6 +198,52 @@ def build(scalar):
         return result
 
     @wp.func(module=name)
+    def cell_contact(
+        point_xy: wp.array[vec2],
+        point_section: wp.array[vec2],
+        channel_start: wp.array[int],
+        channel_nodes: wp.array[wp.vec2i],
+        channel_form: wp.array[vec4],
+        channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
+        law: CollisionLaw,
+        point_next: wp.array[int],
+        point_owner: wp.array[int],
+        head: int,
+        seek: wp.vec4i,
+        best: wp.vec2i,
+    ) -> wp.vec2i:
+        """First contact of a block with those in a list, if it comes before ``best``.
+
+        seek = (channel, block, level that is looked for, points of the block). On its own level a channel looks for
+        those of a higher number.
+        """
+        channel, block = seek[0], seek[1]
+        middle = point_xy[wp.min(block + seek[3] // 2, channel_start[channel + 1] - 1)]
+        moves = channel_step[channel] > ZERO
+        own_reach = reach_of(law, channel_form[channel])
+        lowest = int(-1)
+        if level_of(law, channel_form[channel]) == seek[2]:
+            lowest = channel
+        result = best
+        other = int(head)
+        while other >= 0:
+            d = point_owner[other] >> LEVEL_BITS
+            # Cells of other levels may share the bucket.
+            sought = d > lowest and (point_owner[other] & LEVEL_MASK) == seek[2]
+            if sought and (moves or channel_step[d] > ZERO):
+                size = block_points(law, channel_form[d], channel_spacing[d])
+                far = point_xy[wp.min(other + size // 2, channel_start[d + 1] - 1)]
+                reach = own_reach + reach_of(law, channel_form[d])
+                if wp.length_sq(far - middle) < reach * reach:
+                    result = first_contact(
+                        point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
+                        law, wp.vec4i(channel, block, d, other), result,
+                    )  # fmt: skip
+            other = point_next[other] - 1
+        return result
+
+    @wp.func(module=name)
     def block_contact(
         point_xy: wp.array[vec2],
         point_section: wp.array[vec2],
@@ -157,39 +251,36 @@ def build(scalar):
         channel_nodes: wp.array[wp.vec2i],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         law: CollisionLaw,
         point_next: wp.array[int],
-        point_channel: wp.array[int],
-        bucket_head: wp.array[int],
-        bucket_high: wp.array[int],
+        point_owner: wp.array[int],
+        bucket: wp.array[int],
         channel: int,
+        own_level: int,
         block: int,
     ) -> wp.vec2i:
-        """First contact of a block with a channel of a higher number, (NOTHING, -1) if there is none."""
-        mask = bucket_head.shape[0] - 1
-        step = block_points(law, channel_spacing[channel])
+        """First contact of a block with a channel of a higher number or level, (NOTHING, -1) if there is none."""
+        mask = bucket.shape[0] // FIELDS - 1
+        step = block_points(law, channel_form[channel], channel_spacing[channel])
         middle = point_xy[wp.min(block + step // 2, channel_start[channel + 1] - 1)]
-        x0 = int(wp.floor(middle[0] / law.cell - HALF))
-        y0 = int(wp.floor(middle[1] / law.cell - HALF))
+        moves = channel_step[channel] > ZERO
         best = wp.vec2i(NOTHING, -1)
-        for corner in range(4):
-            bucket = bucket_of(x0 + (corner & 1), y0 + (corner >> 1), mask)
-            # Most cells hold one channel only: nothing to walk through.
-            if bucket_high[bucket] - 1 > channel:
-                other = bucket_head[bucket] - 1
-                while other >= 0:
-                    d = point_channel[other]
-                    if d > channel:
-                        half = block_points(law, channel_spacing[d]) // 2
-                        far = point_xy[wp.min(other + half, channel_start[d + 1] - 1)]
-                        reach = law.distance * wp.max(channel_form[channel][2], channel_form[d][2])
-                        reach += law.block + channel_spacing[channel] + channel_spacing[d]
-                        if wp.length_sq(far - middle) < reach * reach:
-                            best = first_contact(
-                                point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                                law, wp.vec4i(channel, block, d, other), best,
-                            )  # fmt: skip
-                    other = point_next[other] - 1
+        for level in range(own_level, law.level_count):
+            if (law.level_mask >> level) & 1 != 0:
+                per_cell = ONE / cell_size(law, level)
+                x0 = table.floor_int(middle[0] * per_cell - HALF)
+                y0 = table.floor_int(middle[1] * per_cell - HALF)
+                for corner in range(4):
+                    cell = bucket_at(x0 + (corner & 1), y0 + (corner >> 1), level, mask)
+                    # Most cells hold one channel only, or none that moves: nothing to walk through.
+                    alone = bucket[cell + HIGH] - 1 == channel and NOTHING - bucket[cell + LOW] == channel
+                    if not alone and (moves or bucket[cell + MOVES] != 0):
+                        best = cell_contact(
+                            point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
+                            channel_step, law, point_next, point_owner, bucket[cell + HEAD] - 1,
+                            wp.vec4i(channel, block, level, step), best,
+                        )  # fmt: skip
         return best
 
     @wp.kernel(module=name, enable_backward=False)
@@ -201,71 +292,82 @@ def build(scalar):
         channel_nodes: wp.array[wp.vec2i],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
         law: CollisionLaw,
-        chunk: int,
+        work: Work,
         # in
         point_next: wp.array[int],
-        point_channel: wp.array[int],
-        bucket_head: wp.array[int],
-        bucket_high: wp.array[int],
-        chunk_offset: wp.array[int],
+        point_owner: wp.array[int],
+        bucket: wp.array[int],
+        share_offset: wp.array[int],
         # out
         contact_out: wp.array[wp.vec2i],
-        chunk_contacts_io: wp.array[int],
-        contact_count_io: wp.array[int],
+        share_contacts_io: wp.array[int],
     ):
-        """Count the blocks of each chunk that touch another channel; with ``contact_out``, list their contacts (i, j).
+        """Count the blocks of each slab or chunk that touch another channel; with ``contact_out``, list the contacts.
 
-        Channels touch where |p_i - p_j| < (w_i + w_j) / 2, away from nodes that they share [Paris2023, Sec. 6.2].
+        Channels touch where |p_i - p_j| < (w_i + w_j) / 2, away from nodes that they share [Paris2023, Sec. 6.2]. Two
+        channels whose steps are 0 are left as they are.
         """
-        channel_count = channel_spacing.shape[0]
-        k = wp.tid()
-        i = k * chunk
-        end = wp.min(i + chunk, channel_start[channel_count])
+        k = work.first + wp.tid()
+        share = line.point_range(work, channel_start, channel_spacing.shape[0], k)
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         contacts = int(0)
-        channel = int(0)
-        if i < end:
-            channel = line.channel_at(channel_start, channel_count, i)
         while i < end:
             first = channel_start[channel]
             stop = wp.min(end, channel_start[channel + 1])
-            step = block_points(law, channel_spacing[channel])
+            step = block_points(law, channel_form[channel], channel_spacing[channel])
+            level = level_of(law, channel_form[channel])
             j = first + (i - first + step - 1) // step * step
             while j < stop:
                 contact = block_contact(
-                    point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing, law,
-                    point_next, point_channel, bucket_head, bucket_high, channel, j,
+                    point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
+                    channel_step, law, point_next, point_owner, bucket, channel, level, j,
                 )  # fmt: skip
                 if contact[1] >= 0:
                     if contact_out:
-                        contact_out[chunk_offset[k] - chunk_contacts_io[k] + contacts] = contact
+                        contact_out[share_offset[k] - share_contacts_io[k] + contacts] = contact
                     contacts += 1
                 j += step
             i = stop
             channel += 1
         if not contact_out:
-            chunk_contacts_io[k] = contacts
-            if contacts > 0:
-                wp.atomic_add(contact_count_io, 0, contacts)
+            share_contacts_io[k] = contacts
 
     @wp.kernel(module=name, enable_backward=False)
-    def gather_points(
+    def gather_runs(
         # network
         point_xy: wp.array[vec2],
         point_section: wp.array[vec2],
+        # params
+        chunk: int,
         # in
-        sample_source: wp.array[int],
-        sample_scale: wp.array[vec2],
+        run_begin: wp.array[int],
+        run_start: wp.array[int],
+        run_scale: wp.array[vec2],
         # out
         sample_xy_out: wp.array[vec2],
         sample_section_out: wp.array[vec2],
     ):
-        """Take points over into a new order; width and depth change by the factors of their channel."""
-        i = wp.tid()
-        sample_xy_out[i] = point_xy[sample_source[i]]
-        if point_section:
-            sample_section_out[i] = wp.cw_mul(point_section[sample_source[i]], sample_scale[i])
+        """Take runs of points over into a new order; width and depth change by the factors of their run."""
+        run_count = run_begin.shape[0]
+        i = wp.tid() * chunk
+        end = wp.min(i + chunk, run_start[run_count])
+        if i >= end:
+            return
+        run = line.channel_at(run_start, run_count, i)
+        while i < end:
+            shift = run_begin[run] - run_start[run]
+            stop = wp.min(end, run_start[run + 1])
+            for j in range(i, stop):
+                sample_xy_out[j] = point_xy[j + shift]
+                if point_section:
+                    sample_section_out[j] = wp.cw_mul(point_section[j + shift], run_scale[run])
+            i = stop
+            run += 1
 
     return SimpleNamespace(
         vec2=vec2,
@@ -273,5 +375,5 @@ def build(scalar):
         CollisionLaw=CollisionLaw,
         insert_blocks=insert_blocks,
         find_contacts=find_contacts,
-        gather_points=gather_points,
+        gather_runs=gather_runs,
     )

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline, raster
+from warpriver.kernels.polyline import Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,6 +26,10 @@ def build(scalar):
     TWO_THIRDS = scalar(2.0 / 3.0)
     REACH = line.REACH
     SERIES_LIMIT = scalar(0.5)
+    # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
+    FREE = scalar(0.9)
+    # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
+    SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
     # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
     factorial, SERIES = 2.0, []
     for term in range(14):
@@ -34,10 +39,10 @@ def build(scalar):
 
     @wp.struct
     class MigrationLaw:
-        """Scalars of one step, from ``MeanderParams``; lengths in m, times in yr."""
+        """Scalars of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
 
-        time_step: scalar
         migration_rate: scalar
+        reference_width: scalar
         friction: scalar
         local_weight: scalar
         upstream_weight: scalar
@@ -74,17 +79,24 @@ def build(scalar):
         return vec3(q, share - q, ONE - share)
 
     @wp.func(module=name)
-    def smoothing_root(widest: scalar, spacing: scalar, factor: scalar, law: MigrationLaw) -> scalar:
+    def strength_of(width: scalar, law: MigrationLaw) -> scalar:
+        """Rate times radius of a bend, k w; where a reference width W is given k belongs to it: k w^2 / W."""
+        if law.reference_width > ZERO:
+            return law.migration_rate * width * (width / law.reference_width)
+        return law.migration_rate * width
+
+    @wp.func(module=name)
+    def smoothing_root(widest: scalar, spacing: scalar, factor: scalar, step: scalar, law: MigrationLaw) -> scalar:
         """Root r of the implicit share of the local term, 0 where the explicit step is stable by itself.
 
         The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
         grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the least implicit share with which it keeps above -1/2, so
         that a kink rings for a few steps at most.
         """
-        diffusivity = -law.local_weight * law.migration_rate * widest
+        diffusivity = -law.local_weight * strength_of(widest, law)
         if law.scale_local != 0:
             diffusivity = diffusivity * factor
-        c = EIGHT_NINTHS * diffusivity * law.time_step / (spacing * spacing) - QUARTER
+        c = EIGHT_NINTHS * diffusivity * step / (spacing * spacing) - QUARTER
         if not (c > ZERO):
             return ZERO
         return line.recurrence_root(c)
@@ -115,7 +127,7 @@ def build(scalar):
         form: vec4,
         law: MigrationLaw,
         weight: vec3,
-        smoothing: vec2,
+        smoothing: vec3,
         first: int,
         last: int,
         begin: int,
@@ -125,7 +137,7 @@ def build(scalar):
         """Rates of the points begin .. stop - 1 of one channel, by one run down it from where the past has faded.
 
         weight = (factor of the local term, factor of the upstream term, root r of the smoothing at the widest point);
-        smoothing = (spacing, sinuosity factor), from which r follows where the width varies.
+        smoothing = (spacing, sinuosity factor, time step), from which r follows where the width varies.
         """
         r = weight[2]
         warm = warmup_start(point_xy, point_section, form, law.friction, first, begin)
@@ -153,9 +165,9 @@ def build(scalar):
             change = k0 - TWO * k1 + k2
             if point_section:
                 section = point_section[j]
-                r = smoothing_root(section[0], smoothing[0], smoothing[1], law)
+                r = smoothing_root(section[0], smoothing[0], smoothing[1], smoothing[2], law)
             memory = TWO * law.friction / section[1]
-            strength = law.migration_rate * section[0]
+            strength = strength_of(section[0], law)
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
             value = strength * (k1 - SIXTH * change)
             q = decay_weights(HALF * (memory_before + memory) * lb)
@@ -184,39 +196,41 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
         law: MigrationLaw,
-        chunk: int,
+        work: Work,
         # out
         point_rate_out: wp.array[scalar],
     ):
         """Migration rate in m/yr, positive to the right of the flow, smoothed downstream where the step asks for it.
 
         mu = omega mu0 + sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
-        alpha = 2 f / d; the reach above a channel's head counts as straight [Paris2023, Eq. 2-5].
+        alpha = 2 f / d; the reach above a channel's head counts as straight [Paris2023, Eq. 2-5]. Channels whose step
+        is 0 rest and are passed over.
         """
-        channel_count = channel_form.shape[0]
-        i = wp.tid() * chunk
-        end = wp.min(i + chunk, channel_start[channel_count])
-        if i >= end:
-            return
-        channel = line.channel_at(channel_start, channel_count, i)
+        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         while i < end:
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
             form = channel_form[channel]
             spacing = channel_spacing[channel]
-            factor = sinuosity_factor(point_xy, first, last, spacing)
-            local = law.local_weight
-            upstream = law.upstream_weight
-            if law.scale_local != 0:
-                local = local * factor
-            if law.scale_upstream != 0:
-                upstream = upstream * factor
-            weight = vec3(local, upstream, smoothing_root(form[2], spacing, factor, law))
-            smoothing = vec2(spacing, factor)
-            sweep_rate(point_xy, point_section, form, law, weight, smoothing, first, last, i, stop, point_rate_out)
+            step = channel_step[channel]
+            if step > ZERO:
+                factor = sinuosity_factor(point_xy, first, last, spacing)
+                local = law.local_weight
+                upstream = law.upstream_weight
+                if law.scale_local != 0:
+                    local = local * factor
+                if law.scale_upstream != 0:
+                    upstream = upstream * factor
+                weight = vec3(local, upstream, smoothing_root(form[2], spacing, factor, step, law))
+                smoothing = vec3(spacing, factor, step)
+                sweep_rate(point_xy, point_section, form, law, weight, smoothing, first, last, i, stop, point_rate_out)
             i = stop
             channel += 1
 
@@ -228,25 +242,28 @@ def build(scalar):
         cell_height: wp.array2d[wp.float64],
         grid: cells.RasterGrid,
         law: MigrationLaw,
-        reach: vec3,
+        reach: vec4,
         factor: scalar,
         first: int,
         last: int,
         begin: int,
         stop: int,
         point_moved_out: wp.array[vec2],
-    ):
-        """Move the points begin .. stop - 1 of one channel, running up it.
+        section_moved_out: wp.array[vec2],
+    ) -> scalar:
+        """Move the points begin .. stop - 1 of one channel, running up it; return the greatest speed, m/yr.
 
-        reach = (root r of the smoothing at the widest point, spacing, damped length); factor is that of sinuosity.
+        reach = (root r of the smoothing at the widest point, spacing, damped length, time step); factor is that of
+        sinuosity.
         """
         r = reach[0]
+        fastest = scalar(0.0)
         smoothed = scalar(0.0)
         top = wp.min(last, stop - 1 + line.recurrence_reach(r))
         for k in range(0, top - begin + 1):
             j = top - k
             if point_section:
-                r = smoothing_root(point_section[j][0], reach[1], factor, law)
+                r = smoothing_root(point_section[j][0], reach[1], factor, reach[3], law)
             smoothed = (ONE - r) * point_rate[j] + r * smoothed
             if j == last:
                 smoothed = ZERO
@@ -257,8 +274,12 @@ def build(scalar):
                     weight = line.end_weight(j, first, last, reach[1], reach[2])
                     if cell_height:
                         weight = weight * cells.slope_weight(cell_height, grid, moved, law.slope_threshold)
-                    moved = moved + normal * (smoothed * weight * law.time_step)
+                    fastest = wp.max(fastest, wp.abs(smoothed * weight))
+                    moved = moved + normal * (smoothed * weight * reach[3])
                 point_moved_out[j] = moved
+                if point_section:
+                    section_moved_out[j] = point_section[j]
+        return fastest
 
     @wp.kernel(module=name, enable_backward=False)
     def move_points(
@@ -268,49 +289,151 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # terrain
         cell_height: wp.array2d[wp.float64],
         grid: cells.RasterGrid,
         # params
         law: MigrationLaw,
-        chunk: int,
+        work: Work,
         # in
         point_rate: wp.array[scalar],
         # out
         point_moved_out: wp.array[vec2],
+        section_moved_out: wp.array[vec2],
+        channel_pace_io: wp.array[scalar],
     ):
         """Finish the smoothing upstream and move: p += n mu g e dt [Paris2023, Eq. 1 and 6].
 
-        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one.
+        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one. The points of a
+        channel whose step is 0 stay.
         """
-        channel_count = channel_form.shape[0]
-        i = wp.tid() * chunk
-        end = wp.min(i + chunk, channel_start[channel_count])
-        if i >= end:
-            return
-        channel = line.channel_at(channel_start, channel_count, i)
+        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         while i < end:
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
             form = channel_form[channel]
             spacing = channel_spacing[channel]
-            factor = ONE
-            if law.scale_local != 0:
-                factor = sinuosity_factor(point_xy, first, last, spacing)
-            r = smoothing_root(form[2], spacing, factor, law)
-            reach = vec3(r, spacing, law.end_damping * form[0])
-            sweep_move(
-                point_xy, point_section, point_rate, cell_height, grid, law, reach, factor, first, last, i, stop,
-                point_moved_out,
-            )  # fmt: skip
+            step = channel_step[channel]
+            if step > ZERO:
+                factor = ONE
+                if law.scale_local != 0:
+                    factor = sinuosity_factor(point_xy, first, last, spacing)
+                r = smoothing_root(form[2], spacing, factor, step, law)
+                reach = vec4(r, spacing, law.end_damping * form[0], step)
+                fastest = sweep_move(
+                    point_xy, point_section, point_rate, cell_height, grid, law, reach, factor, first, last, i, stop,
+                    point_moved_out, section_moved_out,
+                )  # fmt: skip
+                wp.atomic_max(channel_pace_io, channel, fastest)
+            else:
+                line.copy_points(point_xy, point_section, i, stop, point_moved_out, section_moved_out)
             i = stop
             channel += 1
 
+    @wp.kernel(module=name, enable_backward=False)
+    def measure_mobility(
+        # network
+        point_xy: wp.array[vec2],
+        channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
+        # terrain
+        cell_height: wp.array2d[wp.float64],
+        grid: cells.RasterGrid,
+        # params
+        slope_threshold: scalar,
+        work: Work,
+        # out
+        channel_mobility_io: wp.array[scalar],
+    ):
+        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held."""
+        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
+        while i < end:
+            stop = wp.min(end, channel_start[channel + 1])
+            highest = scalar(0.0)
+            while i < stop and highest < FREE:
+                highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
+                i += 1
+            if highest >= FREE:
+                highest = ONE
+            wp.atomic_max(channel_mobility_io, channel, highest)
+            i = stop
+            channel += 1
+
+    @wp.kernel(module=name, enable_backward=False)
+    def plan_steps(
+        # network
+        channel_limit: wp.array[vec3],
+        # params
+        time_step: scalar,
+        # in
+        channel_mobility: wp.array[scalar],
+        channel_pace: wp.array[scalar],
+        # out
+        channel_parts_out: wp.array[int],
+        most_io: wp.array[int],
+    ):
+        """Equal parts in which each channel does a time step, and the most of them.
+
+        channel_limit = (longest step in which the tightest bend keeps within a width, longest in which its waves stay
+        true, least width), on flat ground; no width, no channel. Where the ground lets no point move by more than a
+        part g, the steps are longer by 1 / g. The pace of the step before tells how fast the bends that there are do
+        move: a part takes them by half a width at most.
+        """
+        channel = wp.tid()
+        limit = channel_limit[channel]
+        mobility = scalar(1.0)
+        if channel_mobility:
+            mobility = channel_mobility[channel]
+        parts = int(0)
+        if mobility > ZERO and limit[2] > ZERO:
+            travel = wp.min(mobility / limit[0], TWO * channel_pace[channel] / limit[2])
+            needed = time_step * wp.max(mobility / limit[1], travel) * SLACK
+            parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
+        channel_parts_out[channel] = parts
+        wp.atomic_max(most_io, 0, parts)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def schedule_channels(
+        # network
+        channel_parts: wp.array[int],
+        # params
+        time_step: scalar,
+        # in
+        substep: wp.array[int],
+        # out
+        channel_step_out: wp.array[scalar],
+        channel_pace_out: wp.array[scalar],
+    ):
+        """Time step in yr of each channel in a sub-step, 0 where it rests: n of the N sub-steps are its own, evenly.
+
+        substep = (number of this one, N). Every channel that moves at all does so in the first; the paces begin anew
+        there, if they are given.
+        """
+        channel = wp.tid()
+        parts = wp.min(channel_parts[channel], substep[1])
+        step = scalar(0.0)
+        if (substep[0] * parts) % substep[1] < parts:
+            step = time_step / scalar(parts)
+        channel_step_out[channel] = step
+        if channel_pace_out and substep[0] == 0:
+            channel_pace_out[channel] = ZERO
+
     return SimpleNamespace(
         vec2=vec2,
+        vec3=vec3,
         vec4=vec4,
         MigrationLaw=MigrationLaw,
+        measure_mobility=measure_mobility,
+        plan_steps=plan_steps,
+        schedule_channels=schedule_channels,
         RasterGrid=cells.RasterGrid,
         compute_rate=compute_rate,
         move_points=move_points,

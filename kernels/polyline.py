@@ -8,6 +8,19 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Work:
+    """How the points of a network are dealt out to the threads of a launch.
+
+    A thread takes a *slab*, the whole channels slab_channel[k] .. slab_channel[k + 1] - 1, or, where ``chunk`` is not
+    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread.
+    """
+
+    slab_channel: wp.array[int]
+    chunk: int
+    first: int
+
+
 @functools.cache
 def build(scalar):
     """Make the shared polyline functions for one precision.
@@ -34,6 +47,40 @@ def build(scalar):
             else:
                 high = middle
         return low
+
+    @wp.func(module=name)
+    def point_range(work: Work, channel_start: wp.array[int], channel_count: int, k: int) -> wp.vec3i:
+        """Points of a slab or chunk as (first, stop, channel of the first); empty beyond the last one."""
+        if work.chunk == 0:
+            channel = work.slab_channel[k]
+            return wp.vec3i(channel_start[channel], channel_start[work.slab_channel[k + 1]], channel)
+        i = k * work.chunk
+        stop = wp.min(i + work.chunk, channel_start[channel_count])
+        if i >= stop:
+            return wp.vec3i(stop, stop, 0)
+        return wp.vec3i(i, stop, channel_at(channel_start, channel_count, i))
+
+    @wp.func(module=name)
+    def channel_range(work: Work, k: int) -> wp.vec2i:
+        """Channels (first, stop) of a thread that works on whole channels: those of its slab, or one."""
+        if work.chunk == 0:
+            return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
+        return wp.vec2i(k, k + 1)
+
+    @wp.func(module=name)
+    def piece_count(work: Work, first: int, stop: int) -> int:
+        """Number of pieces of a channel for ``piece_range``."""
+        if work.chunk == 0:
+            return 1
+        return (stop - 1) // work.chunk + 1 - first // work.chunk
+
+    @wp.func(module=name)
+    def piece_range(work: Work, first: int, stop: int, k: int) -> wp.vec2i:
+        """Points of the k-th piece of a channel: all of them, or its share of one chunk."""
+        if work.chunk == 0:
+            return wp.vec2i(first, stop)
+        c = first // work.chunk + k
+        return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
 
     @wp.func(module=name)
     def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
@@ -75,7 +122,12 @@ def build(scalar):
 
     @wp.func(module=name)
     def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
-        """Arc length of a point since the start of the packed array; ``chunk_offset`` is an inclusive sum."""
+        """Arc length of a point from its channel's head or, with chunks, from the first of all points.
+
+        ``chunk_offset`` is an inclusive sum.
+        """
+        if chunk == 0:
+            return point_arc[i]
         k = i // chunk
         if k == 0:
             return point_arc[i]
@@ -114,10 +166,29 @@ def build(scalar):
             return vec2(ZERO, ZERO)
         return vec2(t[1], -t[0]) / size
 
+    @wp.func(module=name)
+    def copy_points(
+        point: wp.array[vec2],
+        section: wp.array[vec2],
+        begin: int,
+        stop: int,
+        point_out: wp.array[vec2],
+        section_out: wp.array[vec2],
+    ):
+        """Copy the points begin .. stop - 1, with their widths and depths where they vary along the channel."""
+        for j in range(begin, stop):
+            point_out[j] = point[j]
+            if section:
+                section_out[j] = section[j]
+
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
         channel_at=channel_at,
+        point_range=point_range,
+        channel_range=channel_range,
+        piece_count=piece_count,
+        piece_range=piece_range,
         section_at=section_at,
         extended_point=extended_point,
         circle_curvature=circle_curvature,
@@ -128,5 +199,6 @@ def build(scalar):
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,
         right_normal=right_normal,
+        copy_points=copy_points,
         REACH=REACH,
     )

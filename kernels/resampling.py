@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
+from warpriver.kernels.polyline import Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,28 +26,34 @@ def build(scalar):
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
     @wp.kernel(module=name, enable_backward=False)
-    def measure_chunks(
+    def measure_arcs(
         # network
         channel_start: wp.array[int],
-        channel_count: int,
+        channel_step: wp.array[scalar],
         # params
-        chunk: int,
+        work: Work,
         # in
         point_moved: wp.array[vec2],
         # out
         point_arc_out: wp.array[wp.float64],
         chunk_length_out: wp.array[wp.float64],
     ):
-        """Arc length of each point from its chunk's first point, and the length that each chunk adds."""
-        k = wp.tid()
-        i = k * chunk
-        end = wp.min(i + chunk, channel_start[channel_count])
+        """Arc length of each point from its channel's head; with chunks, from its chunk's first point on.
+
+        Each chunk notes the length that it adds. A slab passes over channels whose step is 0.
+        """
+        k = work.first + wp.tid()
+        share = line.point_range(work, channel_start, channel_step.shape[0], k)
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         arc = wp.float64(0.0)
-        if i < end:
-            channel = line.channel_at(channel_start, channel_count, i)
-            while i < end:
-                first = channel_start[channel]
-                stop = wp.min(end, channel_start[channel + 1])
+        while i < end:
+            first = channel_start[channel]
+            stop = wp.min(end, channel_start[channel + 1])
+            if work.chunk == 0:
+                arc = wp.float64(0.0)
+            if work.chunk > 0 or channel_step[channel] > ZERO:
                 here = point_moved[i]
                 if i > first:
                     arc += wp.float64(wp.length(here - point_moved[i - 1]))
@@ -56,17 +63,20 @@ def build(scalar):
                     arc += wp.float64(wp.length(after - here))
                     point_arc_out[j] = arc
                     here = after
-                i = stop
-                channel += 1
-        chunk_length_out[k] = arc
+            i = stop
+            channel += 1
+        if work.chunk > 0:
+            chunk_length_out[k] = arc
 
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
         # network
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
+        channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
-        chunk: int,
+        work: Work,
         # in
         point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.float64],
@@ -75,19 +85,27 @@ def build(scalar):
         channel_spacing_out: wp.array[scalar],
         fault_io: wp.array[int],
     ):
-        """Number of new points of each channel, from its length and the spacing asked for, and the even spacing."""
-        channel = wp.tid()
-        head = line.arc_at(point_arc, chunk_offset, chunk, channel_start[channel])
-        foot = line.arc_at(point_arc, chunk_offset, chunk, channel_start[channel + 1] - 1)
-        length = foot - head
-        if not (length > ZERO_64 and wp.isfinite(length)):
-            # Nothing of this step is taken over, so that the state before the fault can still be looked at.
-            wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
-            channel_samples_out[channel] = 0
-            return
-        pieces = wp.max(2, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
-        channel_samples_out[channel] = pieces + 1
-        channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
+        """Number of new points of each channel, from its length and the spacing asked for, and the even spacing.
+
+        A channel whose step is 0 keeps its points.
+        """
+        share = line.channel_range(work, work.first + wp.tid())
+        for channel in range(share[0], share[1]):
+            if channel_step[channel] == ZERO:
+                channel_samples_out[channel] = channel_start[channel + 1] - channel_start[channel]
+                channel_spacing_out[channel] = channel_spacing[channel]
+            else:
+                head = line.arc_at(point_arc, chunk_offset, work.chunk, channel_start[channel])
+                foot = line.arc_at(point_arc, chunk_offset, work.chunk, channel_start[channel + 1] - 1)
+                length = foot - head
+                pieces = int(-1)
+                if length > ZERO_64 and wp.isfinite(length):
+                    pieces = wp.max(2, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
+                    channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
+                else:
+                    # Nothing of this step is taken over, so that the state before the fault can still be looked at.
+                    wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
+                channel_samples_out[channel] = pieces + 1
 
     @wp.func(module=name)
     def kept_after(point: wp.array[vec2], i: int, last: int) -> int:
@@ -236,8 +254,9 @@ def build(scalar):
         # network
         channel_start: wp.array[int],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
-        chunk: int,
+        work: Work,
         # in
         channel_start_next: wp.array[int],
         point_moved: wp.array[vec2],
@@ -249,24 +268,32 @@ def build(scalar):
         point_xy_out: wp.array[vec2],
         point_section_out: wp.array[vec2],
     ):
-        """Sample the cubic through the moved points at the even spacing; both ends of a channel stay where they are."""
+        """Sample the cubic through the moved points at the even spacing; both ends of a channel stay where they are.
+
+        ``channel_spacing`` is the new one. The points of a channel whose step is 0 are taken over as they are.
+        """
         channel_count = channel_spacing.shape[0]
-        count = channel_start_next[channel_count]
-        if fault[0] != 0 or count > point_xy_out.shape[0]:
+        if fault[0] != 0 or channel_start_next[channel_count] > point_xy_out.shape[0]:
             return
-        i = wp.tid() * chunk
-        end = wp.min(i + chunk, count)
-        if i >= end:
-            return
-        channel = line.channel_at(channel_start_next, channel_count, i)
+        share = line.point_range(work, channel_start_next, channel_count, work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
         while i < end:
             stop = wp.min(end, channel_start_next[channel + 1])
-            old = wp.vec4i(channel_start[channel], channel_start[channel + 1] - 1, 0, 0)
-            new = wp.vec4i(channel_start_next[channel], channel_start_next[channel + 1] - 1, i, stop)
-            sweep_samples(
-                old, new, chunk, wp.float64(channel_spacing[channel]), point_moved, section_moved,
-                point_arc, chunk_offset, point_xy_out, point_section_out,
-            )  # fmt: skip
+            if channel_step[channel] > ZERO:
+                old = wp.vec4i(channel_start[channel], channel_start[channel + 1] - 1, 0, 0)
+                new = wp.vec4i(channel_start_next[channel], channel_start_next[channel + 1] - 1, i, stop)
+                sweep_samples(
+                    old, new, work.chunk, wp.float64(channel_spacing[channel]), point_moved, section_moved,
+                    point_arc, chunk_offset, point_xy_out, point_section_out,
+                )  # fmt: skip
+            else:
+                shift = channel_start[channel] - channel_start_next[channel]
+                for j in range(i, stop):
+                    point_xy_out[j] = point_moved[j + shift]
+                    if section_moved:
+                        point_section_out[j] = section_moved[j + shift]
             i = stop
             channel += 1
 
@@ -281,8 +308,9 @@ def build(scalar):
         # out
         channel_start_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
+        substep_io: wp.array[int],
     ):
-        """Take over the new starts and spacings, unless the step failed or its points do not fit."""
+        """Take over the new starts and spacings and count the sub-step, unless it failed or its points do not fit."""
         channel = wp.tid()
         last = channel_start_next.shape[0] - 1
         if fault[0] != 0 or channel_start_next[last] > point_capacity:
@@ -290,11 +318,13 @@ def build(scalar):
         channel_start_out[channel] = channel_start_next[channel]
         if channel < last:
             channel_spacing_out[channel] = channel_spacing_next[channel]
+        else:
+            substep_io[0] = (substep_io[0] + 1) % substep_io[1]
 
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
-        measure_chunks=measure_chunks,
+        measure_arcs=measure_arcs,
         count_samples=count_samples,
         resample_points=resample_points,
         commit_step=commit_step,

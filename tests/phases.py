@@ -1,16 +1,15 @@
 """The phases of a step one by one, on a single line: what a test of one of them, or of a forced step, needs."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import warp as wp
 from scipy.spatial import cKDTree
 
 import warpriver as wr
-from warpriver.meander.buffers import StepBuffers
+from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law
+from warpriver.meander.migration import migrate, migration_law, schedule
 from warpriver.meander.resampling import resample
+from warpriver.meander.stages import run_stages
 from warpriver.network import PRECISIONS
 
 # Room for points beyond those at the start.
@@ -19,35 +18,52 @@ HEADROOM = 4
 INSTANT = 1e-9
 
 
-def prepare(xy, width, params, *, depth=None, spacing=None, dtype="float64"):
-    """Network, kernel arguments and buffers for one line, whose points stay as they are; they must be even.
+class State:
+    """One line, whose points stay as they are, with what the phases of a step need of it; the points must be even."""
 
-    ``spacing`` is the even spacing in m, by default the length over the number of gaps.
-    """
-    network = wr.RiverNetwork.from_polylines([xy], width=width, depth=depth, dtype=dtype)
-    scalar, vec2, real = PRECISIONS[dtype]
-    count = network.point_count
-    if spacing is None:
-        spacing = network.channel_lengths()[0] / (count - 1)
-    widest = max(w.max() for w in network.point_widths())
-    form = np.array([[network.channel_width[0], network.channel_depth[0], widest, params.spacing]], real)
-    buffers = StepBuffers(network, HEADROOM * count, 64, HEADROOM * count)
-    room = wp.zeros(HEADROOM * count, dtype=vec2)
-    wp.copy(room, network.point_xy, count=count)
-    network.point_xy = room
-    return SimpleNamespace(
-        network=network,
-        form=wp.array(form, dtype=wp.types.vector(4, scalar)),
-        spacing=wp.array(np.array([spacing], real), dtype=scalar),
-        buffers=buffers,
-        params=params,
-    )
+    def __init__(self, xy, width, params, *, depth=None, spacing=None, dtype="float64"):
+        """Prepare; ``spacing`` is the even spacing in m, by default the length over the number of gaps."""
+        network = wr.RiverNetwork.from_polylines([xy], width=width, depth=depth, dtype=dtype)
+        count = network.point_count
+        if spacing is None:
+            spacing = network.channel_lengths()[0] / (count - 1)
+        widest = max(w.max() for w in network.point_widths())
+        self.network, self.params, self.dtype = network, params, dtype
+        self.buffers = StepBuffers(network, HEADROOM * count, 64, HEADROOM * count)
+        self.channels = StepChannels(network, 1, mobile=False)
+        self.channels.fill(
+            network,
+            form=np.array([[network.channel_width[0], network.channel_depth[0], widest, params.spacing]]),
+            spacing=np.array([spacing]),
+            # Any step counts as stable: it is done as it is asked for.
+            limit=np.array([[np.inf, np.inf, widest]]),
+            nodes=np.array([[0, 1]]),
+        )
+        self.channels.parts.fill_(1)
+        self.channels.step.fill_(1.0)
+        self.channels.deal_out(network, self.buffers, anew=True)
+        room = wp.zeros(HEADROOM * count, dtype=PRECISIONS[dtype][1])
+        wp.copy(room, network.point_xy, count=count)
+        network.point_xy = room
+
+    def run(self, stages):
+        run_stages(stages, self.channels.whole, self.channels.slabs)
+        self.network.point_count = int(self.network.starts()[-1])
+
+    def migrate(self, time_step):
+        law = migration_law(self.params, self.dtype)
+        move = migrate(self.network, self.channels, self.buffers, None, law)
+        self.run([schedule(self.network, self.channels, time_step), *move])
+
+    def take_as_moved(self):
+        """Let the points as they are count as moved."""
+        wp.copy(self.buffers.point_moved, self.network.point_xy)
 
 
 def rate_of(xy, width, params, *, depth=None, time_step=INSTANT, dtype="float64"):
     """Migration rate of each point as it stands, (n,) m/yr, positive to the right of the flow."""
-    state = prepare(xy, width, params, depth=depth, dtype=dtype)
-    migrate(state.network, state.form, state.spacing, None, migration_law(params, time_step, dtype), state.buffers)
+    state = State(xy, width, params, depth=depth, dtype=dtype)
+    state.migrate(time_step)
     return state.buffers.point_rate.numpy()[: len(xy)].astype(np.float64)
 
 
@@ -61,38 +77,35 @@ def curvature_of(xy):
 
 def moved(xy, width, params, time_step, *, depth=None):
     """Points after one move of ``time_step`` yr, before they are resampled, (n, 2) m."""
-    state = prepare(xy, width, params, depth=depth)
-    migrate(state.network, state.form, state.spacing, None, migration_law(params, time_step, "float64"), state.buffers)
+    state = State(xy, width, params, depth=depth)
+    state.migrate(time_step)
     return state.buffers.point_moved.numpy()[: len(xy)] + state.network.origin
 
 
 def march(xy, width, params, time_step, steps, *, dtype="float64"):
     """Points after ``steps`` moves of exactly ``time_step`` yr each, resampled after each, without cutoffs."""
-    state = prepare(xy, width, params, dtype=dtype)
-    network, law = state.network, migration_law(params, time_step, dtype)
+    state = State(xy, width, params, dtype=dtype)
     for _ in range(steps):
-        migrate(network, state.form, state.spacing, None, law, state.buffers)
-        resample(network, state.form, state.spacing, state.buffers)
-        network.point_count = int(network.starts()[-1])
-    return network.polylines()[0]
+        state.migrate(time_step)
+        state.run(resample(state.network, state.channels, state.buffers))
+    return state.network.polylines()[0]
 
 
 def resampled(xy, width, params):
     """Points sampled evenly at ``params.spacing``, (m, 2) m."""
-    state = prepare(xy, width, params)
-    wp.copy(state.buffers.point_moved, state.network.point_xy)
-    resample(state.network, state.form, state.spacing, state.buffers)
-    state.network.point_count = int(state.network.starts()[-1])
+    state = State(xy, width, params)
+    state.take_as_moved()
+    state.run(resample(state.network, state.channels, state.buffers))
     return state.network.polylines()[0]
 
 
 def cut(xy, width, params, spacing):
     """Cut the necks of a line: the points that remain, (m, 2) m, and the loops, a list of (k, 2) m."""
-    state = prepare(xy, width, params, spacing=spacing)
+    state = State(xy, width, params, spacing=spacing)
     buffers, origin = state.buffers, state.network.origin
-    wp.copy(buffers.point_moved, state.network.point_xy)
-    cut_off(state.network, state.form, state.spacing, params, buffers)
-    records = buffers.cut.numpy()[: int(buffers.channel_cuts_sum.numpy()[-1])]
+    state.take_as_moved()
+    state.run(cut_off(state.network, state.channels, buffers, params))
+    records = buffers.cut.numpy()[: int(state.channels.cuts_sum.numpy()[-1])]
     points = buffers.oxbow_xy.numpy() + origin
     after = buffers.point_moved.numpy()[: len(xy)] + origin
     copies = np.concatenate([[False], (np.diff(after, axis=0) == 0.0).all(axis=1)])

@@ -4,8 +4,10 @@ A channel is an (n, 2) array of points here, from upstream to downstream; nothin
 """
 
 import dataclasses
+import math
 
 import numpy as np
+import reference_terrain
 from scipy.interpolate import CubicHermiteSpline
 
 
@@ -15,12 +17,14 @@ class Law:
 
     time_step: float = 106.0 / 365.25
     migration_rate: float = 60.0
+    reference_width: float = 0.0
     friction: float = 0.011
     local_weight: float = -1.0
     upstream_weight: float = 2.5
     scale_local: int = 0
     scale_upstream: int = 1
     end_damping: float = 5.0
+    slope_threshold: float = 0.15
 
 
 def reflect_ends(xy, extra=2):
@@ -93,6 +97,12 @@ def sinuosity_factor(xy, spacing):
     return min(chord / (spacing * (len(xy) - 1)), 1.0) ** (2.0 / 3.0)
 
 
+def strength_of(width, law):
+    """Rate times radius of a bend: k w, with k in proportion to the width where a reference width is given."""
+    relative = width / law.reference_width if law.reference_width > 0.0 else 1.0
+    return law.migration_rate * relative * width
+
+
 def migration_rate(xy, spacing, width, depth, law):
     """Rate mu of every point before any smoothing, m/yr, positive to the right: (n,).
 
@@ -100,7 +110,7 @@ def migration_rate(xy, spacing, width, depth, law):
     twelfth of its second difference, and once more for the linear quadrature.
     """
     curvature, change = curvature_and_change(xy)
-    strength = law.migration_rate * width
+    strength = strength_of(width, law)
     factor = sinuosity_factor(xy, spacing)
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
@@ -110,7 +120,7 @@ def migration_rate(xy, spacing, width, depth, law):
 
 def implicit_share(xy, spacing, width, law):
     """Factor c of (I - c d2): the least that keeps 1 - (16/3) b / (1 + 4 c) at or above -1/2, b = D dt / h^2."""
-    diffusivity = -law.local_weight * law.migration_rate * width
+    diffusivity = -law.local_weight * strength_of(width, law)
     if law.scale_local:
         diffusivity *= sinuosity_factor(xy, spacing)
     b = diffusivity * law.time_step / spacing**2
@@ -161,10 +171,38 @@ def right_normals(xy):
     return np.divide(right, size, out=np.zeros_like(right), where=size > 0.0)
 
 
-def move_points(xy, rate, spacing, mean_width, width, law):
-    """Points after one step, from rates that are smoothed downstream already: p + n mu e dt, both ends held."""
+def slope_weights(xy, height, grid, law):
+    """Factor g of every point: 1 on flat ground, 0 from the threshold on and where there is no ground, (n,)."""
+    slope = np.array([np.hypot(*reference_terrain.gradient_at(height, grid, p)) for p in xy])
+    t = np.minimum(np.nan_to_num(slope, nan=np.inf) / law.slope_threshold, 1.0)
+    return 1.0 - 3.0 * t**2 + 2.0 * t**3
+
+
+def mobility(xy, height, grid, law):
+    """Greatest factor g of a channel's points; a channel with a point freer than 0.9 counts as free, 1."""
+    greatest = slope_weights(xy, height, grid, law).max()
+    return 1.0 if greatest >= 0.9 else greatest
+
+
+def step_count(travel, carried, width, pace, mobility, time_step):
+    """Equal parts of a time step: no part longer than its limits allow; 0 where nothing moves."""
+    if mobility == 0.0 or width == 0.0:
+        return 0
+    as_found = math.inf if pace == 0.0 else 0.5 * width / pace
+    allowed = min(carried / mobility, max(travel / mobility, as_found))
+    # A millionth of slack: a step that divides evenly is not rounded up to one part more.
+    return min(max(1, math.ceil(time_step / allowed * (1.0 - 1e-6))), 1_000_000) if allowed > 0.0 else 1_000_000
+
+
+def own_substeps(parts, total):
+    """Which of ``total`` sub-steps a channel takes that needs ``parts``: the first at or after each even share."""
+    return [math.ceil(j * total / parts) for j in range(parts)]
+
+
+def move_points(xy, rate, spacing, mean_width, width, law, ground=1.0):
+    """Points after one step, from rates smoothed downstream already: p + n mu e g dt, both ends held; ground = g."""
     r = point_roots(xy, spacing, width, law)
-    speed = fading_sum(rate[::-1], r[::-1])[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width)
+    speed = fading_sum(rate[::-1], r[::-1])[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width) * ground
     moved = xy.copy()
     moved[1:-1] += right_normals(xy) * (speed[1:-1] * law.time_step)[:, None]
     return moved

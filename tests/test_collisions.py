@@ -4,7 +4,9 @@ import warp as wp
 from trees import assert_forest, random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
+from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
 from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
+from warpriver.meander.stages import run_stages
 from warpriver.meander.topology import NetworkEdit
 
 WIDTH = 20.0
@@ -204,6 +206,31 @@ def test_width_that_varies_changes_by_the_flow_that_comes_and_goes():
     assert ratio == pytest.approx((10 / 8) ** 0.5, rel=0.02)
 
 
+@pytest.mark.parametrize("unknown", [None, 0, 2])
+def test_slopes_go_on_through_a_collision(tmp_path, unknown):
+    """What stays of a channel keeps its slope; a channel of two parts has the drop of both over their length."""
+    lines, areas = fork()
+    lines[1] = line((-800.0, 1000.0), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
+    slope = np.array([0.01, 0.02, 0.003])
+    if unknown is not None:
+        slope[unknown] = np.nan
+    network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=np.array(areas) * 1e6, slope=slope)
+    sim = Simulation(network, STILL)
+    np.testing.assert_array_equal(sim.network.to(dtype="float32").channel_slope, slope)
+    sim.run(steps=1, record_every=1, store=tmp_path / "run")
+    after = sim.network
+    (trunk,) = np.flatnonzero(after.channel_drainage_area > 6e6)
+    found = dict(zip(after.channel_id.tolist(), after.channel_slope.tolist(), strict=True))
+    assert found[0] == pytest.approx(slope[0], nan_ok=True) and found[1] == slope[1]
+    top = after.node_xy[after.channel_from[trunk], 1]
+    mixed = (slope[0] * top + slope[2] * 1500.0) / (top + 1500.0)
+    # The spacing is 10 m: where the junction lies is known to a point.
+    assert after.channel_slope[trunk] == pytest.approx(mixed, rel=0.01, nan_ok=True)
+    history = History.load(tmp_path / "run")
+    np.testing.assert_array_equal(history.networks[0].channel_slope, slope)
+    np.testing.assert_array_equal(history.networks[-1].channel_slope, after.channel_slope)
+
+
 def test_a_graph_that_is_no_forest_is_refused():
     lines, _ = fork()
     parting = [*lines, line((0.0, 0.0), (900.0, -900.0))]
@@ -224,14 +251,14 @@ def test_collisions_can_be_turned_off():
 
 
 def test_search_finds_what_comparing_all_pairs_finds():
-    rng = np.random.default_rng(3)
+    rng, ranks = np.random.default_rng(3), set()
     for seed in range(20):
         network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
         params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0)
         sim = Simulation(network, params.replace(collision_distance=1e-9))
         xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
         owner = np.repeat(np.arange(len(width)), np.diff(starts))
-        spacing = sim._spacing.numpy()
+        spacing = sim.channels.spacing.numpy()[: sim.network.channel_count]
         up = (np.arange(len(xy)) - starts[owner]) * spacing[owner]
         down = (starts[owner + 1] - 1 - np.arange(len(xy))) * spacing[owner]
         above, below = sim.network.channel_from[owner], sim.network.channel_to[owner]
@@ -243,15 +270,25 @@ def test_search_finds_what_comparing_all_pairs_finds():
             for ends_j, arc_j in ((above, up), (below, down)):
                 shared |= (ends_i[:, None] == ends_j) & (arc_i[:, None] + arc_j < reach)
         touching = (away < mean) & (owner[:, None] < owner) & ~shared
-        law = collision_law(sim.network, params, float(width.max()))
-        nodes = wp.array(np.stack([sim.network.channel_from, sim.network.channel_to], axis=1), dtype=wp.vec2i)
-        searched = (sim.network, nodes, sim._form, sim._spacing, law, sim.buffers)
-        find_contacts(*searched)
+        form = sim.channels.form.numpy()[: sim.network.channel_count]
+        law = collision_law(sim.network, params, form)
+        nodes = np.stack([sim.network.channel_from, sim.network.channel_to], axis=1).astype(np.int32)
+        room = sim.channels.capacity - len(nodes)
+        sim.channels.nodes = wp.array(np.pad(nodes, ((0, room), (0, 0))), dtype=wp.vec2i)
+        sim.channels.set_step(np.ones(len(nodes)))
+        searched = (sim.network, sim.channels, sim.buffers, law)
+        run_stages(find_contacts(*searched), sim.channels.whole, sim.channels.slabs)
         contacts = list_contacts(*searched)
-        pairs = {tuple(p) for p in np.argwhere(touching).tolist()}
+        # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
+        widest, longest = form[:, 2], COARSEST_SPACING * form[:, 3]
+        far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + SLACK_SPACINGS * longest
+        rank = np.maximum(np.ceil(np.log2(far / law.reach)), 0.0) * len(width) + np.arange(len(width))
+        pairs = {tuple(sorted(p, key=lambda k: rank[owner[k]])) for p in np.argwhere(touching).tolist()}
         assert {tuple(p) for p in contacts.tolist()} <= pairs
         # Every point that touches lies in a block whose contact is listed, at that point or before it.
         assert {owner[i] for i, _ in contacts.tolist()} == {owner[i] for i, _ in pairs}
+        ranks |= set((rank // len(width)).tolist())
+    assert len(ranks) > 1, "channels of several reaches were looked for"
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -284,7 +321,7 @@ def test_each_channel_may_have_its_own_spacing(tmp_path):
     params = MeanderParams(spacing_in_widths=0.8)
     sim = Simulation(network, params)
     wanted = np.minimum(50.0, 0.8 * sim.network.channel_width)
-    np.testing.assert_allclose(sim._spacing.numpy(), wanted, rtol=0.02)
+    np.testing.assert_allclose(sim.channels.spacing.numpy()[: len(wanted)], wanted, rtol=0.02)
     assert np.ptp(wanted) > 5.0
     sim.run(steps=100, store=tmp_path / "run")
     rest, whole = Simulation.resume(tmp_path / "run"), Simulation(network, params)

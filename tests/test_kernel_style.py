@@ -12,6 +12,9 @@ FILES = sorted((ROOT / "kernels").glob("*.py"))
 LONGEST_BODY, MOST_ARGUMENTS = 60, 16
 GROUPS = ["# network", "# terrain", "# params", "# in", "# out"]
 ATOMICS = {"atomic_add", "atomic_min", "atomic_max", "atomic_exch"}
+# The greatest of some numbers is the same in any order, whatever they are; a sum of them is rounded differently.
+ORDERLESS = {"atomic_min", "atomic_max"}
+INTEGERS = ("wp.array[int]", "wp.array[wp.int32]", "wp.array[wp.int64]")
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 
 
@@ -51,7 +54,7 @@ def array_accesses(function, outputs_of):
 
     Args:
         function: A kernel or device function.
-        outputs_of: For each device function of the file, whether each of its parameters is an output.
+        outputs_of: For each device function of the file, the names of its parameters.
     """
     written, read = set(), set()
     for node in ast.walk(function):
@@ -69,8 +72,12 @@ def array_accesses(function, outputs_of):
             if called.removeprefix("wp.") in ATOMICS:
                 written.add(names[0])
                 read.add(names[0])
-            for name, output in zip(names, outputs_of.get(called, []), strict=False):
-                (written if output else read).add(name)
+            for name, parameter in zip(names, outputs_of.get(called, []), strict=False):
+                if is_output(parameter):
+                    written.add(name)
+                # What is scratch to the caller may be read by the called.
+                if not is_output(parameter) or (parameter.endswith("_io") and not name.endswith("_out")):
+                    read.add(name)
     arguments = {a.arg for a in function.args.args}
     return written & arguments, read & arguments
 
@@ -149,7 +156,7 @@ def broken_literals(function):
 
 
 def broken_atomics(function):
-    """Only integers are combined atomically, and only in ways that do not depend on the order of arrival."""
+    """Nothing is combined atomically in a way that depends on the order of arrival: only integers are added up."""
     kinds = {a.arg: ast.unparse(a.annotation) for a in function.args.args if a.annotation}
     for node in ast.walk(function):
         if isinstance(node, ast.Call) and "atomic" in ast.unparse(node.func):
@@ -157,14 +164,16 @@ def broken_atomics(function):
             target = ast.unparse(node.args[0])
             if called not in ATOMICS:
                 yield f"line {node.lineno}: {called}"
-            if kinds.get(target) not in ("wp.array[int]", "wp.array[wp.int32]", "wp.array[wp.int64]"):
+            if kinds.get(target) not in INTEGERS and not (
+                called in ORDERLESS and kinds.get(target) == "wp.array[scalar]"
+            ):
                 yield f"line {node.lineno}: {called} on {target}, which holds no integers"
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_kernels_and_device_functions_keep_the_rules(path):
     tree, lines = parsed(path), path.read_text().splitlines()
-    outputs_of = {f.name: [is_output(a.arg) for a in f.args.args] for f in decorated(tree, "wp.func")}
+    outputs_of = {f.name: [a.arg for a in f.args.args] for f in decorated(tree, "wp.func")}
     found = []
     for function in device_code(tree):
         kernel = function in list(decorated(tree, "wp.kernel"))
@@ -201,7 +210,17 @@ def test_kernels_import_warp_and_each_other_only(path):
         if isinstance(node, ast.Import):
             assert {a.name for a in node.names} <= {"functools", "math", "warp"}
         if isinstance(node, ast.ImportFrom):
-            assert node.level == 0 and node.module in ("types", "typing", "warpriver.kernels")
+            shared = imports_shared_structs(node)
+            assert node.level == 0 and (node.module in ("types", "typing", "warpriver.kernels") or shared)
+
+
+def imports_shared_structs(node):
+    """Tell whether an import takes nothing but structs from a kernel file that has no kernels and serves the others."""
+    module = node.module or ""
+    path = ROOT / "kernels" / f"{module.split('.')[-1]}.py"
+    if not module.startswith("warpriver.kernels.") or path not in FILES or list(decorated(parsed(path), "wp.kernel")):
+        return False
+    return {a.name for a in node.names} <= {struct.name for struct in decorated(parsed(path), "wp.struct")}
 
 
 def imported_kernel_files(path):
@@ -209,6 +228,8 @@ def imported_kernel_files(path):
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and node.module == "warpriver.kernels":
             yield from ((a.name, node.lineno) for a in node.names)
+        elif isinstance(node, ast.ImportFrom) and imports_shared_structs(node):
+            continue
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("warpriver.kernels."):
             yield node.module.split(".")[2], node.lineno
         elif isinstance(node, ast.ImportFrom) and node.module == "warpriver":

@@ -12,8 +12,12 @@ from phases import crossings
 
 import warpriver as wr
 from warpriver.cli import main
-from warpriver.meander.paths import PathBuffers, path_law, push, stable_push_dt, take_shortcuts
-from warpriver.network import PRECISIONS
+from warpriver.meander import buffers as step_buffers
+from warpriver.meander.buffers import StepChannels
+from warpriver.meander.migration import schedule
+from warpriver.meander.paths import path_law, push, push_limits
+from warpriver.meander.shortcuts import PathBuffers, take_shortcuts
+from warpriver.meander.stages import Share, run_stages
 
 CURVES, SPACING, WIDTH = 200, 10.0, 12.0
 # Sums of some hundred lengths, in another order.
@@ -28,22 +32,43 @@ def wandering_line(rng, count, curl=0.6):
 
 
 def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING):
-    """A network whose points stay as they are, its kernel arguments and its buffers."""
+    """A network whose points stay as they are, its channels as a step sees them and its buffers."""
     network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype)
-    scalar, _, real = PRECISIONS[dtype]
-    form = np.stack(
-        [network.channel_width, network.channel_depth, network.channel_width, network.channel_width], axis=1
-    )
+    wide, even = network.channel_width, np.full(len(lines), spacing)
     count = network.point_count
     buffers = PathBuffers(network, count, count, 4 * count)
     wp.copy(buffers.point_moved, network.point_xy, count=count)
-    return SimpleNamespace(
-        network=network,
-        form=wp.array(form.astype(real), dtype=wp.types.vector(4, scalar)),
-        spacing=wp.array(np.full(len(lines), spacing, real), dtype=scalar),
-        buffers=buffers,
-        params=params,
+    channels = StepChannels(network, len(lines), mobile=False)
+    channels.fill(
+        network,
+        form=np.stack([wide, network.channel_depth, wide, even], axis=1),
+        spacing=even,
+        # Any step counts as stable: it is done as it is asked for.
+        limit=np.stack([np.full(len(lines), np.inf), np.full(len(lines), np.inf), wide], axis=1),
+        nodes=np.zeros((len(lines), 2)),
     )
+    channels.parts.fill_(1)
+    channels.step.fill_(1.0)
+    channels.deal_out(network, buffers, anew=True)
+    return SimpleNamespace(network=network, channels=channels, buffers=buffers, params=params)
+
+
+def launch(state, stages):
+    """Run stages on what :func:`prepare` made."""
+    run_stages(stages, state.channels.whole, state.channels.slabs)
+
+
+def take(state):
+    """Take the shortcuts of the points as they are."""
+    launch(state, take_shortcuts(state.network, state.channels, state.buffers, state.params))
+
+
+def pushed_points(state, time_step):
+    """Points after one push of so many years, (n, 2)."""
+    law = path_law(state.params, state.network.dtype)
+    move = push(state.network, state.channels, state.buffers, None, law)
+    launch(state, [schedule(state.network, state.channels, time_step), *move])
+    return state.buffers.point_moved.numpy() + state.network.origin
 
 
 def cut(lines, params, **options):
@@ -52,12 +77,12 @@ def cut(lines, params, **options):
     b = state.buffers
     while True:
         b.fault.zero_()
-        take_shortcuts(state.network, state.form, state.spacing, params, b)
-        if b.fault.numpy()[0] != 3:
+        take(state)
+        if b.fault.numpy()[0] != step_buffers.FAULT_SHORTCUTS_FULL:
             break
         b.make_room_for_shortcuts()
     assert b.fault.numpy()[0] == 0
-    found = int(b.chunk_links_sum.numpy()[-1])
+    found = b.link_count
     links = np.stack([b.link_from.numpy()[:found], b.link_to.numpy()[:found]], axis=1)
     start, neck = state.network.starts(), b.point_neck.numpy()
     by_channel, kept = [], []
@@ -107,21 +132,36 @@ def test_200_random_curves_against_scipy(curves, cone):
     assert with_shortcuts > 150 and most <= SAME_LENGTH
 
 
-def test_the_same_route_every_time(curves):
-    """The order in which points arrive in the grid's lists, and how they are cut into chunks, change nothing."""
+def deal_in_chunks(state, chunk):
+    """Deal the work of :func:`prepare` out in chunks, as on a GPU, whatever the device."""
+    b, channels = state.buffers, state.channels
+    b.chunk = chunk
+    b.share_count = b.chunk_count = math.ceil(b.point_capacity / chunk)
+    for name in ("chunk_necks", "chunk_ends", "share_links", "share_links_sum"):
+        setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.int32))
+    for name in ("chunk_length", "chunk_offset"):
+        setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.float64))
+    channels.deal_out(state.network, b, anew=True)
+    assert isinstance(channels.whole, Share) and channels.whole.work.chunk == chunk
+
+
+def test_the_same_route_every_time(curves, monkeypatch):
+    """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
     params = wr.PathMeander(search_radius=2.0)
-    states = [prepare(curves, params) for _ in range(3)]
-    for state, chunk in zip(states, (4096, 32, 7), strict=True):
+    necks = []
+    for slab, chunk in ((10**6, 0), (5000, 0), (100, 0), (10**6, 4096), (10**6, 32), (10**6, 7)):
+        monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
+        state = prepare(curves, params)
         b = state.buffers
-        b.chunk, b.chunk_count = chunk, math.ceil(b.point_capacity / chunk)
-        for name in ("length", "offset", "necks", "links", "links_sum", "ends"):
-            kind = wp.float64 if name in ("length", "offset") else wp.int32
-            setattr(b, f"chunk_{name}", wp.zeros(b.chunk_count, dtype=kind))
+        if chunk > 0:
+            deal_in_chunks(state, chunk)
+        assert len(state.channels.slabs) == (1 if slab == 10**6 else math.ceil(b.point_capacity / slab))
         b._allocate_links(100_000)
-        take_shortcuts(state.network, state.form, state.spacing, params, b)
-    first = states[0].buffers.point_neck.numpy()
-    assert (first >= 0).sum() > 200
-    assert all((s.buffers.point_neck.numpy() == first).all() for s in states[1:])
+        take(state)
+        assert b.fault.numpy()[0] == 0
+        necks.append(b.point_neck.numpy())
+    assert (necks[0] >= 0).sum() > 200
+    assert all((neck == necks[0]).all() for neck in necks[1:])
 
 
 def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart():
@@ -160,9 +200,7 @@ def growth(params, wave, width, spacing, time_step):
     x = spacing * np.arange(round(20 * wave / spacing) + 1)
     q = 2.0 * np.pi / wave
     xy = np.stack([x, 1e-3 * np.sin(q * x)], axis=1)
-    state = prepare([xy], params, width=width, spacing=spacing)
-    push(state.network, state.form, state.spacing, None, path_law(params, time_step, "float64"), state.buffers)
-    y = (state.buffers.point_moved.numpy() + state.network.origin)[:, 1]
+    y = pushed_points(prepare([xy], params, width=width, spacing=spacing), time_step)[:, 1]
     inner = slice(len(x) // 2 - round(wave / spacing), len(x) // 2 + round(wave / spacing))
     basis = np.stack([np.sin(q * x), np.cos(q * x)], axis=1)[inner]
     a, b = np.linalg.lstsq(basis, y[inner], rcond=None)[0]
@@ -205,10 +243,11 @@ def test_fastest_and_neutral_wave():
 
 def test_long_steps_are_done_in_parts():
     params = wr.PathMeander(time_step=4.0)
-    assert stable_push_dt(100.0, 3.0, params) == pytest.approx(100.0 / 60.0)
-    assert stable_push_dt(100.0, 3.0, params.replace(blur_length=1.0)) == pytest.approx(50.0 / 60.0)
-    assert np.isinf(stable_push_dt(100.0, 3.0, params.replace(displacement_rate=0.0)))
-    assert run(params, steps=1).substeps == 3
+    assert push_limits(100.0, 3.0, params) == pytest.approx((100.0 / 60.0, 1.125 * 100.0 / 60.0))
+    assert push_limits(100.0, 3.0, params.replace(blur_length=1.0)) == pytest.approx((100.0 / 60.0, 50.0 / 60.0))
+    assert np.isinf(push_limits(100.0, 3.0, params.replace(displacement_rate=0.0))).all()
+    sim = run(params, steps=1)
+    assert sim.substeps == 3 and sim.stable_dt == pytest.approx(100.0 / 60.0)
 
 
 # ---- long runs
@@ -333,9 +372,7 @@ def test_a_wider_cone_joins_more(curves):
 
 def pushed(xy, params):
     """Points after one push, (n, 2)."""
-    state = prepare([xy], params, width=100.0, spacing=25.0)
-    push(state.network, state.form, state.spacing, None, path_law(params, 0.2, "float64"), state.buffers)
-    return state.buffers.point_moved.numpy() + state.network.origin
+    return pushed_points(prepare([xy], params, width=100.0, spacing=25.0), 0.2)
 
 
 def test_without_the_downstream_share_nothing_tells_the_flow():
@@ -368,8 +405,8 @@ def test_steep_ground_holds_the_channel():
     sim = wr.Simulation(network, wr.PathMeander(), terrain=ground)
     before = sim.network.points()
     sim.run(steps=50)
-    # Resampling slides points along the line until their chords are even.
-    np.testing.assert_allclose(sim.network.points(), before, atol=0.5)
+    # A channel that cannot move at all rests: its points are not even sampled anew.
+    np.testing.assert_array_equal(sim.network.points(), before)
 
 
 # ---- in the company of the rest

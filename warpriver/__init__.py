@@ -11,27 +11,33 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import generate, hydrology, metrics, viz
+    from warpriver.generate.eroded import ErodedTerrain
+    from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.history import Collision, Cutoff, History, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_terrain, write_terrain
     from warpriver.io.xarrays import from_xarray, to_xarray
     from warpriver.network import RiverNetwork
-    from warpriver.params import MeanderParams, PathMeander
+    from warpriver.params import LehenyParams, MeanderParams, PathMeander
     from warpriver.simulation import Every, Simulation
     from warpriver.terrain import Terrain
 
 __all__ = [
     "Collision",
     "Cutoff",
+    "ErodedTerrain",
     "Every",
     "History",
+    "LehenyParams",
     "MeanderParams",
     "PathMeander",
     "RiverNetwork",
     "Simulation",
     "StopReason",
     "Terrain",
+    "erode",
+    "erode_ensemble",
     "extract_network",
     "from_xarray",
     "generate",
@@ -51,14 +57,18 @@ __version__ = "0.1.0"
 _HOMES = {
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
+    "ErodedTerrain": "warpriver.generate.eroded",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
+    "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "StopReason": "warpriver.history",
     "Terrain": "warpriver.terrain",
+    "erode": "warpriver.generate.leheny",
+    "erode_ensemble": "warpriver.generate.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.xarrays",
     "read_network": "warpriver.io.lines",

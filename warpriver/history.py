@@ -124,6 +124,8 @@ class Record:
         node_xy: (N, 2) m, absolute.
         channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
+        channel_pace: (C,) greatest speed of the channel's points in the step, m/yr; None in runs stored without it.
+        channel_slope: (C,) m/m, NaN where it is not known; None in runs stored before slopes were.
     """
 
     step: int
@@ -143,6 +145,8 @@ class Record:
     channel_to: np.ndarray
     node_xy: np.ndarray
     channel_fixed: np.ndarray
+    channel_pace: np.ndarray | None = None
+    channel_slope: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:
@@ -153,7 +157,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed",
+    "channel_fixed", "channel_pace", "channel_slope",
 )  # fmt: skip
 
 
@@ -258,6 +262,7 @@ class History:
             channel_depth=record.channel_depth,
             channel_discharge=record.channel_discharge,
             channel_drainage_area=record.channel_drainage_area,
+            channel_slope=record.channel_slope,
             channel_id=record.channel_id,
             channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
             point_section=record.point_section,

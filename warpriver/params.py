@@ -6,7 +6,15 @@ import dataclasses
 import math
 from typing import Any
 
-__all__ = ["DAYS_PER_YEAR", "SOLVER_PARAMS", "MeanderParams", "PathMeander", "describe", "parameter"]
+__all__ = [
+    "DAYS_PER_YEAR",
+    "SOLVER_PARAMS",
+    "LehenyParams",
+    "MeanderParams",
+    "PathMeander",
+    "describe",
+    "parameter",
+]
 
 DAYS_PER_YEAR = 365.25
 
@@ -18,7 +26,7 @@ def parameter(
     low: float = -math.inf,
     high: float = math.inf,
     low_open: bool = False,
-    choices: tuple[str, ...] = (),
+    choices: tuple[Any, ...] = (),
     source: str,
     doc: str,
 ) -> Any:
@@ -30,7 +38,7 @@ def parameter(
         low: Least value allowed.
         high: Greatest value allowed.
         low_open: True when ``low`` itself is refused.
-        choices: Allowed words, for a field that holds text.
+        choices: Allowed values, for a field that takes one of a few.
         source: Key in ``references.bib``, or ``"warpriver"`` for a choice of ours.
         doc: One sentence for help texts.
     """
@@ -113,6 +121,14 @@ class MeanderParams:
         low=0.0,
         source="Sylvester2019",
         doc="k: lateral migration per unit of width times curvature",
+    )
+    reference_width: float = parameter(
+        0.0,
+        "m",
+        low=0.0,
+        source="Hickin1984",
+        doc="above 0: migration_rate is that of channels so wide, and others migrate in proportion to their width, as "
+        "surveyed rivers do; 0: the same rate for all [Paris2023]",
     )
     friction: float = parameter(
         0.011,
@@ -203,6 +219,62 @@ class MeanderParams:
         return cls(migration_rate=0.164 * DAYS_PER_YEAR)
 
     def replace(self, **changes: Any) -> MeanderParams:
+        """Return a copy with some fields changed (and checked again)."""
+        return dataclasses.replace(self, **changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class LehenyParams:
+    """Constants of Leheny's erosion by rain [Leheny1995], in the values that are in use for it on unit cells.
+
+    The model knows no metres: it has one unit of height, in which the constants are given, and cells. On a terrain the
+    unit is a metre; :meth:`scaled` makes it another length.
+    """
+
+    flow_bias: float = parameter(
+        0.05,
+        "1/m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="E: how much water prefers steep ways; a neighbour lower by another 1 / E is e times as likely",
+    )
+    depth: float = parameter(
+        10.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="D: what each visit of a unit of rain takes off a cell",
+    )
+    slide_threshold: float = parameter(
+        2000.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="M: neighbours that differ by more than this slide; the taller loses a quarter of the difference",
+    )
+    neighbors: int = parameter(
+        8,
+        "-",
+        choices=(8, 4),
+        source="warpriver",
+        doc="neighbours of a cell, for water and for slides; with 4 nothing slides until ways are deep",
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def scaled(self, unit: float) -> LehenyParams:
+        """Return the constants for a model whose unit of height is ``unit`` m: E / unit, D unit, M unit."""
+        if not (math.isfinite(unit) and unit > 0.0):
+            raise ValueError(f"unit is {unit}; give a positive length in m")
+        return self.replace(
+            flow_bias=self.flow_bias / unit, depth=self.depth * unit, slide_threshold=self.slide_threshold * unit
+        )
+
+    def replace(self, **changes: Any) -> LehenyParams:
         """Return a copy with some fields changed (and checked again)."""
         return dataclasses.replace(self, **changes)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,8 +20,15 @@ from warpriver import progress as progress_bar
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, StopReason
 from warpriver.meander import checks
-from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, StepBuffers
+from warpriver.meander.buffers import (
+    FAULT_NOT_FINITE,
+    FAULT_OXBOWS_FULL,
+    FAULT_SHORTCUTS_FULL,
+    StepBuffers,
+    StepChannels,
+)
 from warpriver.meander.collisions import (
+    COARSEST_SPACING,
     collision_law,
     find_contacts,
     gather_points,
@@ -27,11 +36,13 @@ from warpriver.meander.collisions import (
     join_channels,
     list_contacts,
 )
-from warpriver.meander.paths import PathBuffers
+from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
-from warpriver.meander.solvers import solver_of
+from warpriver.meander.shortcuts import PathBuffers
+from warpriver.meander.solvers import Solver, solver_of
+from warpriver.meander.stages import Replay, Stage, run_stages
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
@@ -84,9 +95,12 @@ class Simulation:
         params: Constants; their kind says which solver moves the channels.
         history: What has been recorded so far.
         step_count: Steps done.
-        substeps: Equal parts in which a step is done, so that each is at most ``stable_dt`` yr long.
+        substeps: Equal parts in which the last step was done. A channel takes as many of them as its width, its depth
+            and its pace in the step before ask for, spread evenly, and rests in the others; where the ground is too
+            steep for it to move, in all.
         terrain: The ground, or None for a plain.
-        stable_dt: Longest sub-step in yr for the narrowest, shallowest channel.
+        stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
+        threads: Greatest number of threads that a step is dealt out to; the results do not depend on it.
         seed: Seed of random events; migration and cutoffs draw no random numbers.
         check: True: every phase of every step is checked.
     """
@@ -95,9 +109,12 @@ class Simulation:
     params: MeanderParams | PathMeander
     history: History
     buffers: StepBuffers
+    channels: StepChannels
+    _solver: Solver
     _law: Any
     _fixed: np.ndarray
-    _edited: bool
+    _replay: Replay | None
+    _collisions: Any
 
     def __init__(
         self,
@@ -110,6 +127,7 @@ class Simulation:
         dtype: str | None = None,
         check: bool = False,
         capture: bool = True,
+        threads: int | None = None,
     ):
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
@@ -123,6 +141,7 @@ class Simulation:
             dtype: "float64" or "float32", by default the network's.
             check: Check every phase of every step, slowly, and stop at the first that breaks its promise.
             capture: Record the step once and replay it, where the device allows; same results, less overhead.
+            threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
 
         Raises:
             ValueError: The spacing exceeds a channel's width, a channel is a ring, channels part or flow in a circle,
@@ -133,9 +152,9 @@ class Simulation:
         self._check_network(network)
         _check_ground(network, terrain)
         self.terrain = terrain
-        self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture)
+        self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture, threads=threads)
         self._resample_start()
-        self._record_step()
+        self._measure_pace()
         self.history = History(
             self.params,
             seed=seed,
@@ -154,6 +173,7 @@ class Simulation:
         device: Any = "cpu",
         check: bool = False,
         capture: bool = True,
+        threads: int | None = None,
     ) -> Simulation:
         """Go on from the last record of a history, to the bit as if the run had not stopped there.
 
@@ -163,6 +183,7 @@ class Simulation:
             device: Warp device.
             check: As in the constructor.
             capture: As in the constructor.
+            threads: As in the constructor.
 
         Raises:
             ValueError: The history is empty or damaged.
@@ -178,9 +199,12 @@ class Simulation:
         network = history.network(-1).to(device)
         _check_ground(network, terrain)
         self.terrain = terrain
-        self._prepare(network, seed=history.seed, check=check, capture=capture, record=record)
+        self._prepare(network, seed=history.seed, check=check, capture=capture, threads=threads, record=record)
         self.step_count = record.step
-        self._record_step()
+        if record.channel_pace is None:
+            self._measure_pace()
+        else:
+            self.channels.set_pace(record.channel_pace)
         self.history = history
         del history.cutoffs[record.cutoffs_before :]
         del history.collisions[record.collisions_before :]
@@ -200,7 +224,7 @@ class Simulation:
 
     def __repr__(self) -> str:
         p = self.params
-        parts = f" in {self.substeps} sub-steps" if self.substeps > 1 else ""
+        parts = f" in up to {self.substeps} sub-steps" if self.substeps > 1 else ""
         return (
             f"Simulation at {self.time:.4g} yr (step {self.step_count}) on {self.device.alias}, {self.network.dtype}\n"
             f"  network  {self.network!r}\n"
@@ -211,20 +235,16 @@ class Simulation:
     # ---- running
 
     def step(self) -> None:
-        """Advance by one time step: migrate, cut off, resample, in as many equal sub-steps as stability asks for.
+        """Advance by one time step: migrate, cut off, resample, join, in as many sub-steps as stability asks for.
 
         Raises:
             FloatingPointError: A point is no longer finite; the state before is kept.
             AssertionError: ``check`` is on and a phase broke its promise.
         """
         begin = self.time
-        if self._edited:
-            self._edited = False
-            self._plan_substeps()
-        if self._graph is None:
-            self._record_step()
+        self._plan_substeps()
         for k in range(self.substeps):
-            now = begin + (k + 1) * self._law.time_step
+            now = begin + (k + 1) * self.params.time_step / self.substeps
             self._advance()
             self._collect_cutoffs(now)
             self._resolve_collisions(now)
@@ -314,25 +334,40 @@ class Simulation:
             )
 
     def _prepare(
-        self, network: RiverNetwork, *, seed: int, check: bool, capture: bool, record: Record | None = None
+        self,
+        network: RiverNetwork,
+        *,
+        seed: int,
+        check: bool,
+        capture: bool,
+        threads: int | None,
+        record: Record | None = None,
     ) -> None:
         self.seed = seed
         self.check = check
+        self.threads = _thread_count(threads) if network.device.is_cpu else 1
+        self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
         self.step_count = 0
         self.substeps = 0
-        self._edited = False
         self._capture = capture
         if self.terrain is not None and self.terrain.device != network.device:
             self.terrain = self.terrain.to(network.device)
         self.network = network
-        fixed = self._fix_channels() if record is None else record.channel_fixed
+        self._law = self._solver.law(self.params, network.dtype)
+        length = network.channel_lengths()
+        fixed = self._fix_channels(length) if record is None else record.channel_fixed
+        needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
+        self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
+        self._collisions = None
         self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
-        self._plan_substeps()
-        needed = max(network.point_count, int((network.channel_lengths() / fixed[:, WANTED]).sum()))
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
 
-    def _fix_channels(self) -> np.ndarray:
-        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``."""
+    def _fix_channels(self, length: np.ndarray) -> np.ndarray:
+        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``.
+
+        Args:
+            length: (C,) length of the channels, m.
+        """
         network = self.network
         narrow = widest = network.channel_width
         shallow = network.channel_depth
@@ -344,46 +379,67 @@ class Simulation:
         wanted = np.full(network.channel_count, self.params.spacing)
         if self.params.spacing_in_widths > 0.0:
             wanted = np.minimum(wanted, self.params.spacing_in_widths * narrow)
-        nodes = gathered_nodes(network, self.params)
+        nodes = gathered_nodes(network, length, self.params)
         return np.column_stack([narrow, shallow, widest, wanted, nodes])
 
-    def _install(self, spacing: np.ndarray, fixed: np.ndarray) -> None:
+    def _install(
+        self,
+        spacing: np.ndarray,
+        fixed: np.ndarray,
+        *,
+        pace: np.ndarray | None = None,
+        parts: np.ndarray | None = None,
+        mobility: np.ndarray | None = None,
+    ) -> None:
         """Prepare what the step needs of the network's channels.
 
         Args:
             spacing: (C,) even spacing of their points, m.
             fixed: (C, 6) from :meth:`_fix_channels`.
+            pace: (C,) greatest speed of their points in the time step so far, m/yr.
+            parts: (C,) parts in which they do the time step.
+            mobility: (C,) how the ground lets them move.
         """
         network, self._fixed = self.network, fixed
-        self.stable_dt = float(np.min(self._solver.stable_dt(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)))
-        scalar, _, real = PRECISIONS[network.dtype]
-        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]]).astype(real)
-        nodes = fixed[:, NODES].astype(np.int32)
-        self._form: wp.array = wp.array(form, dtype=wp.types.vector(4, scalar), device=network.device)
-        self._nodes: wp.array = wp.array(nodes, dtype=wp.vec2i, device=network.device)
-        self._spacing: wp.array = wp.array(spacing.astype(real), dtype=scalar, device=network.device)
-        self._collisions = collision_law(network, self.params, float(fixed[:, WIDEST].max()))
-        self._graph: Any = None
-
-    def _plan_substeps(self) -> None:
-        """Choose the equal parts in which a step is done, as the channels are now."""
-        needed = max(1, math.ceil(self.params.time_step / self.stable_dt * (1.0 - 1e-12)))
+        limits = self._solver.limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        limit = np.column_stack([*limits, fixed[:, NARROWEST]])
+        self.stable_dt = float(np.min(limit[:, :2]))
+        needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
             raise ValueError(
-                f"a time step of {self.params.time_step:g} yr is {needed} times what these channels allow "
+                f"a time step of {self.params.time_step:g} yr is {math.ceil(needed)} times what these channels allow "
                 f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
             )
-        if needed == self.substeps:
-            return
-        self.substeps = needed
-        self._law = self._solver.law(self.params, self.params.time_step / self.substeps, self.network.dtype)
-        self._graph = None
+        if network.channel_count > self.channels.capacity:
+            before = self.channels
+            self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
+            self.channels.substep = before.substep
+            self.channels.deal_out(network, self.buffers, anew=True)
+            self._replay = None
+        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
+        self.channels.fill(
+            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], pace=pace, parts=parts,
+            mobility=mobility,
+        )  # fmt: skip
+        law = collision_law(network, self.params, form, self._collisions)
+        if law is not self._collisions:
+            self._collisions, self._replay = law, None
+        self._planned = False
+
+    def _plan_substeps(self) -> None:
+        """Choose the parts in which a step is done, as the channels and the ground are now."""
+        # On a plain a step that is stable for any bend needs no plan but the first.
+        if not self._planned or self.terrain is not None or self.params.time_step > self.stable_dt:
+            self.substeps = max(1, plan_steps(self.network, self.channels, self.terrain, self.params))
+            self.channels.substep.assign(np.array([0, self.substeps], np.int32))
+            self._planned = True
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
         network = self.network
         self.buffers = self._solver.buffers(network, points, cuts, oxbow_points)
-        self._graph = None
+        self.channels.deal_out(network, self.buffers, anew=True)
+        self._replay = None
         if points == network.point_xy.shape[0]:
             return
         for name in ("point_xy", "point_section"):
@@ -393,17 +449,19 @@ class Simulation:
                 wp.copy(new, old, count=network.point_count)
                 setattr(network, name, new)
 
-    def _grow(self, points: int, cuts: int, oxbow_points: int) -> None:
-        """Make room during a run."""
-        self._allocate(points, cuts, oxbow_points)
-        self._record_step()
-
     def _resample_start(self) -> None:
         """Bring the lines as given to the even spacing."""
+        self.channels.set_step(np.ones(self.network.channel_count))
         wp.copy(self.buffers.point_moved, self.network.point_xy)
         if self.buffers.section_moved is not None and self.network.point_section is not None:
             wp.copy(self.buffers.section_moved, self.network.point_section)
         self._resample_moved()
+
+    def _measure_pace(self) -> None:
+        """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
+        self._plan_substeps()
+        self._run(self._move_stages())
+        self._planned = False
 
     def _resample_moved(self) -> None:
         """Sample the lines in ``buffers.point_moved`` evenly, with more room if they need it."""
@@ -411,8 +469,8 @@ class Simulation:
         while True:
             buffers = self.buffers
             buffers.fault.zero_()
-            resample(network, self._form, self._spacing, buffers)
-            needed = int(buffers.channel_start_next.numpy()[-1])
+            self._run(resample(network, self.channels, buffers))
+            needed = int(self.channels.start_next.numpy()[-1])
             if needed <= buffers.point_capacity:
                 network.point_count = needed
                 return
@@ -421,61 +479,67 @@ class Simulation:
             if buffers.section_moved is not None and self.buffers.section_moved is not None:
                 wp.copy(self.buffers.section_moved, buffers.section_moved, count=buffers.point_capacity)
 
-    def _phases(self) -> Iterator[tuple[str, Callable[[], None]]]:
+    def _move_stages(self) -> list[Stage]:
+        """What moves the points in one (sub-)step."""
+        network, channels = self.network, self.channels
+        return [
+            schedule(network, channels, self.params.time_step),
+            *self._solver.move(network, channels, self.buffers, self.terrain, self._law),
+        ]
+
+    def _stages(self) -> list[Stage]:
         """The verbs of one (sub-)step, in order."""
-        network, form, spacing, buffers = self.network, self._form, self._spacing, self.buffers
-        yield "migrate", lambda: self._solver.move(network, form, spacing, self.terrain, self._law, buffers)
-        yield "cut off", lambda: self._solver.cut(network, form, spacing, self.params, buffers)
-        yield "resample", lambda: resample(network, form, spacing, buffers)
-        if self._collisions is not None:
-            yield "collide", lambda: find_contacts(network, self._nodes, form, spacing, self._collisions, buffers)
+        network, channels, buffers = self.network, self.channels, self.buffers
+        return [
+            *self._move_stages(),
+            *self._solver.cut(network, channels, buffers, self.params),
+            *resample(network, channels, buffers),
+            *find_contacts(network, channels, buffers, self._collisions),
+        ]
+
+    def _run(self, stages: Iterable[Stage]) -> None:
+        run_stages(stages, self.channels.whole, self.channels.slabs)
 
     def _launch(self) -> None:
-        """Run the phases on the device: replayed from a recording, or one by one when they are checked."""
-        if self._graph is None:
-            self.buffers.fault.zero_()
-            for name, phase in self._phases():
-                phase()
-                if self.check:
-                    checks.check_phase(name, self.network, self.buffers, self._spacing)
-            return
-        wp.capture_launch(self._graph)
-
-    def _record_step(self) -> None:
-        """Record the step for replay; this also compiles its kernels."""
-        if self.check or not self._capture:
-            return
-        with wp.ScopedCapture(device=self.device) as recording:
-            self.buffers.fault.zero_()
-            for _, phase in self._phases():
-                phase()
-        self._graph = recording.graph
+        """Run a (sub-)step on the device: replayed from a recording, or as it stands, phase by phase when checked."""
+        self.buffers.fault.zero_()
+        stages = self._stages() if self._replay is None else []
+        if self.check:
+            for phase, group in itertools.groupby(stages, lambda stage: stage.phase):
+                self._run(group)
+                checks.check_phase(phase, self.network, self.channels, self.buffers)
+        elif not self._capture:
+            self._run(stages)
+        else:
+            if self._replay is None:
+                self._replay = Replay(stages, self.channels.whole, self.channels.slabs, self.device, self._pool)
+            self._replay.run()
 
     def _advance(self) -> None:
         """One (sub-)step; when it did not fit into the buffers, it changed nothing: make room and repeat."""
         while True:
-            buffers = self.buffers
+            buffers, channels = self.buffers, self.channels
             self._launch()
             fault = int(buffers.fault.numpy()[0])
             if fault == FAULT_NOT_FINITE:
                 raise FloatingPointError(
                     f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
                 )
-            needed = int(buffers.channel_start_next.numpy()[-1])
+            needed = int(channels.start_next.numpy()[-1])
             if fault == FAULT_SHORTCUTS_FULL:
                 assert isinstance(buffers, PathBuffers)
                 buffers.make_room_for_shortcuts()
-                self._record_step()
+                self._replay = None
             elif fault == FAULT_OXBOWS_FULL:
-                cuts = int(buffers.channel_cuts_sum.numpy()[-1])
-                loop_points = int(buffers.channel_cut_points_sum.numpy()[-1])
-                self._grow(
+                cuts = int(channels.cuts_sum.numpy()[-1])
+                loop_points = int(channels.cut_points_sum.numpy()[-1])
+                self._allocate(
                     buffers.point_capacity,
                     max(buffers.cut_capacity, 2 * cuts),
                     max(buffers.oxbow_capacity, 2 * loop_points),
                 )
             elif needed > buffers.point_capacity:
-                self._grow(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+                self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
             else:
                 self.network.point_count = needed
                 return
@@ -483,7 +547,7 @@ class Simulation:
     def _collect_cutoffs(self, time: float) -> None:
         """Move the cutoffs of the (sub-)step just done into the history."""
         buffers, network = self.buffers, self.network
-        count = int(buffers.channel_cuts_sum.numpy()[-1])
+        count = int(self.channels.cuts_sum.numpy()[-1])
         if count == 0:
             return
         cut = buffers.cut.numpy()[:count]
@@ -499,11 +563,9 @@ class Simulation:
         if self._collisions is None:
             return
         for _ in range(COLLISION_ROUNDS):
-            if int(self.buffers.contact_count.numpy()[0]) == 0:
+            if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
                 return
-            contacts = list_contacts(
-                self.network, self._nodes, self._form, self._spacing, self._collisions, self.buffers
-            )
+            contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
             joined = join_channels(self.network, contacts)
             if joined is None:
                 return
@@ -512,28 +574,28 @@ class Simulation:
             self._adopt(edited)
             if self._collisions is None:
                 return
-            find_contacts(self.network, self._nodes, self._form, self._spacing, self._collisions, self.buffers)
+            self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
 
     def _collect_collisions(self, time: float, done: list[Rejoin]) -> None:
         """Note what was joined in the history, with the courses that were abandoned."""
         network = self.network
         xy = network.point_xy.numpy()
-        width = dict(zip(network.channel_id.tolist(), network.channel_width.tolist(), strict=True))
-        for edit in done:
+        order = np.argsort(network.channel_id)
+        minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
+        for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
             ranges = [(first, stop) for first, stop, _ in edit.abandoned]
             pieces = [xy[first:stop].astype(np.float64) + network.origin for first, stop in ranges]
             start = np.cumsum([0] + [len(p) for p in pieces])
             self.history.collisions.append(
-                Collision(time, edit.kind, edit.minor, edit.main, width[edit.minor], np.concatenate(pieces), start)
+                Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start)
             )
 
     def _adopt(self, edited: EditedChannels) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing."""
         network, buffers = self.network, self.buffers
-        if len(edited.point_source) > buffers.point_capacity:
-            self._allocate(int(HEADROOM * len(edited.point_source)), buffers.cut_capacity, buffers.oxbow_capacity)
+        if edited.run_start[-1] > buffers.point_capacity:
+            self._allocate(int(HEADROOM * edited.run_start[-1]), buffers.cut_capacity, buffers.oxbow_capacity)
         gather_points(network, edited, self.buffers)
-        spacing = self._spacing.numpy()[edited.channel_old]
         network.replace_channels(
             edited.channel_start,
             channel_width=edited.channel_width,
@@ -542,14 +604,26 @@ class Simulation:
             channel_drainage_area=edited.channel_drainage_area,
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
+            channel_slope=edited.channel_slope,
         )
-        self.buffers.fit_channels(network)
-        wp.copy(network.point_xy, self.buffers.point_moved, count=network.point_count)
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
-        self._install(spacing, self._fix_channels())
+        spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
+        length = spacing * (np.diff(edited.channel_start) - 1)
+        carried = {
+            name: array.numpy()[edited.channel_old]
+            for name in ("pace", "parts", "mobility")
+            if (array := getattr(self.channels, name)) is not None
+        }
+        fixed = self._fix_channels(length)
+        self._install(spacing, fixed, **carried)
+        self.channels.deal_out(network, self.buffers, anew=False)
+        # A channel that has become narrower may have to be sampled more finely.
+        self.channels.set_step(edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self._resample_moved()
-        self._edited = True
+        # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
+        start: wp.array = wp.array([0, self.substeps], dtype=wp.int32, device=self.device)
+        schedule_channels(network, self.channels, self.params.time_step, start)
 
     def _record(self) -> None:
         network, count = self.network, self.network.point_count
@@ -564,7 +638,7 @@ class Simulation:
                 point_xy=network.point_xy.numpy()[:count].copy(),
                 point_section=section,
                 channel_start=network.starts(),
-                channel_spacing=self._spacing.numpy().copy(),
+                channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
                 channel_width=network.channel_width.copy(),
                 channel_depth=network.channel_depth.copy(),
                 channel_discharge=network.channel_discharge.copy(),
@@ -574,6 +648,8 @@ class Simulation:
                 channel_to=network.channel_to.copy(),
                 node_xy=network.node_xy.copy(),
                 channel_fixed=self._fixed.copy(),
+                channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
+                channel_slope=network.channel_slope.copy(),
             )
         )
 
@@ -592,6 +668,20 @@ class Simulation:
         if not (math.isfinite(years) and years >= 0):
             raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
         return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
+
+
+def _channel_room(network: RiverNetwork) -> int:
+    """Channels to make room for: a join makes one more, a loss of a whole channel one less."""
+    return network.channel_count + max(8, network.channel_count // 8) if network.channel_count > 1 else 1
+
+
+def _thread_count(threads: int | None) -> int:
+    """Return the number of threads asked for, or that of the cores that the process may use."""
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads != int(threads) or threads < 1:
+        raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
+    return int(threads)
 
 
 def _check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:

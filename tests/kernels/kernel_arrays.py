@@ -1,16 +1,24 @@
 """Packed device arrays for kernel tests: lines end to end, and outputs filled with what no kernel writes."""
 
+import dataclasses
 import inspect
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from warpriver.kernels.polyline import Work
+
 REALS = {"float64": np.float64, "float32": np.float32}
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 UNWRITTEN = -7
+# Ways to deal points out to threads: chunks of so many points, or slabs of whole channels, see ``slab_bounds``; slabs
+# that are "apart" have a launch each, the last one first.
 CHUNKS = (1, 2, 7, 64, 4096)
+SLABS = ("one slab", "a slab each", "uneven slabs", "a slab each, apart", "uneven slabs, apart")
+DEALS = (*CHUNKS, *SLABS)
 
 
 def starts_of(lines):
@@ -30,7 +38,7 @@ def to_device(values, kind, device):
 
 def unwritten(count, kind, device):
     """Device array that holds NaN, or -7 where it holds integers."""
-    integral = kind is wp.int32 or kind is wp.vec4i
+    integral = kind is wp.int32 or kind is wp.vec4i or kind is wp.vec2i
     array = wp.empty(count, dtype=kind, device=device)
     array.fill_(UNWRITTEN if integral else math.nan)
     return array
@@ -39,6 +47,56 @@ def unwritten(count, kind, device):
 def chunk_count(capacity, chunk):
     """Threads that cover a capacity."""
     return math.ceil(capacity / chunk)
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """One launch of several that share the work: its threads, for kernels over points and over channels."""
+
+    work: Any
+    threads: int
+    channel_threads: int
+
+
+def slab_bounds(deal, channels):
+    """First channel of each slab, and the channel count at the end."""
+    if deal.startswith("a slab each"):
+        return list(range(channels + 1))
+    if deal.startswith("uneven slabs"):
+        # Slabs without channels lie behind the others.
+        return [*sorted({0, 1, channels // 3, channels - 1} if channels > 1 else {0}), channels, channels, channels]
+    return [0, channels]
+
+
+def share_out(deal, channels, capacity, device):
+    """Launches that do the work of all channels, dealt out in one of the ways of ``DEALS``.
+
+    Args:
+        deal: Points of a chunk, or one of ``SLABS``.
+        channels: Number of channels.
+        capacity: Room for points, which the chunks cover.
+        device: Warp device.
+    """
+    if isinstance(deal, int):
+        work = Work()
+        work.chunk = deal
+        return [Part(work, chunk_count(capacity, deal), channels)]
+    bounds = slab_bounds(deal, channels)
+    slabs = to_device(np.array(bounds, np.int32), wp.int32, device)
+    spans = [(0, len(bounds) - 1)]
+    if deal.endswith("apart"):
+        spans = [(k, k + 1) for k in range(len(bounds) - 1)][::-1]
+    parts = []
+    for first, stop in spans:
+        work = Work()
+        work.slab_channel, work.first = slabs, first
+        parts.append(Part(work, stop - first, stop - first))
+    return parts
+
+
+def share_count(deal, channels, capacity):
+    """Number of chunks or slabs in all."""
+    return chunk_count(capacity, deal) if isinstance(deal, int) else len(slab_bounds(deal, channels)) - 1
 
 
 def vec2_of(scalar):

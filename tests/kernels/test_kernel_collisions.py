@@ -1,7 +1,21 @@
+import math
+
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import SCALARS, chunk_count, forms, starts_of, to_device, unwritten, vec2_of
+from kernel_arrays import (
+    DEALS,
+    SCALARS,
+    SLABS,
+    UNWRITTEN,
+    forms,
+    share_count,
+    share_out,
+    starts_of,
+    to_device,
+    unwritten,
+    vec2_of,
+)
 
 from warpriver.kernels import collisions
 
@@ -38,60 +52,165 @@ def touching_pairs(lines, width, nodes):
     return pairs
 
 
-class Search:
-    """Both kernels of the search, launched on some lines."""
+class Levels:
+    """What the search makes of channels: points of a block, and the level of the grid that each lies in."""
 
-    def __init__(self, lines, width, nodes, chunk, block, dtype, device):
+    def __init__(self, width, block):
+        self.sizes = [max(1, int(block * w / SPACING)) for w in width]
+        longest = collisions.COARSEST_SPACING * SPACING
+        slack = collisions.SLACK_SPACINGS * longest
+        reach = np.array([0.5 * (w + max(block * w, longest)) + slack for w in width])
+        # Each level has cells twice as wide as the one before.
+        self.reach = 2.0 ** math.floor(math.log2(reach.min()))
+        self.levels = [max(0, math.ceil(math.log2(r / self.reach))) for r in reach]
+
+
+class Search:
+    """Both kernels of the search, launched on some lines; ``resting`` are the channels whose step is 0."""
+
+    def __init__(self, lines, width, nodes, deal, block, dtype, device, *, sections=None, resting=(), buckets=64):
         scalar = SCALARS[dtype]
         kernel, start = collisions.build(scalar), starts_of(lines)
         count, channels = int(start[-1]), len(lines)
+        grid = Levels(width, block)
         law = kernel.CollisionLaw()
-        law.distance, law.node_reach, law.block = 1.0, REACH, block
-        law.cell = 2.0 * (max(width) + block + 2.5 * SPACING)
-        threads = chunk_count(count, chunk)
+        law.distance, law.node_reach, law.block, law.reach = 1.0, REACH, block, grid.reach
+        law.level_count = max(grid.levels) + 1
+        law.level_mask = sum(1 << level for level in set(grid.levels))
         xy = to_device(np.concatenate(lines), vec2_of(scalar), device)
+        section = None if sections is None else to_device(np.concatenate(sections), vec2_of(scalar), device)
         starts = to_device(start, wp.int32, device)
         spacing = to_device(np.full(channels, SPACING), scalar, device)
         links, owners = (unwritten(count, wp.int32, device) for _ in range(2))
-        head, high = (wp.zeros(64, dtype=wp.int32, device=device) for _ in range(2))
-        wp.launch(
-            kernel.insert_blocks,
-            dim=threads,
-            inputs=[xy, starts, spacing, law, chunk],
-            outputs=[links, owners, head, high],
-            device=device,
-        )
-        form = forms(np.array(width), 1.0, np.array(width), SPACING, scalar, device)
+        bucket = wp.zeros(4 * buckets, dtype=wp.int32, device=device)
+        moves = np.full(channels, 0.3)
+        moves[list(resting)] = 0.0
+        step = to_device(moves, scalar, device)
+        # The mean width is for lines without sections; with them only the greatest counts.
+        form = forms(np.array(width) if sections is None else np.nan, 1.0, np.array(width), SPACING, scalar, device)
+
+        def launch(kernel, inputs, outputs):
+            for part in share_out(deal, channels, count, device):
+                given = [part.work if value is ... else value for value in inputs]
+                wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=device)
+
+        launch(kernel.insert_blocks, [xy, starts, form, spacing, step, law, ...], [links, owners, bucket])
+        self.links, self.owners, self.bucket = links.numpy(), owners.numpy(), bucket.numpy().reshape(-1, 4)
+        self.levels = grid.levels
         table = to_device(np.array(nodes, np.int32), wp.vec2i, device)
-        by_chunk, total = unwritten(threads, wp.int32, device), wp.zeros(1, dtype=wp.int32, device=device)
-        offset = wp.zeros(threads, dtype=wp.int32, device=device)
-        inputs = [xy, None, starts, table, form, spacing, law, chunk, links, owners, head, high, offset]
-        wp.launch(kernel.find_contacts, dim=threads, inputs=inputs, outputs=[None, by_chunk, total], device=device)
-        self.count = int(total.numpy()[0])
-        assert by_chunk.numpy().sum() == self.count
-        wp.utils.array_scan(by_chunk, offset, inclusive=True)
-        out = wp.zeros(max(self.count, 1), dtype=wp.vec2i, device=device)
-        wp.launch(kernel.find_contacts, dim=threads, inputs=inputs, outputs=[out, by_chunk, total], device=device)
+        shares = share_count(deal, channels, count)
+        found, offset = unwritten(shares, wp.int32, device), wp.zeros(shares, dtype=wp.int32, device=device)
+        inputs = [xy, section, starts, table, form, spacing, step, law, ..., links, owners, bucket, offset]
+        launch(kernel.find_contacts, inputs, [None, found])
+        self.by_share = found.numpy()
+        self.count = int(self.by_share.sum())
+        wp.utils.array_scan(found, offset, inclusive=True)
+        out = unwritten(self.count + 2, wp.vec2i, device)
+        launch(kernel.find_contacts, inputs, [out, found])
+        assert (found.numpy() == self.by_share).all()
+        assert (out.numpy()[self.count :] == UNWRITTEN).all()
         self.contacts = [tuple(pair) for pair in out.numpy()[: self.count].tolist()]
 
 
-@pytest.mark.parametrize("block", [1.0, 24.0, 200.0])
-@pytest.mark.parametrize("chunk", [1, 7, 64, 4096])
-def test_contacts_are_those_of_all_pairs(chunk, block, device):
+def expected_contacts(lines, pairs, width, block, resting=()):
+    """First touching pair of each block, with partners of a higher level, or of its own and a higher number.
+
+    Of two channels one must not be at rest.
+    """
+    start, grid = starts_of(lines), Levels(width, block)
+    first = {}
+    for i, j in sorted(pairs | {(j, i) for i, j in pairs}):
+        c, d = (int(np.searchsorted(start, k, side="right")) - 1 for k in (i, j))
+        if (grid.levels[c], c) < (grid.levels[d], d) and not (c in resting and d in resting):
+            first.setdefault((c, (i - int(start[c])) // grid.sizes[c]), (i, j))
+    return [first[key] for key in sorted(first)]
+
+
+def crossing_lines(seed):
+    """Lines, a width for each, of which some are much wider, and nodes of which none is shared."""
+    rng = np.random.default_rng(seed)
+    lines = random_lines(rng, int(rng.integers(2, 9)))
+    width = rng.uniform(5.0, 30.0, len(lines)) * rng.choice([1.0, 1.0, 4.0], len(lines))
+    return lines, width.tolist(), [(2 * c, 2 * c + 1) for c in range(len(lines))]
+
+
+# Lengths of blocks, in widths.
+BLOCKS = [0.1, 1.5, 16.0]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("deal", DEALS)
+def test_contacts_are_those_of_all_pairs(deal, block, device):
     """Each block lists its first touching point, with the first partner of that point."""
+    levels, count = set(), 0
     for seed in range(12):
-        rng = np.random.default_rng(seed)
-        lines = random_lines(rng, int(rng.integers(2, 9)))
-        width = rng.uniform(5.0, 30.0, len(lines)).tolist()
-        nodes = [(2 * c, 2 * c + 1) for c in range(len(lines))]
+        lines, width, nodes = crossing_lines(seed)
         pairs = touching_pairs(lines, width, nodes)
-        start, step = starts_of(lines), max(1, int(block / SPACING))
-        expected = {}
-        for i, j in sorted(pairs):
-            c = int(np.searchsorted(start, i, side="right")) - 1
-            expected.setdefault((c, (i - int(start[c])) // step), (i, j))
-        found = Search(lines, width, nodes, chunk, block, "float64", device)
-        assert found.contacts == [expected[key] for key in sorted(expected)]
+        expected = expected_contacts(lines, pairs, width, block)
+        found = Search(lines, width, nodes, deal, block, "float64", device, buckets=1 << 16)
+        assert found.contacts == expected
+        levels |= set(Levels(width, block).levels)
+        count += len(expected)
+    assert count > 30 and len(levels) > 1
+
+
+@pytest.mark.parametrize("deal", DEALS)
+def test_of_two_that_touch_one_must_not_be_at_rest(deal, device):
+    count = 0
+    for seed in range(24):
+        lines, width, nodes = crossing_lines(seed)
+        pairs = touching_pairs(lines, width, nodes)
+        resting = np.flatnonzero(np.random.default_rng(100 + seed).random(len(lines)) < 0.5).tolist()
+        found = Search(lines, width, nodes, deal, 1.5, "float64", device, resting=resting, buckets=1 << 16)
+        assert found.contacts == expected_contacts(lines, pairs, width, 1.5, resting)
+        start = starts_of(lines)
+        count += sum(int(np.searchsorted(start, i, side="right")) - 1 in resting for i, _ in found.contacts)
+        everyone = Search(lines, width, nodes, deal, 1.5, "float64", device, resting=range(len(lines)))
+        assert everyone.contacts == []
+    assert count > 10, "one at rest finds one that moves"
+
+
+def test_the_table_holds_every_block_once_and_the_range_of_its_channels(device, dtype):
+    """In every way to deal the points out; in order where one thread fills it."""
+    for seed in range(6):
+        lines, width, nodes = crossing_lines(seed)
+        start, sizes = starts_of(lines), Levels(width, 1.5).sizes
+        resting = [c for c in range(len(lines)) if c % 2]
+        spans = zip(start[:-1].tolist(), start[1:].tolist(), sizes, strict=True)
+        first = [j for a, b, size in spans for j in range(a, b, size)]
+        owner = {j: int(np.searchsorted(start, j, side="right")) - 1 for j in first}
+        for deal in DEALS:
+            found = Search(lines, width, nodes, deal, 1.5, dtype, device, resting=resting, buckets=64)
+            held = []
+            for head, high, low, moves in found.bucket.tolist():
+                members, j = [], head - 1
+                while j >= 0:
+                    members.append(j)
+                    j = int(found.links[j]) - 1
+                held += members
+                assert (high > 0) == (low > 0) == bool(members)
+                channels = [owner[j] for j in members]
+                assert moves == any(c not in resting for c in channels)
+                if members:
+                    assert (high - 1, 2**31 - 1 - low) == (max(channels), min(channels))
+                    assert found.owners[members].tolist() == [c * 32 + found.levels[c] for c in channels]
+                if device == "cpu" and not str(deal).endswith("apart"):
+                    assert members == sorted(members, reverse=True)
+            assert sorted(held) == first
+            others = np.setdiff1d(np.arange(start[-1]), first)
+            assert (found.links[others] == UNWRITTEN).all() and (found.owners[others] == UNWRITTEN).all()
+
+
+@pytest.mark.parametrize("deal", [7, 4096, *SLABS])
+def test_contacts_do_not_depend_on_the_table_or_the_order_of_its_lists(deal, device, dtype):
+    """A table of so few buckets that cells of all levels share them, and sections by point."""
+    for seed in range(12):
+        lines, width, nodes = crossing_lines(seed)
+        sections = [np.full((len(xy), 2), w) for xy, w in zip(lines, width, strict=True)]
+        plain = Search(lines, width, nodes, 64, 1.5, dtype, device, buckets=1 << 16).contacts
+        for buckets in (1, 2, 64, 1024):
+            crowded = Search(lines, width, nodes, deal, 1.5, dtype, device, sections=sections, buckets=buckets)
+            assert crowded.contacts == plain
 
 
 def test_points_near_a_shared_node_do_not_touch(device, dtype):
@@ -102,22 +221,33 @@ def test_points_near_a_shared_node_do_not_touch(device, dtype):
     below = SPACING * np.arange(40)[:, None] * [0.0, -1.0]
     nodes = [(0, 2), (1, 2), (2, 3)]
     lines, width = [left, right, below], [WIDTH] * 3
-    assert Search(lines, width, nodes, 64, 24.0, dtype, device).contacts == []
+    assert Search(lines, width, nodes, 64, 2.0, dtype, device).contacts == []
     apart = [(0, 4), (1, 5), (2, 3)]
-    assert Search(lines, width, apart, 64, 24.0, dtype, device).count > 0
+    assert Search(lines, width, apart, 64, 2.0, dtype, device).count > 0
 
 
-def test_gather_points_takes_points_and_scales_sections(device, dtype):
-    kernel, scalar = collisions.build(SCALARS[dtype]), SCALARS[dtype]
+@pytest.mark.parametrize("chunk", [1, 2, 7, 64, 4096])
+def test_gather_runs_takes_points_and_scales_sections(device, dtype, chunk):
+    """Runs of one point and of many, backwards, twice, and all the way; held against taking point by point."""
+    kernel, scalar, rng = collisions.build(SCALARS[dtype]), SCALARS[dtype], np.random.default_rng(0)
     vec2 = vec2_of(scalar)
-    xy = np.arange(20.0).reshape(10, 2)
-    section = 1.0 + np.arange(20.0).reshape(10, 2)
-    source, scale = np.array([3, 3, 0, 9]), np.array([[1.0, 1.0], [2.0, 0.5], [1.0, 4.0], [0.5, 1.0]])
+    xy = np.arange(400.0).reshape(200, 2)
+    section = 1.0 + np.arange(400.0).reshape(200, 2)
+    begin = np.array([90, 0, 199, 3, 3, 90, 100, 0])
+    count = np.array([60, 1, 1, 40, 1, 2, 100, 200])
+    start = np.concatenate([[0], np.cumsum(count)])
+    scale = rng.integers(1, 9, (len(begin), 2)) / 4.0
+    source = np.concatenate([np.arange(b, b + n) for b, n in zip(begin, count, strict=True)])
     for sections in (None, section):
-        points, out = unwritten(4, vec2, device), unwritten(4, vec2, device)
-        inputs = [to_device(xy, vec2, device), to_device(sections, vec2, device), to_device(source, wp.int32, device)]
+        points, out = (unwritten(int(start[-1]) + 3, vec2, device) for _ in range(2))
+        inputs = [to_device(xy, vec2, device), to_device(sections, vec2, device), chunk]
+        inputs += [to_device(a.astype(np.int32), wp.int32, device) for a in (begin, start)]
         inputs.append(to_device(scale, vec2, device))
-        wp.launch(kernel.gather_points, dim=4, inputs=inputs, outputs=[points, out], device=device)
-        np.testing.assert_array_equal(points.numpy(), xy[source])
-        if sections is not None:
-            np.testing.assert_array_equal(out.numpy(), section[source] * scale)
+        threads = -(-int(start[-1] + 3) // chunk)
+        wp.launch(kernel.gather_runs, dim=threads, inputs=inputs, outputs=[points, out], device=device)
+        np.testing.assert_array_equal(points.numpy()[:-3], xy[source])
+        assert np.isnan(points.numpy()[-3:]).all() and np.isnan(out.numpy()[-3:]).all()
+        if sections is None:
+            assert np.isnan(out.numpy()).all()
+        else:
+            np.testing.assert_array_equal(out.numpy()[:-3], section[source] * np.repeat(scale, count, axis=0))

@@ -7,20 +7,22 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_arrays import (
-    CHUNKS,
+    DEALS,
     REALS,
     SCALARS,
+    SLABS,
     UNWRITTEN,
-    chunk_count,
     forms,
     nested,
+    share_count,
+    share_out,
     split,
     starts_of,
     to_device,
     unwritten,
 )
 
-from warpriver.kernels import cutoffs
+from warpriver.kernels import buckets, cutoffs
 
 SPACING = 10.0
 FAULT_OXBOWS_FULL = 2
@@ -42,8 +44,19 @@ class Case:
     """Some channels on a device, and the four kernels of a cutoff, one method each; lists of channels in and out."""
 
     def __init__(
-        self, lines, *, width=12.0, sections=None, cutoff=1.0, min_arc=3.0, dtype="float64", device="cpu", spare=5
+        self,
+        lines,
+        *,
+        width=12.0,
+        sections=None,
+        cutoff=1.0,
+        min_arc=3.0,
+        resting=(),
+        dtype="float64",
+        device="cpu",
+        spare=5,
     ):
+        self.resting = resting
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = cutoffs.build(self.scalar), device, lines
         self.cutoff, self.min_arc, self.start = cutoff, min_arc, starts_of(lines)
@@ -61,36 +74,76 @@ class Case:
         # Only the greatest width is for the cutoffs; the mean of a varying one would be wrong here.
         self.form = forms(np.nan, np.nan, self.width, np.nan, self.scalar, device)
         self.channel_spacing = to_device(np.full(len(lines), SPACING), self.scalar, device)
+        step = np.full(len(lines), 0.3)
+        step[list(resting)] = 0.0
+        self.channel_step = to_device(step, self.scalar, device)
 
-    def linked(self, chunk=64):
+    def parts(self, deal):
+        return share_out(deal, len(self.lines), self.capacity, self.device)
+
+    def launch_points(self, kernel, deal, inputs, outputs):
+        """Launch a kernel over the points; ``...`` stands for the work among the inputs."""
+        for part in self.parts(deal):
+            given = [part.work if value is ... else value for value in inputs]
+            wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=self.device)
+
+    def launch_channels(self, kernel, deal, inputs, outputs):
+        """Launch a kernel over the channels; after the start comes the work."""
+        for part in self.parts(deal):
+            given = [self.channel_start, part.work, *inputs]
+            wp.launch(kernel, dim=part.channel_threads, inputs=given, outputs=outputs, device=self.device)
+
+    def linked(self, deal=64):
         """Grid of the points: (next, head) on the device."""
         points = to_device(self.packed, self.kernel.vec2, self.device)
         after = unwritten(self.capacity, wp.int32, self.device)
         head = wp.zeros(4 * self.capacity, dtype=wp.int32, device=self.device)
-        inputs = [self.channel_start, self.form, self.cutoff, chunk, points]
-        threads = chunk_count(self.capacity, chunk)
-        wp.launch(self.kernel.insert_points, dim=threads, inputs=inputs, outputs=[after, head], device=self.device)
+        if not isinstance(deal, int):
+            # A slab empties the table of its own channels.
+            head.fill_(UNWRITTEN)
+        inputs = [self.channel_start, self.form, self.channel_step, self.cutoff, ..., points]
+        self.launch_points(self.kernel.insert_points, deal, inputs, [after, head])
         return after, head
 
-    def necks(self, chunk=64, ordered=0):
-        """First later neighbour of each point by channel, numbered within the channel; checks the counts."""
-        after, head = self.linked(chunk)
+    def necks(self, deal=64, ordered=0):
+        """First later neighbour of each point by channel, numbered within the channel; checks the counts.
+
+        Necks of a channel at rest are not written, and count as none here.
+        """
+        after, head = self.linked(deal)
         points = to_device(self.packed, self.kernel.vec2, self.device)
         neck = unwritten(self.capacity, wp.int32, self.device)
-        threads = chunk_count(self.capacity, chunk)
-        chunk_necks = unwritten(threads, wp.int32, self.device)
-        total = wp.zeros(1, dtype=wp.int32, device=self.device)
-        inputs = [self.channel_start, self.form, self.channel_spacing, self.cutoff, self.min_arc, chunk, ordered]
-        inputs += [points, self.section, after, head]
-        outputs = [neck, chunk_necks, total]
-        wp.launch(self.kernel.find_necks, dim=threads, inputs=inputs, outputs=outputs, device=self.device)
+        # Chunks add to what was cleared before, slabs write.
+        chunk_necks, channel_necks = (
+            wp.zeros(n, dtype=wp.int32, device=self.device)
+            for n in (share_count(deal, len(self.lines), self.capacity), len(self.lines))
+        )
+        if not isinstance(deal, int):
+            chunk_necks.fill_(UNWRITTEN)
+            channel_necks.fill_(UNWRITTEN)
+        inputs = [self.channel_start, self.form, self.channel_spacing, self.channel_step, self.cutoff, self.min_arc]
+        inputs += [..., ordered, points, self.section, after, head]
+        self.launch_points(self.kernel.find_necks, deal, inputs, [neck, chunk_necks, channel_necks])
         found = neck.numpy()
-        assert (found[self.count :] == UNWRITTEN).all() and (found[: self.count] >= -1).all()
-        flags = np.zeros(threads * chunk, int)
-        flags[: self.count] = found[: self.count] >= 0
-        assert (chunk_necks.numpy() == flags.reshape(threads, chunk).sum(axis=1)).all()
-        assert total.numpy()[0] == flags.sum()
-        return [np.where(n >= 0, n - a, -1) for n, a in zip(split(found, self.start), self.start[:-1], strict=True)]
+        assert (found[self.count :] == UNWRITTEN).all()
+        for c in self.resting:
+            first, stop = self.start[c : c + 2]
+            assert (found[first:stop] == UNWRITTEN).all(), "a channel at rest was searched"
+            found[first:stop] = -1
+        assert (found[: self.count] >= -1).all()
+        by_channel = split(found, self.start)
+        assert channel_necks.numpy().tolist() == [int((n >= 0).sum()) for n in by_channel]
+        if isinstance(deal, int):
+            assert (chunk_necks.numpy() == self.by_chunk(found, deal)).all()
+        else:
+            assert (chunk_necks.numpy() == UNWRITTEN).all()
+        return [np.where(n >= 0, n - a, -1) for n, a in zip(by_channel, self.start[:-1], strict=True)]
+
+    def by_chunk(self, point_neck, chunk):
+        """Number of necks that begin in each chunk."""
+        flags = np.zeros(share_count(chunk, len(self.lines), self.capacity) * chunk, int)
+        flags[: self.count] = point_neck[: self.count] >= 0
+        return flags.reshape(-1, chunk).sum(axis=1)
 
     def twin_necks(self):
         """The same by comparing all pairs."""
@@ -101,24 +154,22 @@ class Case:
             necks.append(reference.find_necks(xy, SPACING, self.cutoff * mean, self.min_arc * mean))
         return necks
 
-    def packed_necks(self, necks, chunk):
-        """Device arrays of necks that are numbered within their channels: point_neck, chunk_necks and neck_count."""
+    def packed_necks(self, necks, deal):
+        """Device arrays of necks that are numbered within their channels: by point, by chunk and by channel."""
         point_neck = np.full(self.capacity, UNWRITTEN)
-        for first, neck in zip(self.start[:-1], necks, strict=True):
-            point_neck[first : first + len(neck)] = np.where(neck >= 0, neck + first, -1)
-        threads = chunk_count(self.capacity, chunk)
-        flags = np.zeros(threads * chunk, int)
-        flags[: self.count] = point_neck[: self.count] >= 0
-        by_chunk = flags.reshape(threads, chunk).sum(axis=1)
-        return [to_device(v, wp.int32, self.device) for v in (point_neck, by_chunk, [flags.sum()])]
+        for c, (first, neck) in enumerate(zip(self.start[:-1], necks, strict=True)):
+            if c not in self.resting:
+                point_neck[first : first + len(neck)] = np.where(neck >= 0, neck + first, -1)
+        by_chunk = self.by_chunk(point_neck, deal) if isinstance(deal, int) else [UNWRITTEN]
+        by_channel = [(neck >= 0).sum() for neck in necks]
+        return [to_device(v, wp.int32, self.device) for v in (point_neck, by_chunk, by_channel)]
 
-    def selected(self, necks, chunk=64):
+    def selected(self, necks, deal=64):
         """Necks kept, by channel as lists of pairs, from those given; checks the counts."""
-        point_neck, chunk_necks, total = self.packed_necks(necks, chunk)
+        point_neck, chunk_necks, channel_necks = self.packed_necks(necks, deal)
         cuts = unwritten(len(self.lines), wp.int32, self.device)
         points = unwritten(len(self.lines), wp.int32, self.device)
-        inputs, outputs = [self.channel_start, chunk, chunk_necks, total], [cuts, points, point_neck]
-        wp.launch(self.kernel.select_cuts, dim=len(self.lines), inputs=inputs, outputs=outputs, device=self.device)
+        self.launch_channels(self.kernel.select_cuts, deal, [chunk_necks, channel_necks], [cuts, points, point_neck])
         left = point_neck.numpy()
         assert (left[self.count :] == UNWRITTEN).all()
         kept = []
@@ -128,13 +179,13 @@ class Case:
         assert points.numpy().tolist() == [sum(j - i + 1 for i, j in pairs) for pairs in kept]
         return kept
 
-    def cut(self, kept, chunk=64, cut_capacity=None, oxbow_capacity=None):
+    def cut(self, kept, deal=64, cut_capacity=None, oxbow_capacity=None):
         """Cut those pairs: (points by channel, records, loop points, loop sections, fault)."""
         necks = [np.full(len(xy), -1) for xy in self.lines]
         for neck, pairs in zip(necks, kept, strict=True):
             for i, j in pairs:
                 neck[i] = j
-        point_neck, chunk_necks, _ = self.packed_necks(necks, chunk)
+        point_neck, chunk_necks, _ = self.packed_necks(necks, deal)
         cuts = np.cumsum([len(pairs) for pairs in kept])
         loop_points = np.cumsum([sum(j - i + 1 for i, j in pairs) for pairs in kept])
         cut_capacity = cuts[-1] + 3 if cut_capacity is None else cut_capacity
@@ -147,9 +198,8 @@ class Case:
         points = to_device(self.packed, self.kernel.vec2, self.device)
         fault = wp.zeros(1, dtype=wp.int32, device=self.device)
         sums = [to_device(v, wp.int32, self.device) for v in (cuts, loop_points)]
-        inputs = [self.channel_start, chunk, chunk_necks, *sums, point_neck, self.section]
-        outputs = [records, loops, loop_sections, points, fault]
-        wp.launch(self.kernel.cut_necks, dim=len(self.lines), inputs=inputs, outputs=outputs, device=self.device)
+        inputs = [chunk_necks, *sums, point_neck, self.section]
+        self.launch_channels(self.kernel.cut_necks, deal, inputs, [records, loops, loop_sections, points, fault])
         after = points.numpy()
         assert np.isnan(after[self.count :]).all()
         loop_sections = None if loop_sections is None else loop_sections.numpy()
@@ -166,7 +216,7 @@ def assert_same_necks(actual, expected):
 
 def test_floor_of_positive_negative_and_whole_numbers(device, dtype):
     scalar = SCALARS[dtype]
-    floor_int = nested(cutoffs.build(scalar).insert_points, "floor_int")
+    floor_int = buckets.build(scalar).floor_int
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(x: wp.array[scalar], floor_out: wp.array[int]):
@@ -195,16 +245,21 @@ def test_a_channel_has_more_than_two_buckets_a_point_and_at_most_four():
     assert ((2 * points < size) & (size <= 4 * points)).all()
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_every_point_is_in_one_list_of_its_own_channel(device, chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_every_point_is_in_one_list_of_its_own_channel(device, deal):
     """Lists hold every point once, those of a channel lie in its own part of the table, and equal cells share one."""
     rng = np.random.default_rng(1)
     lines = [wandering_line(rng, n) for n in (3, 40, 3, 3, 157, 64, 5)]
     case = Case(lines, device=device)
-    after, head = (a.numpy() for a in case.linked(chunk))
+    after, head = (a.numpy() for a in case.linked(deal))
     assert (after[case.count :] == UNWRITTEN).all()
+    assert (after[: case.count] >= 0).all(), "a list ends in what was there before"
+    for a, b in zip(case.start[:-1], case.start[1:], strict=True):
+        mask = (1 << int(2 * (b - a)).bit_length()) - 1
+        beyond = 0 if isinstance(deal, int) else UNWRITTEN
+        assert (head[4 * a : 4 * a + mask + 1] >= 0).all() and (head[4 * a + mask + 1 : 4 * b] == beyond).all()
     bucket_of = np.full(case.count, -1)
-    for bucket in np.flatnonzero(head):
+    for bucket in np.flatnonzero(head > 0):
         point, previous = head[bucket] - 1, case.count
         while point >= 0:
             assert bucket_of[point] == -1
@@ -223,8 +278,8 @@ def test_every_point_is_in_one_list_of_its_own_channel(device, chunk):
 # ---- finding necks
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_necks_match_all_pairs(device, chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_necks_match_all_pairs(device, deal):
     """Nine channels on top of each other: none finds a point of another."""
     rng = np.random.default_rng(7)
     lines = [wandering_line(rng, n) for n in (3, 4, 120, 3, 300, 5, 64, 128, 33)]
@@ -233,13 +288,13 @@ def test_necks_match_all_pairs(device, chunk):
     expected = case.twin_necks()
     assert sum((neck >= 0).sum() for neck in expected) > 100
     for ordered in orders(device):
-        assert_same_necks(case.necks(chunk, ordered), expected)
+        assert_same_necks(case.necks(deal, ordered), expected)
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(
     counts=st.lists(st.integers(3, 120), min_size=1, max_size=5),
-    chunk=st.integers(1, 150),
+    deal=st.one_of(st.integers(1, 150), st.sampled_from(SLABS)),
     seed=st.integers(0, 2**32 - 1),
     curl=st.floats(0.05, 2.0),
     cutoff=st.floats(0.05, 2.5),
@@ -247,20 +302,51 @@ def test_necks_match_all_pairs(device, chunk):
     shift=st.floats(-1e5, 1e5),
     varies=st.booleans(),
 )
-def test_any_necks_match_all_pairs(counts, chunk, seed, curl, cutoff, slack, shift, varies):
+def test_any_necks_match_all_pairs(counts, deal, seed, curl, cutoff, slack, shift, varies):
     rng = np.random.default_rng(seed)
     lines = [wandering_line(rng, n, curl, (shift, -shift)) for n in counts]
     sections = [np.stack([rng.uniform(5.0, 30.0, n), np.ones(n)], axis=1) for n in counts] if varies else None
     case = Case(lines, sections=sections, cutoff=cutoff, min_arc=max(1.0, cutoff) + slack)
     expected = case.twin_necks()
     for ordered in (0, 1):
-        assert_same_necks(case.necks(chunk, ordered), expected)
+        assert_same_necks(case.necks(deal, ordered), expected)
 
 
 def test_parallel_channels_within_reach_of_each_other_are_not_necks(device):
     """A hundred lines 1 m apart, 12 m wide: each is straight, so none has a neck."""
     lines = [np.stack([SPACING * np.arange(20), np.full(20, float(c))], axis=1) for c in range(100)]
     assert all((neck == -1).all() for neck in Case(lines, device=device).necks())
+
+
+@pytest.mark.parametrize("deal", DEALS)
+def test_channels_at_rest_are_not_searched(device, deal):
+    """Neither inserted nor searched; the others find what they find among themselves, and are cut as without them."""
+    rng = np.random.default_rng(8)
+    lines = [wandering_line(rng, n, curl=1.2) for n in (3, 120, 4, 90, 3, 200, 64, 130, 3)]
+    sections = [rng.uniform(8.0, 20.0, (len(xy), 2)) for xy in lines]
+    for resting in ((0, 3, 8), (1, 2, 4, 5, 6), tuple(range(9))):
+        case = Case(lines, sections=sections, resting=resting, device=device)
+        after, head = (a.numpy() for a in case.linked(deal))
+        expected = case.twin_necks()
+        for c in resting:
+            first, stop = case.start[c : c + 2]
+            left = 0 if isinstance(deal, int) else UNWRITTEN
+            assert (after[first:stop] == UNWRITTEN).all() and (head[4 * first : 4 * stop] == left).all()
+            expected[c][:] = -1
+        for ordered in orders(device):
+            assert_same_necks(case.necks(deal, ordered), expected)
+        kept = [reference.select_cuts(neck) for neck in expected]
+        # What an earlier step left in the necks of a channel at rest is not looked at: its count is 0.
+        necks, chunk_necks, channel_necks = case.packed_necks(expected, deal)
+        necks = necks.numpy()
+        for c in resting:
+            necks[case.start[c] : case.start[c + 1]] = case.start[c + 1] - 1
+        cuts, points = (unwritten(len(lines), wp.int32, device) for _ in range(2))
+        inputs, io = [chunk_necks, channel_necks], to_device(necks, wp.int32, device)
+        case.launch_channels(case.kernel.select_cuts, deal, inputs, [cuts, points, io])
+        assert cuts.numpy().tolist() == [len(pairs) for pairs in kept]
+        assert sum(map(len, kept)) > 3 or len(resting) == 9
+        assert_cuts(case, kept, deal)
 
 
 def test_a_hairpin_by_hand(device):
@@ -302,16 +388,16 @@ def test_points_exactly_at_the_cutoff_distance_do_not_touch(device):
     cutoff=st.floats(0.01, 3.0),
     slack=st.floats(1e-9, 5.0),
     turn=st.floats(0.0, 6.3),
-    chunk=st.integers(1, 60),
+    deal=st.one_of(st.integers(1, 60), st.sampled_from(SLABS)),
 )
-def test_a_straight_line_is_never_cut(spacings, cutoff, slack, turn, chunk):
+def test_a_straight_line_is_never_cut(spacings, cutoff, slack, turn, deal):
     """Whatever the width in spacings and the direction, for any least arc from one width up that exceeds the cutoff."""
     x = SPACING * np.arange(150)[:, None] * np.array([np.cos(turn), np.sin(turn)])
     min_arc = max(1.0, cutoff * (1.0 + slack))
     if cutoff >= 1.0:
         min_arc = cutoff * (1.0 + slack)
     case = Case([x - x[75]], width=spacings * SPACING, cutoff=cutoff, min_arc=min_arc)
-    assert (case.necks(chunk, ordered=1)[0] == -1).all()
+    assert (case.necks(deal, ordered=1)[0] == -1).all()
 
 
 def test_a_straight_line_is_not_cut_where_the_arc_is_a_whole_number_of_spacings():
@@ -329,8 +415,8 @@ def test_single_precision_finds_the_same_necks(device):
     case = Case(lines, width=16.0, dtype="float32", device=device)
     expected = case.twin_necks()
     assert sum((neck >= 0).sum() for neck in expected) > 20
-    for chunk in (1, 7, 4096):
-        assert_same_necks(case.necks(chunk), expected)
+    for deal in (1, 7, 4096, *SLABS):
+        assert_same_necks(case.necks(deal), expected)
 
 
 def test_points_that_are_not_finite_are_no_necks(device):
@@ -360,23 +446,23 @@ def random_necks(rng, counts, part=0.3):
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(
     counts=st.lists(st.integers(3, 100), min_size=1, max_size=8),
-    chunk=st.integers(1, 130),
+    deal=st.one_of(st.integers(1, 130), st.sampled_from(SLABS)),
     seed=st.integers(0, 2**32 - 1),
     part=st.floats(0.0, 0.6),
 )
-def test_selection_is_a_greedy_sweep_and_cuts_match_the_twin(counts, chunk, seed, part):
+def test_selection_is_a_greedy_sweep_and_cuts_match_the_twin(counts, deal, seed, part):
     rng = np.random.default_rng(seed)
     lines = [wandering_line(rng, n) for n in counts]
     case = Case(lines, sections=[rng.uniform(1.0, 9.0, (n, 2)) for n in counts])
     necks = random_necks(rng, counts, part)
     kept = [reference.select_cuts(neck) for neck in necks]
-    assert case.selected(necks, chunk) == kept
-    assert_cuts(case, kept, chunk)
+    assert case.selected(necks, deal) == kept
+    assert_cuts(case, kept, deal)
 
 
-def assert_cuts(case, kept, chunk):
+def assert_cuts(case, kept, deal):
     """Records, loops, sections and the copies left behind are those of cutting one by one, in order."""
-    after, records, loops, loop_sections, fault = case.cut(kept, chunk)
+    after, records, loops, loop_sections, fault = case.cut(kept, deal)
     assert fault == 0
     slot = offset = 0
     for c, (xy, pairs) in enumerate(zip(case.lines, kept, strict=True)):
@@ -403,14 +489,14 @@ def test_without_necks_nothing_is_selected():
     assert case.selected([np.full(5, -1), np.full(3, -1)]) == [[], []]
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_cuts_at_heads_tails_and_chunk_boundaries(device, chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_cuts_at_heads_tails_and_chunk_boundaries(device, deal):
     """Loops that begin at a channel's first point, end at its last, span several chunks, or end on a boundary."""
     rng = np.random.default_rng(2)
     lines = [wandering_line(rng, n) for n in (20, 3, 65, 130, 3)]
     kept = [[(0, 7), (7, 14), (14, 19)], [(0, 2)], [(0, 64)], [(2, 63), (63, 64), (65, 129)], []]
     case = Case(lines, sections=[rng.uniform(1.0, 9.0, (len(xy), 2)) for xy in lines], device=device)
-    assert_cuts(case, kept, chunk)
+    assert_cuts(case, kept, deal)
 
 
 def test_too_many_cuts_or_loop_points_change_nothing_and_set_the_fault(device):
@@ -432,10 +518,10 @@ def test_found_necks_are_cut_from_end_to_end(device):
     rng = np.random.default_rng(12)
     lines = [wandering_line(rng, n, curl=1.2) for n in (150, 3, 250, 40, 100)]
     results = []
-    for chunk in CHUNKS:
+    for deal in DEALS:
         case = Case(lines, width=15.0, device=device)
-        kept = case.selected(case.necks(chunk), chunk)
+        kept = case.selected(case.necks(deal), deal)
         assert kept == [reference.select_cuts(neck) for neck in case.twin_necks()]
-        assert_cuts(case, kept, chunk)
+        assert_cuts(case, kept, deal)
         results.append(kept)
     assert all(kept == results[0] for kept in results) and sum(map(len, results[0])) > 8

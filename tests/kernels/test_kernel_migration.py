@@ -1,6 +1,7 @@
 """Migration kernels against the O(n^2) twins in reference.py, closed forms, symmetries and convergence orders."""
 
 import dataclasses
+import math
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -9,13 +10,26 @@ import reference
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import CHUNKS, REALS, SCALARS, chunk_count, forms, nested, split, starts_of, to_device, unwritten
+from kernel_arrays import (
+    DEALS,
+    REALS,
+    SCALARS,
+    SLABS,
+    forms,
+    nested,
+    share_out,
+    split,
+    starts_of,
+    to_device,
+    unwritten,
+)
 from reference import Law
 from scipy.integrate import quad
 
 from warpriver.kernels import migration
 from warpriver.meander import migration as launcher
-from warpriver.meander.buffers import StepBuffers
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.stages import run_stages
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 
@@ -33,6 +47,10 @@ WEIGHT_TOLERANCE_32 = 4e-6
 MOVE_TOLERANCE_32 = 1e-3
 
 NO_DAMPING = Law(end_damping=0.0)
+# West and north edge and cell size of the ground, m.
+GRID = (-9000.0, 9000.0, 120.0)
+# A place in a raster of 150 cells is off by up to 1e-5 cells in float32, and slopes differ by 0.1 from cell to cell.
+SLOPE_TOLERANCE = {"float64": 1e-10, "float32": 1e-4}
 # Short enough for the local term to be explicit on every line here.
 SHORT_STEP = 1e-4
 
@@ -65,7 +83,8 @@ def device_law(kernel, law):
     """The struct that the kernels read."""
     struct = kernel.MigrationLaw()
     for name, value in dataclasses.asdict(law).items():
-        setattr(struct, name, value)
+        if name != "time_step":  # each channel has its own
+            setattr(struct, name, value)
     return struct
 
 
@@ -82,9 +101,20 @@ class Case:
     """Some channels, packed on a device in one precision, and both migration kernels launched on them."""
 
     def __init__(
-        self, lines, *, width=50.0, depth=2.0, sections=None, spacing=50.0, dtype="float64", device="cpu", spare=5
+        self,
+        lines,
+        *,
+        width=50.0,
+        depth=2.0,
+        sections=None,
+        spacing=50.0,
+        resting=(),
+        dtype="float64",
+        device="cpu",
+        spare=5,
     ):
         scalar = SCALARS[dtype]
+        self.resting = resting
         self.kernel, self.scalar, self.device = migration.build(scalar), scalar, device
         self.lines, self.start = lines, starts_of(lines)
         self.count, self.capacity = int(self.start[-1]), int(self.start[-1]) + spare
@@ -103,28 +133,71 @@ class Case:
         self.form = forms(self.width, self.depth, self.widest, self.spacing, scalar, device)
         self.channel_spacing = to_device(self.spacing, scalar, device)
 
-    def rates(self, law, chunk=64):
-        """Rates by channel, smoothed downstream where the step asks for it; float64."""
+    def launch(self, kernel, deal, inputs, outputs):
+        """Launch a kernel over the points; the inputs after the work, if any, follow a ``...``."""
+        for part in share_out(deal, len(self.lines), self.capacity, self.device):
+            given = [part.work if value is ... else value for value in inputs]
+            wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=self.device)
+
+    def steps(self, law):
+        """Time step of each channel on the device, 0 for those that rest."""
+        step = np.full(len(self.lines), law.time_step)
+        step[list(self.resting)] = 0.0
+        return to_device(step, self.scalar, self.device)
+
+    def rates(self, law, deal=64):
+        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel rests."""
         out = unwritten(self.capacity, self.scalar, self.device)
         inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [device_law(self.kernel, law), chunk]
-        threads = chunk_count(self.capacity, chunk)
-        wp.launch(self.kernel.compute_rate, dim=threads, inputs=inputs, outputs=[out], device=self.device)
-        return self._channels(out)
+        inputs += [self.steps(law), device_law(self.kernel, law), ...]
+        self.launch(self.kernel.compute_rate, deal, inputs, [out])
+        packed = out.numpy().astype(np.float64)
+        for c in self.resting:
+            first, stop = self.start[c : c + 2]
+            assert np.isnan(packed[first:stop]).all(), "a rate of a channel at rest was written"
+            packed[first:stop] = 0.0
+        return self._channels(packed)
 
-    def moved(self, law, rates, chunk=64):
-        """Points by channel after a step with those rates; float64."""
+    def moved(self, law, rates, deal=64, height=None):
+        """Points by channel after a step with those rates; float64. Sections must be carried along.
+
+        With heights on ``GRID``, (rows, columns), the ground slows the move.
+        """
         beyond = np.full(self.capacity - self.count, np.nan)
         rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
+        section = None if self.section is None else unwritten(self.capacity, self.kernel.vec2, self.device)
         inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [None, self.kernel.RasterGrid(), device_law(self.kernel, law), chunk, rate]
-        threads = chunk_count(self.capacity, chunk)
-        wp.launch(self.kernel.move_points, dim=threads, inputs=inputs, outputs=[out], device=self.device)
-        return self._channels(out)
+        inputs += [self.steps(law), *self.ground(height), device_law(self.kernel, law), ..., rate]
+        pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
+        self.launch(self.kernel.move_points, deal, inputs, [out, section, pace])
+        if section is not None:
+            np.testing.assert_array_equal(section.numpy(), self.section.numpy())
+        moved = self._channels(out.numpy().astype(np.float64))
+        for c, (xy, after) in enumerate(
+            zip(self._channels(self.point_xy.numpy().astype(np.float64)), moved, strict=True)
+        ):
+            # The pace is the greatest speed; the distance is that of rounded coordinates.
+            farthest = np.hypot(*(after - xy).T).max() / law.time_step
+            rounding = 4.0 * float(np.finfo(out.numpy().dtype).eps) * np.abs(after).max() / law.time_step
+            assert pace.numpy()[c] == pytest.approx(farthest, rel=1e-5, abs=rounding), f"pace of channel {c}"
+        return moved
 
-    def _channels(self, out):
-        packed = out.numpy().astype(np.float64)
+    def ground(self, height):
+        """Heights and grid as the kernels read them."""
+        grid = self.kernel.RasterGrid()
+        grid.west, grid.north, grid.cell_size = GRID
+        grid.cells_per_meter = 1.0 / GRID[2]
+        return to_device(height, wp.float64, self.device), grid
+
+    def mobility(self, law, height, deal=64):
+        """How the ground lets each channel move, (C,) of the case's precision."""
+        out = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
+        inputs = [self.point_xy, self.channel_start, self.form, *self.ground(height), law.slope_threshold, ...]
+        self.launch(self.kernel.measure_mobility, deal, inputs, [out])
+        return out.numpy()
+
+    def _channels(self, packed):
         assert np.isfinite(packed[: self.count]).all(), "a point was not written"
         assert np.isnan(packed[self.count :]).all(), "something was written beyond the points in use"
         return split(packed, self.start)
@@ -226,14 +299,14 @@ def test_twin_weights_match_the_closed_form():
 
 
 @pytest.mark.parametrize("scales", [(0, 0), (0, 1), (1, 1)], ids=["none", "upstream", "whole"])
-def test_rates_match_the_double_sum_for_every_chunk_size(device, scales):
+def test_rates_match_the_double_sum_however_they_are_dealt_out(device, scales):
     lines = stacked_lines()
     law = Law(time_step=SHORT_STEP, scale_local=scales[0], scale_upstream=scales[1])
     width, depth = np.linspace(30.0, 90.0, len(lines)), np.linspace(1.0, 4.0, len(lines))
     case = Case(lines, width=width, depth=depth, device=device)
     expected = twin_rates(lines, law, width, depth)
-    for chunk in CHUNKS:
-        rates = case.rates(law, chunk)
+    for deal in DEALS:
+        rates = case.rates(law, deal)
         assert_rates(rates, expected, SUM_TOLERANCE)
         assert all(rate[0] == 0.0 for rate in rates), "the reach above a head counts as straight"
 
@@ -243,8 +316,8 @@ def test_rates_with_sections_that_vary_along_the_channel(device):
     sections, law = varying_sections(lines), Law(time_step=SHORT_STEP)
     case = Case(lines, sections=sections, device=device)
     expected = twin_rates(lines, law, sections=sections)
-    for chunk in CHUNKS:
-        assert_rates(case.rates(law, chunk), expected, SUM_TOLERANCE)
+    for deal in DEALS:
+        assert_rates(case.rates(law, deal), expected, SUM_TOLERANCE)
 
 
 def test_rates_on_uneven_points(device):
@@ -252,19 +325,19 @@ def test_rates_on_uneven_points(device):
     rng = np.random.default_rng(2)
     lines = [xy + rng.uniform(-12.0, 12.0, xy.shape) for xy in stacked_lines(seed=4)]
     law = Law(time_step=SHORT_STEP)
-    for chunk in (1, 7, 4096):
-        assert_rates(Case(lines, device=device).rates(law, chunk), twin_rates(lines, law), SUM_TOLERANCE)
+    for deal in (1, 7, 4096, *SLABS):
+        assert_rates(Case(lines, device=device).rates(law, deal), twin_rates(lines, law), SUM_TOLERANCE)
 
 
 @settings(max_examples=30, deadline=None, derandomize=True, database=None)
 @given(
     counts=st.lists(st.integers(3, 90), min_size=1, max_size=6),
-    chunk=st.integers(1, 130),
+    deal=st.one_of(st.integers(1, 130), st.sampled_from(SLABS)),
     seed=st.integers(0, 2**32 - 1),
     depth=st.floats(0.05, 50.0),
     time_step=st.sampled_from([SHORT_STEP, 0.3, 3.0]),
 )
-def test_any_channels_in_any_chunks(counts, chunk, seed, depth, time_step):
+def test_any_channels_in_any_chunks_or_slabs(counts, deal, seed, depth, time_step):
     """Both kernels, smoothing included, for channels of 3 points and more that share and straddle chunks."""
     lines = stacked_lines(seed, counts)
     law = Law(time_step=time_step)
@@ -273,9 +346,9 @@ def test_any_channels_in_any_chunks(counts, chunk, seed, depth, time_step):
     for xy, rate in zip(lines, twin_rates(lines, law, 80.0, depth), strict=True):
         r = reference.recurrence_root(reference.implicit_share(xy, 50.0, 80.0, law))
         expected.append(reference.fading_sum(rate, r) if r > 0.0 else np.concatenate([[0.0], rate[1:]]))
-    rates = case.rates(law, chunk)
+    rates = case.rates(law, deal)
     assert_rates(rates, expected, SUM_TOLERANCE)
-    for xy, rate, moved in zip(lines, rates, case.moved(law, rates, chunk), strict=True):
+    for xy, rate, moved in zip(lines, rates, case.moved(law, rates, deal), strict=True):
         twin = reference.move_points(xy, rate, 50.0, 80.0, 80.0, law)
         size = np.abs(xy).max() + np.abs(twin - xy).max()
         assert np.abs(moved - twin).max() <= 1e-15 * size + SUM_TOLERANCE * np.abs(twin - xy).max()
@@ -289,9 +362,10 @@ def test_ten_thousand_kilometres_do_not_underflow(device):
     xy -= np.round(xy.mean(axis=0))
     law = Law(time_step=SHORT_STEP, scale_upstream=0)
     case = Case([xy], device=device)
-    rates = {chunk: case.rates(law, chunk)[0] for chunk in (64, 4096)}
+    rates = {deal: case.rates(law, deal)[0] for deal in (64, 4096, *SLABS[:1])}
     largest = np.abs(rates[64]).max()
-    assert np.abs(rates[64] - rates[4096]).max() <= SUM_TOLERANCE * largest
+    for deal in (4096, *SLABS[:1]):
+        assert np.abs(rates[64] - rates[deal]).max() <= SUM_TOLERANCE * largest
     # Only what lies within 60 e-foldings counts in the twin: the points before it have no share in double precision.
     window = int(60.0 / (2.0 * law.friction / 2.0 * spacing)) + 3
     for i in np.linspace(2 * window, count - 4, 60).astype(int):
@@ -313,8 +387,8 @@ def test_a_bend_fades_downstream_by_its_exponential():
     # Due east from there, so that not even rounding bends it again.
     foot = bend[-1] + np.arange(1, 261)[:, None] * np.array([50.0, 0.0])
     law = Law(time_step=SHORT_STEP, scale_upstream=0, friction=0.008)
-    for chunk, reach in ((1, 45), (64, 45), (4096, 250)):
-        rate = Case([np.concatenate([bend, foot])]).rates(law, chunk)[0][45:-4]
+    for deal, reach in ((1, 45), (64, 45), (4096, 250), ("one slab", 250)):
+        rate = Case([np.concatenate([bend, foot])]).rates(law, deal)[0][45:-4]
         z = 2.0 * law.friction / 2.0 * 50.0 * np.arange(len(rate))
         # The walk back stops 40 e-foldings up: e^-22 of what is left after 18.
         assert (rate * np.exp(z))[:reach] == pytest.approx(rate[0], rel=1e-9)
@@ -389,19 +463,45 @@ def test_rates_turn_with_the_line_and_change_sign_in_its_mirror(device):
             assert np.abs(a - b @ image).max() <= MOVE_TOLERANCE
 
 
+def test_rates_in_proportion_to_width(device):
+    """With a reference width, k belongs to channels so wide; at that width nothing changes."""
+    lines = stacked_lines(seed=4)
+    sections = varying_sections(lines)
+    law = Law(reference_width=70.0, time_step=SHORT_STEP)
+    assert_rates(
+        Case(lines, sections=sections, device=device).rates(law),
+        twin_rates(lines, law, sections=sections),
+        SUM_TOLERANCE,
+    )
+    even = Case(lines, width=70.0, device=device)
+    for a, b in zip(even.rates(law), even.rates(Law(time_step=SHORT_STEP)), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
     """Through RiverNetwork.origin, to the bit, in both precisions: nothing is ever computed in absolute coordinates."""
-    params = MeanderParams()
+    params = MeanderParams(time_step=0.3)
     results = []
     for offset in ((0.0, 0.0), (512_000.0, 4_096_000.0)):
         lines = [np.round(xy * 64.0) / 64.0 + offset for xy in stacked_lines(seed=1)]
         network = RiverNetwork.from_polylines(lines, width=50.0, dtype=dtype)
-        scalar = SCALARS[dtype]
-        form = forms(network.channel_width, network.channel_depth, network.channel_width, 50.0, scalar, "cpu")
-        spacing = to_device(np.full(len(lines), 50.0), scalar, "cpu")
+        width, even = network.channel_width, np.full(len(lines), 50.0)
+        channels = StepChannels(network, len(lines) + 2, mobile=False)
+        channels.fill(
+            network,
+            form=np.column_stack([width, network.channel_depth, width, even]),
+            spacing=even,
+            limit=np.full((len(lines), 3), np.inf),
+            nodes=np.zeros((len(lines), 2)),
+        )
+        channels.parts.fill_(1)
         buffers = StepBuffers(network, network.point_count, 1, 1)
-        launcher.migrate(network, form, spacing, None, launcher.migration_law(params, 0.3, dtype), buffers)
+        channels.deal_out(network, buffers, anew=True)
+        law = launcher.migration_law(params, dtype)
+        move = launcher.migrate(network, channels, buffers, None, law)
+        begin = launcher.schedule(network, channels, params.time_step)
+        run_stages([begin, *move], channels.whole, channels.slabs)
         results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()
@@ -414,8 +514,8 @@ def test_single_precision_rates_and_moves(device):
     for law in (Law(time_step=SHORT_STEP), Law(time_step=0.3), Law(time_step=0.3, scale_local=1)):
         wide, narrow = (Case(lines, sections=sections, dtype=d, device=device) for d in ("float64", "float32"))
         rates = wide.rates(law)
-        for chunk in (1, 7, 4096):
-            assert_rates(narrow.rates(law, chunk), rates, SUM_TOLERANCE_32)
+        for deal in (1, 7, 4096, *SLABS):
+            assert_rates(narrow.rates(law, deal), rates, SUM_TOLERANCE_32)
         for a, b in zip(narrow.moved(law, rates), wide.moved(law, rates), strict=True):
             assert np.abs(a - b).max() <= MOVE_TOLERANCE_32
 
@@ -429,15 +529,15 @@ def device_roots(time_steps, width, spacing, law, factor, device="cpu"):
     Struct = kernel.MigrationLaw
 
     @wp.kernel(module="unique", enable_backward=False)
-    def evaluate(laws: wp.array[Struct], width: wp.float64, spacing: wp.float64, factor: wp.float64,
+    def evaluate(step: wp.array[wp.float64], law: Struct, width: wp.float64, spacing: wp.float64, factor: wp.float64,
                  root_out: wp.array[wp.float64]):  # fmt: skip
         i = wp.tid()
-        root_out[i] = smoothing_root(width, spacing, factor, laws[i])
+        root_out[i] = smoothing_root(width, spacing, factor, step[i], law)
 
-    laws = [device_law(kernel, dataclasses.replace(law, time_step=float(dt))) for dt in time_steps]
-    out = unwritten(len(laws), wp.float64, device)
-    inputs = [wp.array(laws, dtype=Struct, device=device), width, spacing, factor]
-    wp.launch(evaluate, dim=len(laws), inputs=inputs, outputs=[out], device=device)
+    out = unwritten(len(time_steps), wp.float64, device)
+    inputs = [to_device(np.array(time_steps, np.float64), wp.float64, device), device_law(kernel, law)]
+    inputs += [width, spacing, factor]
+    wp.launch(evaluate, dim=len(time_steps), inputs=inputs, outputs=[out], device=device)
     return out.numpy()
 
 
@@ -461,15 +561,15 @@ def test_smoothing_root_takes_the_sinuosity_only_where_it_scales_the_local_term(
     assert scaled == pytest.approx(device_roots([0.12], 200.0, 50.0, Law(), 1.0)[0], rel=1e-14)
 
 
-def smoothed_speed(case, law, xy, chunk):
+def smoothed_speed(case, law, xy, deal):
     """What both kernels together make of the rates: the speed of each inner point to its right."""
-    rates = case.rates(law, chunk)
-    moved = case.moved(law, rates, chunk)[0]
+    rates = case.rates(law, deal)
+    moved = case.moved(law, rates, deal)[0]
     return np.sum((moved - xy)[1:-1] * reference.right_normals(xy), axis=1) / law.time_step
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_two_recurrences_solve_the_implicit_equation(chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_two_recurrences_solve_the_implicit_equation(deal):
     """Inside a long channel the forward run of one kernel and the backward run of the other give (I - c d2)^-1."""
     xy = meander(400)
     law = Law(time_step=0.6, end_damping=0.0)
@@ -480,7 +580,7 @@ def test_two_recurrences_solve_the_implicit_equation(chunk):
     expected = reference.implicit_smoothing(twin_rates([xy], law, width)[0], share)
     margin = int(np.log(1e-16) / np.log(r))  # where the ends, which are held, are forgotten
     assert 2 * margin < 200
-    actual = smoothed_speed(Case([xy], width=width), law, xy, chunk)
+    actual = smoothed_speed(Case([xy], width=width), law, xy, deal)
     inner = slice(margin, len(xy) - margin)
     assert np.abs(actual - expected[1:-1])[inner].max() <= SUM_TOLERANCE * np.abs(expected).max()
 
@@ -522,14 +622,14 @@ def test_smoothing_goes_by_the_width_of_each_point(device):
     ]
     assert any(reference.point_roots(xy, 50.0, s[:, 0], law).any() for xy, s in zip(lines, sections, strict=True))
     case = Case(lines, sections=sections, device=device)
-    for chunk in CHUNKS:
-        assert_rates(case.rates(law, chunk), expected, SUM_TOLERANCE)
+    for deal in DEALS:
+        assert_rates(case.rates(law, deal), expected, SUM_TOLERANCE)
 
 
 # ---- the move
 
 
-def test_moves_match_the_twin_for_every_chunk_size(device):
+def test_moves_match_the_twin_however_they_are_dealt_out(device):
     rng = np.random.default_rng(0)
     lines = stacked_lines(seed=12)
     sections = varying_sections(lines)
@@ -541,8 +641,8 @@ def test_moves_match_the_twin_for_every_chunk_size(device):
             reference.move_points(xy, rate, 50.0, mean_width[c], sections[c][:, 0], law)
             for c, (xy, rate) in enumerate(zip(lines, rates, strict=True))
         ]
-        for chunk in CHUNKS:
-            for moved, twin in zip(case.moved(law, rates, chunk), twins, strict=True):
+        for deal in DEALS:
+            for moved, twin in zip(case.moved(law, rates, deal), twins, strict=True):
                 assert np.abs(moved - twin).max() <= MOVE_TOLERANCE
 
 
@@ -560,8 +660,8 @@ def test_ends_never_move(device, dtype):
     case = Case(lines, dtype=dtype, device=device)
     rates = [np.full(len(xy), 1e3) for xy in lines]
     for law in (Law(time_step=0.3), Law(time_step=0.3, end_damping=0.0), Law(time_step=SHORT_STEP)):
-        for chunk in (1, 7, 4096):
-            for xy, moved in zip(lines, case.moved(law, rates, chunk), strict=True):
+        for deal in (1, 7, 4096, *SLABS):
+            for xy, moved in zip(lines, case.moved(law, rates, deal), strict=True):
                 assert (moved[[0, -1]] == xy[[0, -1]]).all()
 
 
@@ -584,3 +684,199 @@ def test_a_line_that_turns_back_on_itself_stays_finite():
     case = Case([xy])
     moved = case.moved(law, case.rates(law))[0]
     assert (moved[1] == xy[1]).all()
+
+
+# ---- slabs, and channels at rest
+
+
+def test_the_division_into_slabs_changes_no_bit(device, dtype):
+    """Rates and moves, smoothing and ground included."""
+    lines = stacked_lines(seed=14)
+    law, height = Law(time_step=0.6), hills()
+    case = Case(lines, sections=varying_sections(lines), dtype=dtype, device=device)
+    results = []
+    for deal in SLABS:
+        rates = case.rates(law, deal)
+        results.append([np.concatenate(values) for values in (rates, case.moved(law, rates, deal, height))])
+    assert np.abs(results[0][0]).max() > 1.0
+    for rates, points in results[1:]:
+        np.testing.assert_array_equal(rates, results[0][0])
+        np.testing.assert_array_equal(points, results[0][1])
+
+
+@pytest.mark.parametrize("deal", DEALS)
+def test_channels_at_rest_are_passed_over(device, dtype, deal):
+    """Their rates are not written and their points copied; those that move do as they do among themselves."""
+    lines = stacked_lines(seed=15)
+    sections, law = varying_sections(lines), Law(time_step=0.6)
+    awake = Case(lines, sections=sections, dtype=dtype, device=device)
+    rates = awake.rates(law, deal)
+    moved = awake.moved(law, rates, deal)
+    for resting in ((0, 3, 9), (1, 2, 4, 5), range(len(lines))):
+        case = Case(lines, sections=sections, resting=tuple(resting), dtype=dtype, device=device)
+        found = case.rates(law, deal)
+        # A rate left over from another step must not count.
+        points = case.moved(
+            law, [np.full(len(xy), 9.0) if c in resting else found[c] for c, xy in enumerate(lines)], deal
+        )
+        for c, xy in enumerate(lines):
+            if c in resting:
+                np.testing.assert_array_equal(points[c], xy.astype(REALS[dtype]))
+            else:
+                np.testing.assert_array_equal(found[c], rates[c])
+                np.testing.assert_array_equal(points[c], moved[c])
+
+
+# ---- the ground
+
+
+def hills(slope=0.3, gaps=0.1, seed=0):
+    """Heights on GRID: waves of that slope at most, in a plain, with holes."""
+    rng = np.random.default_rng(seed)
+    row, column = np.indices((150, 150))
+    wave = 12_000.0 / (2.0 * np.pi)
+    x, y = GRID[2] * column, GRID[2] * row
+    height = slope * wave * np.sin(x / wave) + 0.02 * y
+    if gaps > 0.0:
+        for i, j in rng.integers(0, 150, (int(150 * 150 * gaps / 9), 2)):
+            height[i : i + 3, j : j + 3] = np.nan
+    return height
+
+
+def test_moves_on_the_ground_match_the_twin(device):
+    rng = np.random.default_rng(0)
+    lines = stacked_lines(seed=16)
+    rates = [rng.normal(0.0, 10.0, len(xy)) for xy in lines]
+    law, height = Law(time_step=0.4), hills()
+    case = Case(lines, width=60.0, device=device)
+    ground = [reference.slope_weights(xy, height, GRID, law) for xy in lines]
+    everywhere = np.concatenate(ground)
+    assert (everywhere == 0.0).any() and (everywhere > 0.9).any() and ((0.1 < everywhere) & (everywhere < 0.9)).any()
+    for deal in DEALS:
+        for c, moved in enumerate(case.moved(law, rates, deal, height)):
+            twin = reference.move_points(lines[c], rates[c], 50.0, 60.0, 60.0, law, ground[c])
+            assert np.abs(moved - twin).max() <= MOVE_TOLERANCE + SLOPE_TOLERANCE["float64"]
+
+
+@pytest.mark.parametrize(
+    "height",
+    [hills(), hills(gaps=0.6), hills(0.0), hills(0.0) + 0.3 * GRID[2] * np.arange(150), np.full((150, 150), np.nan)],
+    ids=["hills", "holes", "flat", "steep", "no ground"],
+)
+def test_mobility_is_that_of_the_freest_point(device, dtype, height):
+    """In every way to deal the points out, to the bit; channels partly off the ground and short ones among them."""
+    rng = np.random.default_rng(17)
+    lines = []
+    for n in (3, 3, 4, 3, 5, 90, 3, 200, 3, 3, 3, 4, 150, 3):
+        x, y = rng.uniform(-9000.0, 9000.0, 2)
+        lines.append(meander(n, turn=rng.uniform(0.0, 6.0)) + [x, y])
+    lines.append(np.array([[9500.0, 0.0], [9550.0, 0.0], [9600.0, 0.0]]))
+    law = Law(slope_threshold=0.25)
+    case = Case(lines, dtype=dtype, device=device)
+    twins = np.array([reference.mobility(xy, height, GRID, law) for xy in lines])
+    found = case.mobility(law, height)
+    np.testing.assert_allclose(found, twins, atol=SLOPE_TOLERANCE[dtype], rtol=0.0)
+    np.testing.assert_array_equal(found == 0.0, twins == 0.0)
+    np.testing.assert_array_equal(found == 1.0, twins == 1.0)
+    assert found[-1] == 0.0, "off the ground"
+    for deal in DEALS:
+        np.testing.assert_array_equal(case.mobility(law, height, deal), found)
+
+
+def test_the_hills_hold_channels_of_all_kinds():
+    """Else the test above would not see some."""
+    law = Law(slope_threshold=0.25)
+    places = np.random.default_rng(1).uniform(-9000.0, 9000.0, (300, 1, 2))
+    found = np.array([reference.mobility(xy, hills(), GRID, law) for xy in places])
+    assert all(((low < found) & (found < high)).any() for low, high in ((-1.0, 0.01), (0.1, 0.8), (0.99, 1.1)))
+    assert not ((0.9 <= found) & (found < 1.0)).any()
+
+
+# ---- sub-steps
+
+
+def planned(limit, pace, mobility, time_step, dtype, device, before=0):
+    """Parts of each channel's time step, and the most of them, ``before`` at least."""
+    scalar = SCALARS[dtype]
+    kernel = migration.build(scalar)
+    mobility, pace = (
+        None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, pace)
+    )
+    limits = to_device(np.array(limit, np.float64), kernel.vec3, device)
+    parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
+    inputs = [limits, time_step, mobility, pace]
+    wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
+    return parts.numpy().tolist(), int(most.numpy()[0])
+
+
+def scheduled(parts, time_step, total, dtype, device):
+    """Step of each channel in each sub-step, (total, C); the paces are cleared in the first."""
+    scalar = SCALARS[dtype]
+    kernel = migration.build(scalar)
+    steps = []
+    for k in range(total):
+        out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
+        number = to_device([k, total], wp.int32, device)
+        inputs = [to_device(parts, wp.int32, device), time_step, number]
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace], device=device)
+        assert (pace.numpy() == (k > 0)).all()
+        steps.append(out.numpy())
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None], device=device)
+    return np.array(steps)
+
+
+def test_parts_of_a_step_match_the_twin(device, dtype):
+    rng = np.random.default_rng(18)
+    time_step, count = 0.29, 400
+    limit = np.stack([*10.0 ** rng.uniform(-3.0, 1.0, (2, count)), rng.uniform(1.0, 90.0, count)], axis=1)
+    pace, mobility = 10.0 ** rng.uniform(-3.0, 3.0, count), rng.uniform(0.0, 1.0, count)
+    mobility[::7], limit[5::9] = 0.0, 0.0
+    pace[3::11], limit[4::13, :2] = np.inf, np.inf
+    for g in (mobility, None):
+        twin = [
+            reference.step_count(*row, v, 1.0 if g is None else g[c], time_step)
+            for c, (row, v) in enumerate(zip(limit, pace, strict=True))
+        ]
+        assert planned(limit, pace, g, time_step, dtype, device) == (twin, max(twin))
+        assert planned(limit, pace, g, time_step, dtype, device, before=max(twin) + 5)[1] == max(twin) + 5
+        assert max(twin) > 50 and min(twin) == 0
+
+
+def test_a_step_that_divides_evenly_is_not_divided_further(device, dtype):
+    def parts(limit, pace, mobility=1.0, time_step=0.29):
+        return planned([limit], [pace], [mobility], time_step, dtype, device)[0][0]
+
+    for time_step in (0.29, 106.0 / 365.25, 3.0):
+        for n in (1, 2, 3, 7, 10, 49, 333, 5000):
+            for limit, pace in (
+                ((np.inf, time_step / n, 9.0), 0.0),  # waves
+                ((time_step / n, np.inf, 9.0), np.inf),  # the tightest bend
+                ((0.0 * n + 1e-9, np.inf, 9.0), 4.5 * n / time_step),  # bends as they are: half a width a part
+            ):
+                assert parts(limit, pace, time_step=time_step) == n
+                shorter = (limit[0] * (1.0 - 1e-5), limit[1] * (1.0 - 1e-5), limit[2])
+                assert parts(shorter, pace * (1.0 + 1e-5), time_step=time_step) == n + 1
+            assert parts((np.inf, 0.25 * time_step / n, 9.0), 0.0, 0.25, time_step) == n
+    assert parts((np.inf, np.inf, 9.0), 0.0) == 1
+    assert parts((1e-30, 1e-30, 9.0), np.inf) == 1_000_000
+    assert parts((1e-30, 1e-30, 9.0), np.inf, 0.0) == parts((0.0, 0.0, 0.0), 0.0) == 0
+
+
+@pytest.mark.parametrize("total", [1, 2, 3, 7, 12, 60, 97])
+def test_every_channel_takes_its_own_sub_steps(device, dtype, total):
+    """Of N sub-steps n for each n up to N, the first always, evenly spread, and together the time step."""
+    time_step = 0.29
+    asked = np.arange(total + 3)  # 0: held by the ground; of more than N only N are taken
+    for steps in (scheduled(asked, time_step, total, dtype, device),):
+        for n, column in zip(asked, steps.T, strict=True):
+            parts = min(int(n), total)
+            own = np.flatnonzero(column > 0.0)
+            assert own.tolist() == reference.own_substeps(parts, total)
+            assert (column[np.setdiff1d(np.arange(total), own)] == 0.0).all()
+            if parts == 0:
+                continue
+            assert own[0] == 0 and set(np.diff([*own, total])) <= {total // parts, -(-total // parts)}
+            assert (column[own] == column[0]).all()
+            # The time step and its part are rounded once each.
+            rounding = float(np.finfo(REALS[dtype]).eps)
+            assert math.fsum(column[own].tolist()) == pytest.approx(time_step, rel=rounding)

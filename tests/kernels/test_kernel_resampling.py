@@ -9,7 +9,20 @@ import reference
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import CHUNKS, SCALARS, chunk_count, forms, split, starts_of, to_device, unwritten
+from kernel_arrays import (
+    CHUNKS,
+    DEALS,
+    REALS,
+    SCALARS,
+    SLABS,
+    forms,
+    share_count,
+    share_out,
+    split,
+    starts_of,
+    to_device,
+    unwritten,
+)
 
 from warpriver.kernels import polyline, resampling
 
@@ -19,6 +32,8 @@ POINT_TOLERANCE = 1e-9
 # A float32 coordinate of a few km is off by 2.4e-4 m at most; the cubic combines a few of them.
 POINT_TOLERANCE_32 = 2e-3
 FAULT_NOT_FINITE = 1
+# What a spacing is before a step.
+SPACING_BEFORE = 123.0
 
 
 def smooth_line(rng, count, spacing=50.0):
@@ -45,12 +60,14 @@ class Sampled:
     fault: int
     needed: int
     raw: np.ndarray
+    done: int
 
 
 class Case:
     """Some moved channels on a device; each kernel has its method, and ``sampled`` runs them all."""
 
-    def __init__(self, lines, *, spacing=50.0, sections=None, dtype="float64", device="cpu", spare=5):
+    def __init__(self, lines, *, spacing=50.0, sections=None, resting=(), dtype="float64", device="cpu", spare=5):
+        self.resting = resting
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = resampling.build(self.scalar), device, lines
         self.start = starts_of(lines)
@@ -65,53 +82,67 @@ class Case:
         self.channel_start = to_device(self.start, wp.int32, device)
         # Only the spacing asked for is for these kernels.
         self.form = forms(np.nan, np.nan, np.nan, self.asked, self.scalar, device)
+        step = np.full(len(lines), 0.3)
+        step[list(resting)] = 0.0
+        self.channel_step = to_device(step, self.scalar, device)
 
     def launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def measured(self, chunk):
-        """Arc lengths in the chunks, and the length of each chunk, both on the device."""
-        threads = chunk_count(self.capacity, chunk)
+    def launch_points(self, kernel, deal, capacity, inputs, outputs):
+        """Launch a kernel over that many points; ``...`` stands for the work among the inputs."""
+        for part in share_out(deal, len(self.lines), capacity, self.device):
+            self.launch(kernel, part.threads, [part.work if value is ... else value for value in inputs], outputs)
+
+    def measured(self, deal):
+        """Arc lengths in the chunks or along the channels, and the length of each chunk, both on the device."""
         arc = unwritten(self.capacity, wp.float64, self.device)
-        length = unwritten(threads, wp.float64, self.device)
-        inputs = [self.channel_start, len(self.lines), chunk, self.point_moved]
-        self.launch(self.kernel.measure_chunks, threads, inputs, [arc, length])
+        length = unwritten(share_count(deal, len(self.lines), self.capacity), wp.float64, self.device)
+        inputs = [self.channel_start, self.channel_step, ..., self.point_moved]
+        self.launch_points(self.kernel.measure_arcs, deal, self.capacity, inputs, [arc, length])
         return arc, length
 
-    def counted(self, chunk, arc, offset, fault):
+    def counted(self, deal, arc, offset, fault):
         """Points and even spacing of each channel, both on the device."""
         samples = unwritten(len(self.lines), wp.int32, self.device)
         spacing = unwritten(len(self.lines), self.scalar, self.device)
-        inputs = [self.channel_start, self.form, chunk, arc, offset]
-        self.launch(self.kernel.count_samples, len(self.lines), inputs, [samples, spacing, fault])
+        before = to_device(np.full(len(self.lines), SPACING_BEFORE), self.scalar, self.device)
+        for part in share_out(deal, len(self.lines), self.capacity, self.device):
+            inputs = [self.channel_start, self.form, before, self.channel_step, part.work]
+            inputs += [arc, offset]
+            self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, fault])
         return samples, spacing
 
-    def sampled(self, chunk=64, capacity=None, fault=0):
+    def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5)):
         """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
         channels, flag = len(self.lines), to_device([fault], wp.int32, self.device)
-        arc, length = self.measured(chunk)
-        threads = len(length)
-        offset = unwritten(threads, wp.float64, self.device)
-        wp.utils.array_scan(length, offset, inclusive=True)
-        samples, spacing = self.counted(chunk, arc, offset, flag)
+        arc, length = self.measured(deal)
+        offset = unwritten(len(length), wp.float64, self.device)
+        if isinstance(deal, int):
+            wp.utils.array_scan(length, offset, inclusive=True)
+        samples, spacing = self.counted(deal, arc, offset, flag)
         start_next = wp.zeros(channels + 1, dtype=wp.int32, device=self.device)
         wp.utils.array_scan(samples, start_next[1:], inclusive=True)
         needed = int(start_next.numpy()[-1])
         capacity = needed + 4 if capacity is None else capacity
         points = unwritten(capacity, self.kernel.vec2, self.device)
         sections = None if self.sections is None else unwritten(capacity, self.kernel.vec2, self.device)
-        inputs = [self.channel_start, spacing, chunk, start_next, self.point_moved, self.section_moved]
-        inputs += [arc, offset, flag]
-        self.launch(self.kernel.resample_points, chunk_count(capacity, chunk), inputs, [points, sections])
+        inputs = [self.channel_start, spacing, self.channel_step, ..., start_next, self.point_moved]
+        inputs += [self.section_moved, arc, offset, flag]
+        self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [points, sections])
         start_out = to_device(self.start, wp.int32, self.device)
-        spacing_out = to_device(np.full(channels, 123.0), self.scalar, self.device)
+        spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
+        count = to_device(substep, wp.int32, self.device)
         inputs = [capacity, start_next, spacing, flag]
-        self.launch(self.kernel.commit_step, channels + 1, inputs, [start_out, spacing_out])
+        self.launch(self.kernel.commit_step, channels + 1, inputs, [start_out, spacing_out, count])
         raw, start = points.numpy().astype(np.float64), start_out.numpy()
         by_channel = split(raw, start_next.numpy())
         if sections is not None:
             sections = split(sections.numpy().astype(np.float64), start_next.numpy())
-        return Sampled(by_channel, sections, spacing_out.numpy(), start, int(flag.numpy()[0]), needed, raw)
+        done, total = count.numpy().tolist()
+        assert total == substep[1]
+        fault = int(flag.numpy()[0])
+        return Sampled(by_channel, sections, spacing_out.numpy(), start, fault, needed, raw, done)
 
     def twins(self):
         sections = [None] * len(self.lines) if self.sections is None else self.sections
@@ -120,9 +151,9 @@ class Case:
         ]
 
 
-def assert_sampled(case, chunk, tolerance=POINT_TOLERANCE):
+def assert_sampled(case, deal, tolerance=POINT_TOLERANCE):
     """Points, sections, counts and spacings are the twin's; the ends are the moved ends to the bit."""
-    actual = case.sampled(chunk)
+    actual = case.sampled(deal)
     assert actual.fault == 0
     assert np.isnan(actual.raw[actual.needed :]).all()
     start = [0]
@@ -152,7 +183,7 @@ def test_arc_lengths_by_chunk(device, chunk):
     step[case.start[1:-1] - 1] = 0.0
     total = np.concatenate([[0.0], np.cumsum(step)])
     arc, length = (a.numpy() for a in case.measured(chunk))
-    threads = chunk_count(case.capacity, chunk)
+    threads = share_count(chunk, len(case.lines), case.capacity)
     # A chunk also owns the segment that leads to its first point, so that the chunks' lengths add up.
     ends = total[np.minimum(np.arange(1, threads + 1) * chunk, case.count) - 1]
     owned = np.diff(np.concatenate([[0.0], ends]))
@@ -160,6 +191,21 @@ def test_arc_lengths_by_chunk(device, chunk):
     before = np.concatenate([[0.0], ends[:-1]])[np.arange(case.count) // chunk]
     assert arc[: case.count] == pytest.approx(total - before, abs=ARC_TOLERANCE)
     assert np.isnan(arc[case.count :]).all()
+
+
+@pytest.mark.parametrize("deal", SLABS)
+def test_arc_lengths_by_slab(device, deal):
+    """Each point's arc from its channel's head; what a channel at rest had is left."""
+    rng = np.random.default_rng(3)
+    case = Case([smooth_line(rng, n) for n in (3, 70, 4, 3, 3, 129, 64)], resting=(0, 4), device=device)
+    arc, length = (a.numpy() for a in case.measured(deal))
+    for c, (xy, found) in enumerate(zip(case.lines, split(arc, case.start), strict=True)):
+        if c in case.resting:
+            assert np.isnan(found).all()
+        else:
+            step = np.linalg.norm(np.diff(xy, axis=0), axis=1)
+            assert found == pytest.approx(np.concatenate([[0.0], np.cumsum(step)]), abs=ARC_TOLERANCE)
+    assert np.isnan(arc[case.count :]).all() and np.isnan(length).all()
 
 
 def test_counts_by_hand(device):
@@ -180,12 +226,12 @@ def test_a_point_that_is_not_finite_sets_the_fault_and_nothing_else_changes(devi
     rng = np.random.default_rng(3)
     lines = [smooth_line(rng, n) for n in (20, 14, 30)]
     lines[1][where, 1] = value
-    for chunk in CHUNKS:
-        result = Case(lines, device=device).sampled(chunk, capacity=500)
+    for deal in DEALS:
+        result = Case(lines, device=device).sampled(deal, capacity=500)
         assert result.fault == FAULT_NOT_FINITE
         assert np.isnan(result.raw).all()
         assert result.start.tolist() == starts_of(lines).tolist()
-        assert (result.spacing == 123.0).all()
+        assert (result.spacing == SPACING_BEFORE).all()
 
 
 @pytest.mark.parametrize("fault", [1, 2])
@@ -193,7 +239,7 @@ def test_an_earlier_fault_is_kept_and_stops_the_step(device, fault):
     lines = [smooth_line(np.random.default_rng(1), 40)]
     result = Case(lines, device=device).sampled(fault=fault)
     assert result.fault == fault
-    assert np.isnan(result.raw).all() and (result.spacing == 123.0).all()
+    assert np.isnan(result.raw).all() and (result.spacing == SPACING_BEFORE).all()
     assert result.start.tolist() == [0, 40]
 
 
@@ -202,33 +248,33 @@ def test_points_that_do_not_fit_change_nothing_and_tell_their_number(device):
     lines = [smooth_line(rng, n) for n in (40, 3, 60)]
     case = Case(lines, spacing=20.0, device=device)
     needed = case.sampled().needed
-    for chunk in CHUNKS:
-        short = case.sampled(chunk, capacity=needed - 1)
+    for deal in DEALS:
+        short = case.sampled(deal, capacity=needed - 1)
         assert short.needed == needed
-        assert np.isnan(short.raw).all() and (short.spacing == 123.0).all()
+        assert np.isnan(short.raw).all() and (short.spacing == SPACING_BEFORE).all()
         assert short.start.tolist() == starts_of(lines).tolist()
-        exact = case.sampled(chunk, capacity=needed)
+        exact = case.sampled(deal, capacity=needed)
         assert np.isfinite(exact.raw).all() and exact.start[-1] == needed
 
 
 # ---- samples
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_samples_match_the_spline(device, chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_samples_match_the_spline(device, deal):
     rng = np.random.default_rng(6)
     lines = [smooth_line(rng, n) for n in (3, 4, 5, 120, 3, 3, 260, 64, 6)]
     spacing = np.array([50.0, 20.0, 50.0, 35.0, 400.0, 10.0, 61.0, 50.0, 50.0])
-    assert_sampled(Case(lines, spacing=spacing, device=device), chunk)
+    assert_sampled(Case(lines, spacing=spacing, device=device), deal)
 
 
-@pytest.mark.parametrize("chunk", CHUNKS)
-def test_samples_with_sections(device, chunk):
+@pytest.mark.parametrize("deal", DEALS)
+def test_samples_with_sections(device, deal):
     """Width and depth are linear between the moved points, and the ends keep theirs."""
     rng = np.random.default_rng(6)
     lines = [smooth_line(rng, n) for n in (3, 40, 150)]
     sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
-    assert_sampled(Case(lines, sections=sections, spacing=33.0, device=device), chunk)
+    assert_sampled(Case(lines, sections=sections, spacing=33.0, device=device), deal)
 
 
 CUTS = {
@@ -251,8 +297,8 @@ def test_copies_left_by_cutoffs_are_passed_over(device, cuts):
     lines = [smooth_line(rng, n) for n in (5, 130, 3, 130)]
     lines[1], lines[3] = with_copies(lines[1], cuts), with_copies(lines[3], cuts)
     sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
-    for chunk in CHUNKS:
-        assert_sampled(Case(lines, sections=sections, device=device), chunk)
+    for deal in DEALS:
+        assert_sampled(Case(lines, sections=sections, device=device), deal)
 
 
 def test_the_last_sample_keeps_the_section_of_the_last_point(device):
@@ -269,12 +315,12 @@ def test_the_last_sample_keeps_the_section_of_the_last_point(device):
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(
     counts=st.lists(st.integers(3, 100), min_size=1, max_size=6),
-    chunk=st.integers(1, 130),
+    deal=st.one_of(st.integers(1, 130), st.sampled_from(SLABS)),
     seed=st.integers(0, 2**32 - 1),
     spacing=st.floats(5.0, 300.0),
     cut=st.booleans(),
 )
-def test_any_lines_match_the_spline(counts, chunk, seed, spacing, cut):
+def test_any_lines_match_the_spline(counts, deal, seed, spacing, cut):
     rng = np.random.default_rng(seed)
     lines = [smooth_line(rng, n) for n in counts]
     if cut:
@@ -282,7 +328,7 @@ def test_any_lines_match_the_spline(counts, chunk, seed, spacing, cut):
             ends = np.unique(rng.integers(0, n, 4))
             pairs = [(i, j) for i, j in itertools.pairwise(ends) if j - i > 1]
             lines[c] = with_copies(lines[c], pairs)
-    assert_sampled(Case(lines, spacing=spacing), chunk)
+    assert_sampled(Case(lines, spacing=spacing), deal)
 
 
 def test_samples_lie_at_an_even_spacing(device):
@@ -350,7 +396,7 @@ def test_a_channel_cut_to_a_point_is_not_taken_over(device):
     lines = [smooth_line(np.random.default_rng(4), 20), with_copies(ring, [(0, 4)])]
     result = Case(lines, device=device).sampled()
     assert result.fault != 0
-    assert result.start.tolist() == [0, 20, 25] and (result.spacing == 123.0).all()
+    assert result.start.tolist() == [0, 20, 25] and (result.spacing == SPACING_BEFORE).all()
 
 
 def test_a_loop_cut_at_a_crossing_that_is_a_point_stays_finite(device):
@@ -360,8 +406,8 @@ def test_a_loop_cut_at_a_crossing_that_is_a_point_stays_finite(device):
         crossed = xy.copy()
         crossed[j] = crossed[i]
         line = with_copies(crossed, [(i, j)])
-        for chunk in CHUNKS:
-            result = Case([line], device=device).sampled(chunk)
+        for deal in DEALS:
+            result = Case([line], device=device).sampled(deal)
             assert np.isfinite(result.points[0]).all()
             assert (result.points[0][[0, -1]] == line[[0, -1]]).all()
             chord = np.linalg.norm(np.diff(result.points[0], axis=0), axis=1)
@@ -372,8 +418,69 @@ def test_single_precision_samples(device):
     rng = np.random.default_rng(16)
     lines = [np.float32(smooth_line(rng, n)).astype(np.float64) for n in (3, 130, 70, 3)]
     lines[1] = with_copies(lines[1], [(5, 40), (63, 70)])
-    for chunk in CHUNKS:
-        assert_sampled(Case(lines, dtype="float32", device=device), chunk, POINT_TOLERANCE_32)
+    for deal in DEALS:
+        assert_sampled(Case(lines, dtype="float32", device=device), deal, POINT_TOLERANCE_32)
+
+
+# ---- slabs, and channels at rest
+
+
+def test_the_division_into_slabs_changes_no_bit(device, dtype):
+    rng = np.random.default_rng(19)
+    lines = [smooth_line(rng, n) for n in (3, 130, 70, 3, 4, 90)]
+    lines[1] = with_copies(lines[1], [(5, 40), (63, 70)])
+    sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
+    case = Case(lines, sections=sections, resting=(2,), spacing=33.0, dtype=dtype, device=device)
+    results = [case.sampled(deal) for deal in SLABS]
+    for result in results[1:]:
+        np.testing.assert_array_equal(result.raw, results[0].raw)
+        np.testing.assert_array_equal(np.concatenate(result.sections), np.concatenate(results[0].sections))
+        np.testing.assert_array_equal(result.spacing, results[0].spacing)
+
+
+@pytest.mark.parametrize("deal", DEALS)
+def test_channels_at_rest_keep_their_points(device, dtype, deal):
+    """To the bit, with their spacing and their number, wherever the others push them; those become what they would."""
+    rng = np.random.default_rng(20)
+    lines = [smooth_line(rng, n) for n in (3, 40, 4, 150, 3, 64, 5, 90)]
+    lines[3] = with_copies(lines[3], [(5, 40), (63, 70)])
+    sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
+    given = {"sections": sections, "spacing": 21.0, "dtype": dtype, "device": device}
+    awake = Case(lines, **given).sampled(deal)
+    # Chunks add all lengths up from the first point on, so that the lengths of others are rounded otherwise.
+    tolerance = 0.0 if deal in SLABS else POINT_TOLERANCE if dtype == "float64" else POINT_TOLERANCE_32
+    for resting in ((0, 4, 7), (1, 2, 3, 6), tuple(range(8))):
+        result = Case(lines, resting=resting, **given).sampled(deal)
+        assert result.fault == 0 and result.done == 3
+        for c, (xy, section) in enumerate(zip(lines, sections, strict=True)):
+            if c in resting:
+                np.testing.assert_array_equal(result.points[c], xy.astype(REALS[dtype]))
+                np.testing.assert_array_equal(result.sections[c], section.astype(REALS[dtype]))
+                assert result.spacing[c] == SPACING_BEFORE
+            else:
+                np.testing.assert_allclose(result.points[c], awake.points[c], atol=tolerance, rtol=0.0)
+                np.testing.assert_allclose(result.sections[c], awake.sections[c], atol=tolerance, rtol=0.0)
+                assert result.spacing[c] == pytest.approx(awake.spacing[c], abs=tolerance)
+        assert result.start.tolist() == starts_of(result.points).tolist()
+        assert np.isnan(result.raw[result.needed :]).all()
+
+
+def test_a_channel_at_rest_sets_no_fault(device):
+    """It is not measured at all; the step of those that move is taken over."""
+    ring = with_copies(np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 0.0]]), [(0, 3)])
+    lines = [smooth_line(np.random.default_rng(4), 20), ring]
+    for deal in DEALS:
+        result = Case(lines, resting=(1,), device=device).sampled(deal)
+        assert result.fault == 0 and (result.points[1] == ring).all()
+
+
+def test_sub_steps_are_counted_where_the_step_is_taken_over(device):
+    """From 0 up and round; a fault, or points without room, leave the count as it was."""
+    case = Case([smooth_line(np.random.default_rng(1), n) for n in (40, 3)], device=device)
+    assert [case.sampled(substep=(k, 3)).done for k in range(3)] == [1, 2, 0]
+    assert case.sampled(substep=(0, 1)).done == 0
+    assert case.sampled(substep=(1, 3), fault=2).done == 1
+    assert case.sampled(substep=(1, 3), capacity=10).done == 1
 
 
 # ---- shared functions

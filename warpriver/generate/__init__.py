@@ -1,6 +1,8 @@
 """Lines and terrains from nothing."""
 
 from warpriver.generate.curves import kinoshita, noisy_line, sine_generated, straight_line, valley_line
+from warpriver.generate.eroded import ErodedTerrain, erosion_peak, erosion_plane
+from warpriver.generate.leheny import erode, erode_ensemble
 from warpriver.generate.terrains import (
     cone,
     fluvial_terrain,
@@ -13,7 +15,12 @@ from warpriver.generate.terrains import (
 )
 
 __all__ = [
+    "ErodedTerrain",
     "cone",
+    "erode",
+    "erode_ensemble",
+    "erosion_peak",
+    "erosion_plane",
     "fluvial_terrain",
     "fractal_terrain",
     "kinoshita",

@@ -1,4 +1,4 @@
-"""Device arrays that one step works in, sized by capacity: allocated on the host, filled on the device."""
+"""Device arrays that one step works in, by point and by channel, sized by capacity."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.kernels.polyline import Work
+from warpriver.meander.stages import Share
 from warpriver.network import PRECISIONS, RiverNetwork
 
 __all__ = [
@@ -16,20 +18,18 @@ __all__ = [
     "FAULT_OXBOWS_FULL",
     "FAULT_SHORTCUTS_FULL",
     "StepBuffers",
-    "chunk_size",
+    "StepChannels",
 ]
 
 # Values of ``fault``; the kernels write the same numbers.
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL = 0, 1, 2, 3
 
-# Points a thread works on. On the CPU a launch is one serial loop, and a long chunk makes the walk back upstream that
-# starts each chunk cheap; a GPU wants many threads.
-CPU_CHUNK, CUDA_CHUNK = 4096, 32
-
-
-def chunk_size(device: Any) -> int:
-    """Points a thread works on, on that device."""
-    return CPU_CHUNK if device.is_cpu else CUDA_CHUNK
+# Consecutive points that a thread of a GPU takes.
+CUDA_CHUNK = 32
+# Points of a slab on the CPU: what a phase leaves of so many points is still in the cache when the next one reads it.
+SLAB_POINTS = 16_384
+# Points of a chunk where a thread copies runs of points.
+CPU_COPY_CHUNK = 4096
 
 
 class StepBuffers:
@@ -39,27 +39,28 @@ class StepBuffers:
         point_moved: (P,) vec2, points after the move and the cutoffs, m.
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
         point_rate: (P,) migration rate, m/yr, positive to the right.
-        point_arc: (P,) float64, arc length from the first point of the chunk, m.
+        point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
         point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list.
         point_neck: (P,) int32, the later point that a point's neck reaches, -1 if none.
-        channel_cuts, channel_cut_points: (C,) int32, cutoffs of this step and their points; ``..._sum`` run over them.
+        chunk_length, chunk_offset, chunk_necks: what each chunk adds, where points are dealt out in chunks.
         cut: (K,) vec4i records; ``oxbow_xy``, ``oxbow_section``: their points, end to end.
-        block_head, block_high: grid of the search for collisions: lists of blocks of points, and the cell's last
-            channel + 1; ``point_next`` and ``point_neck`` serve it as the lists' links and the blocks' channels.
-        contact_count: one int32, blocks that touch another channel.
+        block_bucket: grid of the search for collisions, four integers a cell; ``point_next`` and ``point_neck`` serve
+            it as the lists' links and the blocks' channels.
         fault: one int32, 0 while all is well.
-        neck_count: one int32, candidates found in this step.
+        chunk: Points that a thread takes, 0 where it takes whole channels.
+        share_count: Number of chunks, or of the slabs of whole channels.
     """
 
     def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
         """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
         scalar, vec2, _ = PRECISIONS[network.dtype]
         device = network.device
-        self.chunk = chunk_size(device)
+        self.chunk = 0 if device.is_cpu else CUDA_CHUNK
         self.point_capacity = point_capacity
         self.cut_capacity = cut_capacity
         self.oxbow_capacity = oxbow_capacity
-        self.chunk_count = math.ceil(point_capacity / self.chunk)
+        self.chunk_count = math.ceil(point_capacity / self.chunk) if self.chunk else 1
+        self.share_count = self.chunk_count if self.chunk else math.ceil(point_capacity / SLAB_POINTS)
 
         def zeros(count: int, dtype: Any) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=device)
@@ -69,42 +70,147 @@ class StepBuffers:
         self.section_moved = zeros(point_capacity, vec2) if varies else None
         self.point_rate = zeros(point_capacity, scalar)
         self.point_arc = zeros(point_capacity, wp.float64)
-        self.chunk_length = zeros(self.chunk_count, wp.float64)
-        self.chunk_offset = zeros(self.chunk_count, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
         self.bucket_head = zeros(4 * point_capacity, wp.int32)
         self.point_neck = zeros(point_capacity, wp.int32)
+        self.chunk_length = zeros(self.chunk_count, wp.float64)
+        self.chunk_offset = zeros(self.chunk_count, wp.float64)
         self.chunk_necks = zeros(self.chunk_count, wp.int32)
-        blocks = 1 << max(6, (point_capacity - 1).bit_length())
-        self.block_head = zeros(blocks, wp.int32)
-        self.block_high = zeros(blocks, wp.int32)
-        self.chunk_contacts = zeros(self.chunk_count, wp.int32)
-        self.chunk_contacts_sum = zeros(self.chunk_count, wp.int32)
-        self.contact_count = zeros(1, wp.int32)
+        self.block_bucket = zeros(4 << max(6, (point_capacity - 1).bit_length() - 1), wp.int32)
         self.cut = zeros(cut_capacity, wp.vec4i)
         self.oxbow_xy = zeros(oxbow_capacity, vec2)
         self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
         self.fault = zeros(1, wp.int32)
-        self.neck_count = zeros(1, wp.int32)
-        self.fit_channels(network)
-
-    def fit_channels(self, network: RiverNetwork) -> None:
-        """Allocate anew what goes by channel, for a network whose channels have changed."""
-        scalar, channels = PRECISIONS[network.dtype][0], network.channel_count
-
-        def zeros(count: int, dtype: Any) -> wp.array:
-            return wp.zeros(count, dtype=dtype, device=network.device)
-
-        self.channel_cuts = zeros(channels, wp.int32)
-        self.channel_cuts_sum = zeros(channels, wp.int32)
-        self.channel_cut_points = zeros(channels, wp.int32)
-        self.channel_cut_points_sum = zeros(channels, wp.int32)
-        self.channel_start_next = zeros(channels + 1, wp.int32)
-        self.channel_samples = zeros(channels, wp.int32)
-        self.channel_spacing_next = zeros(channels, scalar)
 
     @property
     def nbytes(self) -> int:
         """Device memory of all arrays in bytes."""
-        arrays = [a for a in vars(self).values() if isinstance(a, wp.array)]
-        return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays)
+        return _nbytes(self)
+
+
+class StepChannels:
+    """What a step needs of each channel of a network, with room for ``capacity`` of them.
+
+    Beyond the network's channels there are empty ones, without points, which always rest: so the arrays, and with them
+    a recorded step, outlast edits of the network.
+
+    Attributes:
+        start: (C + 1,) offsets of the channels' points; the network's ``channel_start`` is a view of it.
+        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
+        spacing: (C,) even spacing of the points, m.
+        limit: (C,) vec3 of the two limits of a sub-step (see ``step_limits``), yr, and the least width, m.
+        nodes: (C,) vec2i, labels of the nodes above and below; see ``gathered_nodes``.
+        mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        pace: (C,) greatest speed of a point in the time step so far, m/yr.
+        parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
+        step: (C,) time step in this sub-step, yr; 0 where the channel rests.
+        substep: two int32, sub-steps done and how many there are; ``most``: one int32, how many the channels ask for.
+        necks, cuts, cut_points: (C,) int32, necks and cutoffs of this step and their points; ``..._sum`` run over them.
+        samples, start_next, spacing_next: points, offsets and spacing that resampling gives.
+        share_contacts: places where channels touch, by slab or chunk; ``share_contacts_sum`` runs over them.
+        slabs: Shares of the work that can be done one after the other or at once.
+        whole: All the work as one share.
+    """
+
+    whole: Share
+    slabs: list[Share]
+    share_contacts: wp.array
+    share_contacts_sum: wp.array
+    _slab_channel: wp.array
+
+    def __init__(self, network: RiverNetwork, capacity: int, *, mobile: bool):
+        """Allocate for ``network``; ``mobile``: with room for ``mobility``."""
+        scalar, _, _ = PRECISIONS[network.dtype]
+
+        def zeros(count: int, dtype: Any = wp.int32) -> wp.array:
+            return wp.zeros(count, dtype=dtype, device=network.device)
+
+        self.capacity = capacity
+        self.start, self.start_next = zeros(capacity + 1), zeros(capacity + 1)
+        self.form = zeros(capacity, wp.types.vector(4, scalar))
+        self.spacing, self.spacing_next = zeros(capacity, scalar), zeros(capacity, scalar)
+        self.limit = zeros(capacity, wp.types.vector(3, scalar))
+        self.pace, self.step = zeros(capacity, scalar), zeros(capacity, scalar)
+        self.parts = zeros(capacity)
+        self.mobility = zeros(capacity, scalar) if mobile else None
+        self.nodes = zeros(capacity, wp.vec2i)
+        self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
+        self.most = zeros(1)
+        self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
+        self.cut_points, self.cut_points_sum = zeros(capacity), zeros(capacity)
+        self.samples = zeros(capacity)
+
+    def fill(
+        self,
+        network: RiverNetwork,
+        *,
+        form: np.ndarray,
+        spacing: np.ndarray,
+        limit: np.ndarray,
+        nodes: np.ndarray,
+        pace: np.ndarray | None = None,
+        parts: np.ndarray | None = None,
+        mobility: np.ndarray | None = None,
+    ) -> None:
+        """Take the channels of ``network`` over; the arguments are host arrays of the attributes' shapes."""
+        count = network.channel_count
+        start = network.starts()
+        self.start.assign(np.concatenate([start, np.full(self.capacity - count, start[-1], np.int32)]))
+        network.channel_start = self.start[: count + 1]
+        for array, values in (
+            (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
+            (self.parts, parts), (self.mobility, mobility),
+        ):  # fmt: skip
+            if array is not None:
+                _assign(array, np.zeros(0) if values is None else values)
+        for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
+            stale.zero_()
+
+    def set_step(self, values: np.ndarray) -> None:
+        """Set ``step`` of the network's channels from a host array."""
+        _assign(self.step, values)
+
+    def set_pace(self, values: np.ndarray) -> None:
+        """Set ``pace`` of the network's channels from a host array."""
+        _assign(self.pace, values)
+
+    def deal_out(self, network: RiverNetwork, buffers: StepBuffers, *, anew: bool) -> None:
+        """Deal the work out: in slabs of whole channels on the CPU, in chunks of points on a GPU.
+
+        Args:
+            network: The network.
+            buffers: Its ``share_count`` says how many shares there may be.
+            anew: Make the shares; otherwise only what they hold changes.
+        """
+        by_slab = buffers.chunk == 0
+        threads = buffers.share_count
+        if anew:
+            self._slab_channel = wp.zeros(threads + 1 if by_slab else 1, dtype=wp.int32, device=network.device)
+            work = Work()
+            work.slab_channel, work.chunk, work.first = self._slab_channel, buffers.chunk, 0
+            self.whole = Share(work, threads, threads if by_slab else self.capacity)
+            self.slabs = [self.whole.slab(k) for k in range(threads)] if by_slab and threads > 1 else [self.whole]
+            self.share_contacts = wp.zeros(threads, dtype=wp.int32, device=network.device)
+            self.share_contacts_sum = wp.zeros(threads, dtype=wp.int32, device=network.device)
+        if by_slab:
+            first = np.unique(network.starts()[:-1] // SLAB_POINTS, return_index=True)[1]
+            table = np.full(threads + 1, network.channel_count, np.int32)
+            table[: len(first)] = first
+            self._slab_channel.assign(table)
+
+    @property
+    def nbytes(self) -> int:
+        """Device memory of all arrays in bytes."""
+        return _nbytes(self)
+
+
+def _assign(array: wp.array, values: np.ndarray) -> None:
+    """Copy a host array to the beginning of a device array, and fill the rest with 0."""
+    host = np.zeros(array.shape + values.shape[1:], values.dtype)
+    host[: len(values)] = values
+    array.assign(host)
+
+
+def _nbytes(owner: object) -> int:
+    arrays = [a for a in vars(owner).values() if isinstance(a, wp.array)]
+    return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays)

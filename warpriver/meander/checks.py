@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import warp as wp
 
-from warpriver.meander.buffers import FAULT_NONE, StepBuffers
+from warpriver.meander.buffers import FAULT_NONE, StepBuffers, StepChannels
 from warpriver.network import RiverNetwork
 
 __all__ = ["PhaseError", "check_phase"]
@@ -19,14 +18,14 @@ class PhaseError(AssertionError):
     """A phase of a step broke its promise; the text says which, where and by how much."""
 
 
-def check_phase(phase: str, network: RiverNetwork, buffers: StepBuffers, spacing: wp.array) -> None:
+def check_phase(phase: str, network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> None:
     """Check the state after one phase.
 
     Args:
         phase: "migrate", "cut off" or "resample".
         network: The network.
+        channels: Its channels.
         buffers: The step's scratch.
-        spacing: (C,) even spacing, m.
 
     Raises:
         PhaseError: A promise is broken.
@@ -34,13 +33,13 @@ def check_phase(phase: str, network: RiverNetwork, buffers: StepBuffers, spacing
     if int(buffers.fault.numpy()[0]) != FAULT_NONE:
         return  # the step will not be taken over
     if phase == "resample":
-        if int(buffers.channel_start_next.numpy()[-1]) <= buffers.point_capacity:
-            _check_resampled(network, spacing.numpy().astype(np.float64))
+        if int(channels.start_next.numpy()[-1]) <= buffers.point_capacity:
+            _check_resampled(network, channels.spacing.numpy()[: network.channel_count].astype(np.float64))
     elif phase in ("migrate", "cut off"):
-        _check_moved(phase, network, buffers)
+        _check_moved(phase, network, channels, buffers)
 
 
-def _check_moved(phase: str, network: RiverNetwork, buffers: StepBuffers) -> None:
+def _check_moved(phase: str, network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> None:
     """The points are finite, the ends have not moved, and cutoffs are in order and lie within their channels."""
     start = network.starts()
     moved = buffers.point_moved.numpy()[: start[-1]]
@@ -49,10 +48,10 @@ def _check_moved(phase: str, network: RiverNetwork, buffers: StepBuffers) -> Non
     for ends in (start[:-1], start[1:] - 1):
         _require((moved[ends] == before[ends]).all(axis=1), phase, "lost its anchored end", "channel")
     if phase == "cut off":
-        cut = buffers.cut.numpy()[: int(buffers.channel_cuts_sum.numpy()[-1])]
+        cut = buffers.cut.numpy()[: int(channels.cuts_sum.numpy()[-1])]
         _require(np.diff(cut[:, 0]) >= 0, phase, "is out of order", "cutoff")
         _require(cut[:, 2] >= 3, phase, "has no loop", "cutoff")
-        total = int(buffers.channel_cut_points_sum.numpy()[-1])
+        total = int(channels.cut_points_sum.numpy()[-1])
         following = np.concatenate([cut[1:, 1], [total]])[: len(cut)]
         _require(following == cut[:, 1] + cut[:, 2], phase, "has a gap", "cutoff")
 

@@ -5,94 +5,111 @@ from __future__ import annotations
 import warp as wp
 
 from warpriver.kernels import cutoffs as kernels
-from warpriver.meander.buffers import StepBuffers
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
 
 __all__ = ["cut_loops", "cut_off", "link_points"]
 
 
-def link_points(network: RiverNetwork, form: wp.array, distance: float, buffers: StepBuffers) -> None:
-    """Link ``buffers.point_moved`` into a grid for each channel, in which points up to ``distance`` apart are found.
+def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams) -> list[Stage]:
+    """Return the stages that find all necks among ``buffers.point_moved`` and cut their loops off.
 
     Args:
         network: The network whose points moved.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
-        distance: In greatest widths of the channel; a cell is twice as wide.
-        buffers: Gets ``point_next`` and ``bucket_head``.
+        channels: Its channels, of spacing as before the move.
+        buffers: Scratch and results, as of :func:`cut_loops`.
+        params: ``cutoff_distance`` and ``cutoff_min_arc``, in widths.
     """
-    kernel = kernels.build(PRECISIONS[network.dtype][0])
-    buffers.bucket_head.zero_()
-    wp.launch(
-        kernel.insert_points,
-        dim=buffers.chunk_count,
-        inputs=[network.channel_start, form, distance, buffers.chunk, buffers.point_moved],
-        outputs=[buffers.point_next, buffers.bucket_head],
-        device=network.device,
-    )
+    if params.cutoff_distance == 0.0:
+        return []
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+    start, distance, ordered = channels.start, params.cutoff_distance, int(device.is_cpu)
+
+    def find(share: Share) -> None:
+        wp.launch(
+            kernel.find_necks,
+            dim=share.point_threads,
+            inputs=[
+                start, channels.form, channels.spacing, channels.step, distance, params.cutoff_min_arc, share.work,
+                ordered, buffers.point_moved, buffers.section_moved, buffers.point_next, buffers.bucket_head,
+            ],
+            outputs=[buffers.point_neck, buffers.chunk_necks, channels.necks],
+            device=device,
+        )  # fmt: skip
+        wp.launch(
+            kernel.select_cuts,
+            dim=share.channel_threads,
+            inputs=[start, share.work, buffers.chunk_necks, channels.necks],
+            outputs=[channels.cuts, channels.cut_points, buffers.point_neck],
+            device=device,
+        )
+
+    return [
+        *link_points(network, channels, buffers, distance),
+        Stage("cut off", find),
+        *cut_loops(network, channels, buffers),
+    ]
 
 
-def cut_loops(network: RiverNetwork, buffers: StepBuffers) -> None:
-    """Cut off the loops between each point and its ``point_neck``; they must not overlap.
+def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, distance: float) -> list[Stage]:
+    """Return the stages that link ``buffers.point_moved`` into a grid for each channel, to find what is near.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels; ``necks`` is made ready to be counted up.
+        buffers: Gets ``point_next`` and ``bucket_head``; ``chunk_necks`` is made ready to be counted up.
+        distance: How far apart near points are at most, in greatest widths of the channel; a cell is twice as wide.
+    """
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+
+    def clear(_: Share) -> None:
+        buffers.bucket_head.zero_()
+        buffers.chunk_necks.zero_()
+        channels.necks.zero_()
+
+    def link(share: Share) -> None:
+        wp.launch(
+            kernel.insert_points,
+            dim=share.point_threads,
+            inputs=[channels.start, channels.form, channels.step, distance, share.work, buffers.point_moved],
+            outputs=[buffers.point_next, buffers.bucket_head],
+            device=device,
+        )
+
+    # A slab empties what is its own.
+    cleared = [] if buffers.chunk == 0 else [Stage("cut off", clear, shared=False)]
+    return [*cleared, Stage("cut off", link)]
+
+
+def cut_loops(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> list[Stage]:
+    """Return the stages that cut off the loops between each point and its ``point_neck``; they must not overlap.
 
     The loops go to ``buffers.cut`` and ``buffers.oxbow_xy`` in the order of the channels; their inner points in
     ``point_moved`` become copies of the point before, which have no length.
 
     Args:
         network: The network whose points moved.
-        buffers: ``point_neck``, ``chunk_necks``, ``channel_cuts`` and ``channel_cut_points`` are read.
+        channels: Its channels; ``cuts`` and ``cut_points`` tell how much there is to cut.
+        buffers: ``point_neck`` and, with chunks, ``chunk_necks`` are read.
     """
-    kernel = kernels.build(PRECISIONS[network.dtype][0])
-    wp.utils.array_scan(buffers.channel_cuts, buffers.channel_cuts_sum, inclusive=True)
-    wp.utils.array_scan(buffers.channel_cut_points, buffers.channel_cut_points_sum, inclusive=True)
-    wp.launch(
-        kernel.cut_necks,
-        dim=network.channel_count,
-        inputs=[
-            network.channel_start, buffers.chunk, buffers.chunk_necks, buffers.channel_cuts_sum,
-            buffers.channel_cut_points_sum, buffers.point_neck, buffers.section_moved,
-        ],
-        outputs=[buffers.cut, buffers.oxbow_xy, buffers.oxbow_section, buffers.point_moved, buffers.fault],
-        device=network.device,
-    )  # fmt: skip
-
-
-def cut_off(
-    network: RiverNetwork, form: wp.array, spacing: wp.array, params: MeanderParams, buffers: StepBuffers
-) -> None:
-    """Find all necks among ``buffers.point_moved`` and cut their loops off as :func:`cut_loops` does.
-
-    Args:
-        network: The network whose points moved.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
-        spacing: (C,) even spacing of the points before the move, m.
-        params: ``cutoff_distance`` and ``cutoff_min_arc``, in widths.
-        buffers: Scratch and results.
-    """
-    buffers.neck_count.zero_()
-    buffers.channel_cuts_sum.zero_()
-    buffers.channel_cut_points_sum.zero_()
-    if params.cutoff_distance == 0.0:
-        return
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    start, chunk, chunks = network.channel_start, buffers.chunk, buffers.chunk_count
-    distance = params.cutoff_distance
-    link_points(network, form, distance, buffers)
-    wp.launch(
-        kernel.find_necks,
-        dim=chunks,
-        inputs=[
-            start, form, spacing, distance, params.cutoff_min_arc, chunk, int(device.is_cpu),
-            buffers.point_moved, buffers.section_moved, buffers.point_next, buffers.bucket_head,
-        ],
-        outputs=[buffers.point_neck, buffers.chunk_necks, buffers.neck_count],
-        device=device,
-    )  # fmt: skip
-    wp.launch(
-        kernel.select_cuts,
-        dim=network.channel_count,
-        inputs=[start, chunk, buffers.chunk_necks, buffers.neck_count],
-        outputs=[buffers.channel_cuts, buffers.channel_cut_points, buffers.point_neck],
-        device=device,
-    )
-    cut_loops(network, buffers)
+
+    def number(_: Share) -> None:
+        wp.utils.array_scan(channels.cuts, channels.cuts_sum, inclusive=True)
+        wp.utils.array_scan(channels.cut_points, channels.cut_points_sum, inclusive=True)
+
+    def cut(share: Share) -> None:
+        wp.launch(
+            kernel.cut_necks,
+            dim=share.channel_threads,
+            inputs=[
+                channels.start, share.work, buffers.chunk_necks, channels.cuts_sum,
+                channels.cut_points_sum, buffers.point_neck, buffers.section_moved,
+            ],
+            outputs=[buffers.cut, buffers.oxbow_xy, buffers.oxbow_section, buffers.point_moved, buffers.fault],
+            device=device,
+        )  # fmt: skip
+
+    return [Stage("cut off", number, shared=False), Stage("cut off", cut)]

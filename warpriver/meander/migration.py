@@ -8,22 +8,31 @@ import numpy as np
 import warp as wp
 
 from warpriver.kernels import migration as kernels
-from warpriver.meander.buffers import StepBuffers
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["explicit_dt", "migrate", "migration_law", "stable_dt"]
+__all__ = [
+    "explicit_dt",
+    "migrate",
+    "migration_law",
+    "plan_steps",
+    "schedule",
+    "schedule_channels",
+    "stable_dt",
+    "step_limits",
+]
 
 
-def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
-    """Longest time step in yr that follows a channel truly; longer ones are done in equal sub-steps.
-
-    Two limits, each measured in the tests against what a step really does:
+def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any]:
+    """Longest time steps in yr that follow a channel truly, (travel, carried); longer ones are done in equal parts.
 
     - the upstream term is explicit: a wave that it carries downstream must not outgrow the local term's diffusion,
       dt <= 1 / (D gamma^2 alpha^2), half the bound of an explicit step (D = k w |omega|, alpha = 2 f / d);
     - a bend as tight as its width must move by less than its width: dt <= w / (k max(|omega|, gamma - |omega|)).
+      Where no bend is as tight, it is enough that the fastest point moves by less than half a width.
 
     The diffusion of the local term sets no limit: what of it would be unstable is treated implicitly. Small waves stay
     true up to 12 times this step and more; tight bends begin to cross themselves at twice it.
@@ -34,17 +43,39 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
         params: Migration constants.
 
     Returns:
-        Time step in yr, float64, of the arguments' shape; infinite where nothing moves.
+        Two time steps in yr, float64, of the arguments' shape; infinite where nothing moves.
     """
     width, depth = np.asarray(width, np.float64), np.asarray(depth, np.float64)
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
+    rate = _rate(width, params)
     with np.errstate(divide="ignore"):
-        travel = width / (params.migration_rate * weights) if params.migration_rate * weights > 0 else np.inf
+        travel = width / (rate * weights)
         memory = 2.0 * params.friction / depth
         # Without a local term nothing damps the waves; its own weight of 1 then stands in as the scale.
-        diffusivity = params.migration_rate * width * max(-params.local_weight, 1.0)
+        diffusivity = rate * width * max(-params.local_weight, 1.0)
         carried = 1.0 / (diffusivity * (params.upstream_weight * memory) ** 2)
-    return np.minimum(travel, carried)
+    return travel, carried
+
+
+def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
+    """Longest time step in yr that follows a channel truly whatever its bends, the lesser of :func:`step_limits`.
+
+    Args:
+        width: Channel width in m, a number or an array.
+        depth: Channel depth in m, alike.
+        params: Migration constants.
+
+    Returns:
+        Time step in yr, float64, of the arguments' shape; infinite where nothing moves.
+    """
+    return np.minimum(*step_limits(width, depth, params))
+
+
+def _rate(width: np.ndarray, params: MeanderParams) -> np.ndarray:
+    """The rate k of channels of some width, m/yr."""
+    if params.reference_width > 0.0:
+        return params.migration_rate * width / params.reference_width
+    return np.full(width.shape, params.migration_rate)
 
 
 def explicit_dt(width: Any, params: MeanderParams) -> Any:
@@ -54,16 +85,17 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
         width: Channel width in m.
         params: Migration constants; ``spacing`` is h.
     """
-    diffusivity = params.migration_rate * np.asarray(width, np.float64) * -params.local_weight
+    width = np.asarray(width, np.float64)
+    diffusivity = _rate(width, params) * width * -params.local_weight
     with np.errstate(divide="ignore"):
         return np.where(diffusivity > 0, 9.0 / 32.0 * params.spacing**2 / diffusivity, np.inf)
 
 
-def migration_law(params: MeanderParams, time_step: float, dtype: str) -> Any:
-    """Pack the scalars of one (sub-)step of ``time_step`` yr for the kernels of that precision."""
+def migration_law(params: MeanderParams, dtype: str) -> Any:
+    """Pack the scalars of migration for the kernels of that precision."""
     law = kernels.build(PRECISIONS[dtype][0]).MigrationLaw()
-    law.time_step = time_step
     law.migration_rate = params.migration_rate
+    law.reference_width = params.reference_width
     law.friction = params.friction
     law.local_weight = params.local_weight
     law.upstream_weight = params.upstream_weight
@@ -74,41 +106,107 @@ def migration_law(params: MeanderParams, time_step: float, dtype: str) -> Any:
     return law
 
 
-def migrate(
-    network: RiverNetwork, form: wp.array, spacing: wp.array, terrain: Terrain | None, law: Any, buffers: StepBuffers
+def plan_steps(
+    network: RiverNetwork, channels: StepChannels, terrain: Terrain | None, params: MeanderParams | PathMeander
+) -> int:
+    """Choose in how many equal parts each channel does a time step, ``channels.parts``; return the most of them.
+
+    Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
+    longer by 1 / g; g is measured here (``channels.mobility``). ``channels.pace`` is that of the step before.
+
+    Args:
+        network: The network.
+        channels: Its channels.
+        terrain: Ground, on the network's device, or None.
+        params: ``time_step``, yr, and ``slope_threshold``.
+    """
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+    share = channels.whole
+    if terrain is not None and channels.mobility is not None:
+        channels.mobility.zero_()
+        wp.launch(
+            kernel.measure_mobility,
+            dim=share.point_threads,
+            inputs=[
+                network.point_xy, channels.start, channels.form, terrain.height,
+                terrain.grid(network.dtype, network.origin), params.slope_threshold, share.work,
+            ],
+            outputs=[channels.mobility],
+            device=device,
+        )  # fmt: skip
+    channels.most.zero_()
+    wp.launch(
+        kernel.plan_steps,
+        dim=channels.capacity,
+        inputs=[channels.limit, params.time_step, channels.mobility, channels.pace],
+        outputs=[channels.parts, channels.most],
+        device=device,
+    )
+    return int(channels.most.numpy()[0])
+
+
+def schedule_channels(
+    network: RiverNetwork, channels: StepChannels, time_step: float, substep: wp.array, pace: wp.array | None = None
 ) -> None:
-    """Move every point by its rate over one (sub-)step, from ``network.point_xy`` to ``buffers.point_moved``.
+    """Set the time step of every channel in a sub-step, ``channels.step``: 0 where it rests.
+
+    Args:
+        network: The network.
+        channels: Its channels.
+        time_step: The whole of it, yr.
+        substep: Two int32, the number of the sub-step and how many there are.
+        pace: ``channels.pace``, to be cleared in the first sub-step.
+    """
+    wp.launch(
+        kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
+        dim=channels.capacity,
+        inputs=[channels.parts, time_step, substep],
+        outputs=[channels.step, pace],
+        device=network.device,
+    )
+
+
+def schedule(network: RiverNetwork, channels: StepChannels, time_step: float) -> Stage:
+    """Return the stage that begins a sub-step of any solver: :func:`schedule_channels` for ``channels.substep``."""
+
+    def run(_: Share) -> None:
+        schedule_channels(network, channels, time_step, channels.substep, channels.pace)
+
+    return Stage("migrate", run, shared=False)
+
+
+def migrate(
+    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, terrain: Terrain | None, law: Any
+) -> list[Stage]:
+    """Return the stages that move every point by its rate over ``channels.step``, into ``buffers.point_moved``.
 
     Args:
         network: The network; its points are evenly spaced along each channel.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
-        spacing: (C,) even spacing of the points, m.
+        channels: Its channels.
+        buffers: Where ``point_rate`` and ``point_moved`` are written.
         terrain: Ground whose slope slows migration, on the network's device, or None.
         law: From :func:`migration_law`.
-        buffers: Where ``point_rate`` and ``point_moved`` are written.
     """
-    kernel = kernels.build(PRECISIONS[network.dtype][0])
-    wp.launch(
-        kernel.compute_rate,
-        dim=buffers.chunk_count,
-        inputs=[
-            network.point_xy, network.point_section, network.channel_start, form, spacing, law, buffers.chunk,
-        ],
-        outputs=[buffers.point_rate],
-        device=network.device,
-    )  # fmt: skip
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     height, grid = None, kernel.RasterGrid()
     if terrain is not None:
         height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
-    wp.launch(
-        kernel.move_points,
-        dim=buffers.chunk_count,
-        inputs=[
-            network.point_xy, network.point_section, network.channel_start, form, spacing, height, grid, law,
-            buffers.chunk, buffers.point_rate,
-        ],
-        outputs=[buffers.point_moved],
-        device=network.device,
-    )  # fmt: skip
-    if network.point_section is not None and buffers.section_moved is not None:
-        wp.copy(buffers.section_moved, network.point_section)
+    shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing]
+
+    def move(share: Share) -> None:
+        wp.launch(
+            kernel.compute_rate,
+            dim=share.point_threads,
+            inputs=[*shape, channels.step, law, share.work],
+            outputs=[buffers.point_rate],
+            device=device,
+        )
+        wp.launch(
+            kernel.move_points,
+            dim=share.point_threads,
+            inputs=[*shape, channels.step, height, grid, law, share.work, buffers.point_rate],
+            outputs=[buffers.point_moved, buffers.section_moved, channels.pace],
+            device=device,
+        )
+
+    return [Stage("migrate", move)]

@@ -5,69 +5,92 @@ from __future__ import annotations
 import warp as wp
 
 from warpriver.kernels import resampling as kernels
-from warpriver.meander.buffers import StepBuffers
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 
 __all__ = ["measure", "resample"]
 
 
-def measure(network: RiverNetwork, buffers: StepBuffers) -> None:
-    """Measure the arc length of ``buffers.point_moved``, into ``point_arc`` and ``chunk_offset``.
+def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, phase: str) -> list[Stage]:
+    """Return the stages that measure the arc length of ``buffers.point_moved``, into ``point_arc``.
 
     Args:
         network: The network whose points moved.
-        buffers: Scratch and results.
+        channels: Its channels.
+        buffers: Scratch and results; with chunks, ``chunk_offset`` is the running sum of their lengths.
+        phase: Name of the verb that asks for it.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    wp.launch(
-        kernel.measure_chunks,
-        dim=buffers.chunk_count,
-        inputs=[network.channel_start, network.channel_count, buffers.chunk, buffers.point_moved],
-        outputs=[buffers.point_arc, buffers.chunk_length],
-        device=device,
-    )
-    wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
+
+    def measure_arcs(share: Share) -> None:
+        wp.launch(
+            kernel.measure_arcs,
+            dim=share.point_threads,
+            inputs=[channels.start, channels.step, share.work, buffers.point_moved],
+            outputs=[buffers.point_arc, buffers.chunk_length],
+            device=device,
+        )
+
+    def offset_chunks(_: Share) -> None:
+        wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
+
+    return [Stage(phase, measure_arcs), *([Stage(phase, offset_chunks, shared=False)] if buffers.chunk > 0 else [])]
 
 
-def resample(network: RiverNetwork, form: wp.array, spacing: wp.array, buffers: StepBuffers) -> None:
-    """Sample the moved channels evenly and make that the network's new state.
+def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> list[Stage]:
+    """Return the stages that sample the moved channels evenly and make that the network's new state.
 
-    A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay.
-    Nothing is taken over when ``buffers.fault`` is set, or when the points do not fit into the capacity: then the
-    last entry of ``buffers.channel_start_next`` tells how much room the step needs.
+    A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
+    channel at rest keeps its points. Nothing is taken over when ``buffers.fault`` is set, or when the points do not fit
+    into the capacity: then the last entry of ``channels.start_next`` tells how much room the step needs.
 
     Args:
         network: Gets the new points, and ``channel_start``.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
-        spacing: (C,) even spacing in m; gets the new one.
+        channels: Its channels; get the new spacing.
         buffers: ``point_moved`` (and ``section_moved``) is read.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    start, chunk, chunks = network.channel_start, buffers.chunk, buffers.chunk_count
-    channels = network.channel_count
-    measure(network, buffers)
-    wp.launch(
-        kernel.count_samples,
-        dim=channels,
-        inputs=[start, form, chunk, buffers.point_arc, buffers.chunk_offset],
-        outputs=[buffers.channel_samples, buffers.channel_spacing_next, buffers.fault],
-        device=device,
-    )
-    wp.utils.array_scan(buffers.channel_samples, buffers.channel_start_next[1:], inclusive=True)
-    wp.launch(
-        kernel.resample_points,
-        dim=chunks,
-        inputs=[
-            start, buffers.channel_spacing_next, chunk, buffers.channel_start_next,
-            buffers.point_moved, buffers.section_moved, buffers.point_arc, buffers.chunk_offset, buffers.fault,
-        ],
-        outputs=[network.point_xy, network.point_section],
-        device=device,
-    )  # fmt: skip
-    wp.launch(
-        kernel.commit_step,
-        dim=channels + 1,
-        inputs=[buffers.point_capacity, buffers.channel_start_next, buffers.channel_spacing_next, buffers.fault],
-        outputs=[start, spacing],
-        device=device,
-    )
+    start, offset = channels.start, buffers.chunk_offset
+
+    def count(share: Share) -> None:
+        wp.launch(
+            kernel.count_samples,
+            dim=share.channel_threads,
+            inputs=[
+                start, channels.form, channels.spacing, channels.step, share.work,
+                buffers.point_arc, offset,
+            ],
+            outputs=[channels.samples, channels.spacing_next, buffers.fault],
+            device=device,
+        )  # fmt: skip
+
+    def number(_: Share) -> None:
+        wp.utils.array_scan(channels.samples, channels.start_next[1:], inclusive=True)
+
+    def sample(share: Share) -> None:
+        wp.launch(
+            kernel.resample_points,
+            dim=share.point_threads,
+            inputs=[
+                start, channels.spacing_next, channels.step, share.work, channels.start_next, buffers.point_moved,
+                buffers.section_moved, buffers.point_arc, offset, buffers.fault,
+            ],
+            outputs=[network.point_xy, network.point_section],
+            device=device,
+        )  # fmt: skip
+
+    def commit(_: Share) -> None:
+        wp.launch(
+            kernel.commit_step,
+            dim=channels.capacity + 1,
+            inputs=[buffers.point_capacity, channels.start_next, channels.spacing_next, buffers.fault],
+            outputs=[start, channels.spacing, channels.substep],
+            device=device,
+        )
+
+    name = "resample"
+    return [
+        *measure(network, channels, buffers, name), Stage(name, count), Stage(name, number, shared=False),
+        Stage(name, sample), Stage(name, commit, shared=False),
+    ]  # fmt: skip

@@ -10,8 +10,10 @@ import numpy as np
 
 from warpriver.meander.buffers import StepBuffers
 from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law, stable_dt
-from warpriver.meander.paths import PathBuffers, check_radius, path_law, push, stable_push_dt, take_shortcuts
+from warpriver.meander.migration import migrate, migration_law, step_limits
+from warpriver.meander.paths import path_law, push, push_limits
+from warpriver.meander.shortcuts import PathBuffers, check_radius, take_shortcuts
+from warpriver.meander.stages import Stage
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
@@ -23,22 +25,22 @@ class Solver:
     """What a step does with the channels between resampling and resampling.
 
     Attributes:
-        stable_dt: (width, depth, params) -> longest (sub-)step, yr.
-        law: (params, time_step, dtype) -> scalars of a (sub-)step for the kernels.
+        limits: (width, depth, params) -> the two limits of a sub-step, yr; see ``StepChannels.limit``.
+        law: (params, dtype) -> scalars for the kernels that move the points.
         buffers: (network, point_capacity, cut_capacity, oxbow_capacity) -> scratch.
-        move: (network, form, spacing, terrain, law, buffers): moves the points.
-        cut: (network, form, spacing, params, buffers): cuts loops off.
+        move: (network, channels, buffers, terrain, law) -> stages that move the points over ``channels.step``.
+        cut: (network, channels, buffers, params) -> stages that cut loops off.
         check: (network, params): raises ``ValueError`` for what the solver cannot do.
         closes_loops: Oxbow lakes are kept as closed lines, the first point repeated.
     """
 
-    stable_dt: Callable[[Any, Any, Any], Any]
-    law: Callable[[Any, float, str], Any]
+    limits: Callable[[Any, Any, Any], tuple[Any, Any]]
+    law: Callable[[Any, str], Any]
     buffers: Callable[[RiverNetwork, int, int, int], StepBuffers]
-    move: Callable[..., None]
-    cut: Callable[..., None]
-    check: Callable[[RiverNetwork, Any], None]
-    closes_loops: bool
+    move: Callable[..., list[Stage]]
+    cut: Callable[..., list[Stage]]
+    check: Callable[[RiverNetwork, Any], None] = lambda network, params: None
+    closes_loops: bool = False
 
     def oxbow(self, loop: np.ndarray) -> np.ndarray:
         """Return a bypassed arc (n, 2) as the solver keeps it."""
@@ -46,8 +48,8 @@ class Solver:
 
 
 SOLVERS: dict[type, Solver] = {
-    MeanderParams: Solver(stable_dt, migration_law, StepBuffers, migrate, cut_off, lambda network, params: None, False),
-    PathMeander: Solver(stable_push_dt, path_law, PathBuffers, push, take_shortcuts, check_radius, True),
+    MeanderParams: Solver(step_limits, migration_law, StepBuffers, migrate, cut_off),
+    PathMeander: Solver(push_limits, path_law, PathBuffers, push, take_shortcuts, check_radius, closes_loops=True),
 }
 
 

@@ -7,7 +7,6 @@ its remaining part is abandoned, and the junction that it used to reach is disso
 from __future__ import annotations
 
 import dataclasses
-from collections import defaultdict
 
 import numpy as np
 
@@ -70,10 +69,12 @@ class EditedChannels:
     Attributes:
         channel_old: (C,) index of the channel, before, that each goes by.
         channel_start: (C + 1,) offsets of their points.
-        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_nodes: As in
-            :class:`~warpriver.network.RiverNetwork`.
-        point_source: (P,) index of each point before.
-        point_scale: (P, 2) factors of width and depth, or None where they are constant along each channel.
+        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_slope,
+            channel_nodes: As in :class:`~warpriver.network.RiverNetwork`.
+        channel_changed: (C,) True where the points are not those of the channel before.
+        run_begin: (R,) first point, before, of each run of consecutive points that the new order is made of.
+        run_start: (R + 1,) offsets of the runs in the new order.
+        run_scale: (R, 2) factors of width and depth, or None where they are constant along each channel.
     """
 
     channel_old: np.ndarray
@@ -84,8 +85,11 @@ class EditedChannels:
     channel_discharge: np.ndarray
     channel_drainage_area: np.ndarray | None
     channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray]
-    point_source: np.ndarray
-    point_scale: np.ndarray | None
+    channel_slope: np.ndarray
+    channel_changed: np.ndarray
+    run_begin: np.ndarray
+    run_start: np.ndarray
+    run_scale: np.ndarray | None
 
 
 @dataclasses.dataclass
@@ -110,33 +114,64 @@ class _Part:
 class NetworkEdit:
     """A network being edited; :meth:`rejoin` any number of times, then :meth:`build` the new one.
 
-    Every channel takes part in one edit at most: what comes later in the same round is looked for again.
+    Every channel takes part in one edit at most: what comes later in the same round is looked for again. An edit costs
+    what it touches and the way down from there, not the size of the network.
     """
 
     def __init__(self, network: RiverNetwork):
-        """Take the graph and the flow of a network apart."""
+        """Take the graph and the flow of a network; only what an edit touches is taken apart."""
         self.network = network
-        start = network.starts().tolist()
+        self._start = network.starts()
         self._flow = network.channel_flow()
         self._arrivals = np.bincount(network.channel_to, minlength=network.node_count)
-        above, below = network.channel_from.tolist(), network.channel_to.tolist()
         arriving = np.bincount(network.channel_to, weights=self._flow, minlength=network.node_count)
-        supply = (self._flow - arriving[network.channel_from]).tolist()
-        identity = network.channel_id.tolist()
-        self.parts = [
-            _Part(start[c], start[c + 1], c, -1, above[c], below[c], supply[c], identity[c])
-            for c in range(network.channel_count)
-        ]
-        self.into: dict[int, list[int]] = defaultdict(list)
-        self.out: dict[int, int] = {}
-        for c, part in enumerate(self.parts):
-            self.into[part.below].append(c)
-            self.out[part.above] = c
-        self.node_point: dict[int, int] = {}
-        self.next_node = network.node_count
-        self.next_identity = int(network.channel_id.max()) + 1 if network.channel_count else 0
-        self.touched: set[int] = set()
+        self._supply = self._flow - arriving[network.channel_from]
+        self._by_foot = np.argsort(network.channel_to, kind="stable")
+        self._foot_start = np.concatenate([[0], np.cumsum(self._arrivals)])
+        self._by_head = np.full(network.node_count, -1)
+        self._by_head[network.channel_from] = np.arange(network.channel_count)
+        # What differs from the network: channels looked at, or made; arrivals at nodes; the channel that leaves one.
+        self._parts: dict[int, _Part] = {}
+        self._into: dict[int, list[int]] = {}
+        self._out: dict[int, int] = {}
+        self._node_point: dict[int, int] = {}
+        self._part_count = network.channel_count
+        self._next_identity = int(network.channel_id.max()) + 1 if network.channel_count else 0
+        self._touched: set[int] = set()
         self._abandoned: list[tuple[int, int, int]] = []
+
+    # ---- the graph as it is now
+
+    def _part(self, c: int) -> _Part:
+        if c not in self._parts:
+            net = self.network
+            self._parts[c] = _Part(
+                int(self._start[c]), int(self._start[c + 1]), c, -1, int(net.channel_from[c]), int(net.channel_to[c]),
+                float(self._supply[c]), int(net.channel_id[c]),
+            )  # fmt: skip
+        return self._parts[c]
+
+    def _below(self, c: int) -> int:
+        """Node at the lower end of a part."""
+        return self._parts[c].below if c in self._parts else int(self.network.channel_to[c])
+
+    def _above(self, c: int) -> int:
+        """Node at the upper end of a part; edits do not change it."""
+        return self._parts[c].above if c in self._parts else int(self.network.channel_from[c])
+
+    def _arriving(self, node: int) -> list[int]:
+        """Parts that end at a node."""
+        if node in self._into:
+            return self._into[node]
+        if node >= self.network.node_count:
+            return []
+        return self._by_foot[self._foot_start[node] : self._foot_start[node + 1]].tolist()
+
+    def _leaving(self, node: int) -> int:
+        """Part that begins at a node, -1 if none."""
+        if node in self._out:
+            return self._out[node]
+        return int(self._by_head[node]) if node < self.network.node_count else -1
 
     # ---- one edit
 
@@ -149,25 +184,20 @@ class NetworkEdit:
             b: The other channel.
             point_b: Its point.
         """
-        if a in self.touched or b in self.touched:
+        if a in self._touched or b in self._touched:
             return None
         kind, main, minor, at_main, at_minor = self._roles(a, point_a, b, point_b)
-        whole, other = self.parts[main], self.parts[minor]
+        whole, other = self._part(main), self._part(minor)
         if whole.count < 2 * JUNCTION_CLEARANCE + 1:
             return None
-        neighbours = {
-            *self.into[other.below],
-            *self.into[whole.below],
-            *self.into[whole.above],
-            *self.into[other.above],
-        }
-        neighbours |= {self.out[n] for n in (other.below, whole.below) if n in self.out}
-        if neighbours & self.touched:
+        neighbours = {c for n in (other.below, whole.below, whole.above, other.above) for c in self._arriving(n)}
+        neighbours |= {self._leaving(n) for n in (other.below, whole.below)} - {-1}
+        if neighbours & self._touched:
             return None
-        self.touched |= neighbours | {main, minor}
+        self._touched |= neighbours | {main, minor}
         self._abandoned = []
         at_main = min(max(at_main, whole.first + JUNCTION_CLEARANCE), whole.stop - 1 - JUNCTION_CLEARANCE)
-        old_node, is_source = other.below, not self.into[other.above]
+        old_node, is_source = other.below, not self._arriving(other.above)
         if at_minor - other.first < 2 and is_source:
             self._drop(minor, main)
             junction = -1
@@ -180,10 +210,9 @@ class NetworkEdit:
 
     def _roles(self, a: int, point_a: int, b: int, point_b: int) -> tuple[str, int, int, int, int]:
         """Kind of the collision, main and minor channel and their points."""
-        part_a, part_b = self.parts[a], self.parts[b]
-        if part_a.below == part_b.above:
+        if self._below(a) == self._above(b):
             return "downstream", b, a, point_b, point_a
-        if part_b.below == part_a.above:
+        if self._below(b) == self._above(a):
             return "downstream", a, b, point_a, point_b
         flow = self._flow
         a_is_main = flow[a] > flow[b] or (flow[a] == flow[b] and a < b)
@@ -192,40 +221,37 @@ class NetworkEdit:
             a_is_main = False
         elif not a_is_main and self._reaches(b, a):
             a_is_main = True
-        kind = "upstream" if part_a.below == part_b.below else "disconnected"
+        kind = "upstream" if self._below(a) == self._below(b) else "disconnected"
         if a_is_main:
             return kind, a, b, point_a, point_b
         return kind, b, a, point_b, point_a
 
     def _reaches(self, upper: int, lower: int) -> bool:
         """Tell whether the water of one channel flows through the other."""
-        here = upper
-        while self.parts[here].below in self.out:
-            here = self.out[self.parts[here].below]
-            if here == lower:
-                return True
-        return False
+        here = self._leaving(self._below(upper))
+        while here >= 0 and here != lower:
+            here = self._leaving(self._below(here))
+        return here == lower
 
     def _join(self, minor: int, at_minor: int, main: int, at_main: int) -> None:
         """Split the main channel, end the minor one at the new node, abandon its rest."""
-        whole, other = self.parts[main], self.parts[minor]
-        node, self.next_node = self.next_node, self.next_node + 1
-        self.node_point[node] = at_main
+        whole, other = self._part(main), self._part(minor)
+        node = self.network.node_count + len(self._node_point)
+        self._node_point[node] = at_main
         share, kept = self._share_above(whole, at_main), self._share_above(other, at_minor)
-        lower = _Part(
+        index, self._part_count = self._part_count, self._part_count + 1
+        self._parts[index] = _Part(
             at_main, whole.stop, whole.old, whole.tip, node, whole.below,
-            (1.0 - share) * whole.supply + (1.0 - kept) * other.supply, self.next_identity,
+            (1.0 - share) * whole.supply + (1.0 - kept) * other.supply, self._next_identity,
         )  # fmt: skip
-        self.next_identity += 1
-        self.parts.append(lower)
-        index = len(self.parts) - 1
-        self.into[whole.below] = [index if c == main else c for c in self.into[whole.below]]
-        self.into[other.below] = [c for c in self.into[other.below] if c != minor]
+        self._next_identity += 1
+        self._into[whole.below] = [index if c == main else c for c in self._arriving(whole.below)]
+        self._into[other.below] = [c for c in self._arriving(other.below) if c != minor]
         self._abandoned.append((at_minor, other.stop, other.identity))
         whole.stop, whole.tip, whole.below, whole.supply = at_main + 1, -1, node, share * whole.supply
         other.stop, other.tip, other.below, other.supply = at_minor + 1, at_main, node, kept * other.supply
-        self.into[node] = [main, minor]
-        self.out[node] = index
+        self._into[node] = [main, minor]
+        self._out[node] = index
 
     def _share_above(self, part: _Part, point: int) -> float:
         """Share of a channel's own ground that drains to it above a point: by length, but all of it for a source.
@@ -233,115 +259,179 @@ class NetworkEdit:
         The catchment of a source lies about and above its head; shared out by length, it would dwindle with every
         junction that climbs it.
         """
-        if not self.into[part.above]:
+        if not self._arriving(part.above):
             return 1.0
         return (point - part.first) / max(part.count - 1, 1)
 
     def _drop(self, channel: int, heir: int) -> None:
         """Take a channel out; the ground that it drained goes to another."""
-        part = self.parts[channel]
+        part = self._part(channel)
         part.alive = False
-        self.parts[heir].supply += part.supply
-        self.into[part.below] = [c for c in self.into[part.below] if c != channel]
-        self.out.pop(part.above, None)
+        self._part(heir).supply += part.supply
+        self._into[part.below] = [c for c in self._arriving(part.below) if c != channel]
+        self._out[part.above] = -1
         self._abandoned.append((part.first, part.stop, part.identity))
 
     def _settle(self, node: int, heir: int) -> None:
         """Let what lies below a node without water fall dry, down to where water arrives."""
-        while node in self.out and not self.into[node]:
-            dry = self.out[node]
+        while self._leaving(node) >= 0 and not self._arriving(node):
+            dry = self._leaving(node)
             if dry == heir:  # the upper part of the main channel: its supply goes on with the part below
-                heir = self.out[self.parts[dry].below]
+                heir = self._leaving(self._part(dry).below)
             self._drop(dry, heir)
-            node = self.parts[dry].below
+            node = self._part(dry).below
 
     # ---- the new network
 
     def build(self) -> EditedChannels:
         """Return the channels after the edits, and where their points come from."""
-        old, flow, before = self.network, self._flows(), self._flow.tolist()
+        old, flow = self.network, self._flows()
         chains = self._chains()
-        ranges, scale, counts = [], [], []
-        for chain in chains:
-            points = 0
-            for k, c in enumerate(chain):
-                part = self.parts[c]
-                # The first point of a further part is the last of the one before.
-                ranges.append((part.first + (k > 0), part.stop))
-                scale.append(flow[c] / before[part.old])
-                if part.tip >= 0:
-                    ranges.append((part.tip, part.tip + 1))
-                    scale.append(scale[-1])
-                points += part.count + (part.tip >= 0) - (k > 0)
-            counts.append(points)
-        length = np.array([stop - first for first, stop in ranges])
-        begin = np.array([first for first, _ in ranges])
-        source = np.arange(length.sum()) + np.repeat(begin - np.cumsum(length) + length, length)
-        point_scale = None
-        if old.point_section is not None:
-            width_gain = np.repeat(scale, length) ** WIDTH_EXPONENT
-            point_scale = np.stack([width_gain, width_gain**DEPTH_EXPONENT], axis=1)
-        base = np.array([self.parts[chain[-1]].old for chain in chains])
-        gain = np.array([flow[chain[-1]] for chain in chains]) / self._flow[base]
+        dead = [c for c, part in self._parts.items() if not part.alive]
+        inner = [c for chain in chains for c in chain[1:]]
+        head = np.ones(self._part_count, bool)
+        head[dead + inner] = False
+        heads = np.flatnonzero(head)
+        chain_of = {chain[0]: chain for chain in chains}
+        special = [c for c in sorted({*self._parts, *chain_of}) if head[c]]
+        runs, run_part, run_rank = self._runs(heads, special, chain_of)
+        length = runs[:, 1] - runs[:, 0]
+        run_gain = flow[run_part] / self._flow[self._old_of(run_part)]
+        last = heads.copy()
+        last[np.searchsorted(heads, list(chain_of))] = [chain[-1] for chain in chain_of.values()]
+        base = self._old_of(last)
+        gain = flow[last] / self._flow[base]
         area = old.channel_drainage_area
+        changed = np.zeros(len(heads), bool)
+        changed[np.searchsorted(heads, special)] = [self._is_changed(c, chain_of) for c in special]
+        identity = np.zeros(self._part_count, np.int64)
+        identity[: old.channel_count] = old.channel_id
+        for c, part in self._parts.items():
+            identity[c] = part.identity
+        counts = np.bincount(run_rank, weights=length, minlength=len(heads)).astype(np.int64)
         return EditedChannels(
             channel_old=base,
             channel_start=np.concatenate([[0], np.cumsum(counts)]),
-            channel_id=np.array([self.parts[chain[0]].identity for chain in chains]),
+            channel_id=identity[heads],
             channel_width=old.channel_width[base] * gain**WIDTH_EXPONENT,
             channel_depth=old.channel_depth[base] * gain ** (WIDTH_EXPONENT * DEPTH_EXPONENT),
             channel_discharge=old.channel_discharge[base] * (gain if area is None else gain**DISCHARGE_EXPONENT),
             channel_drainage_area=None if area is None else area[base] * gain,
-            channel_nodes=self._nodes(chains),
-            point_source=source,
-            point_scale=point_scale,
+            channel_slope=self._slopes(heads, chains),
+            channel_nodes=self._nodes(heads, last),
+            channel_changed=changed,
+            run_begin=runs[:, 0],
+            run_start=np.concatenate([[0], np.cumsum(length)]),
+            run_scale=None if old.point_section is None else _section_gain(run_gain),
         )
 
-    def _nodes(self, chains: list[list[int]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _old_of(self, parts: np.ndarray) -> np.ndarray:
+        """Channel, before, that each part is or was part of."""
+        old = parts.copy()
+        made = np.flatnonzero(parts >= self.network.channel_count)
+        old[made] = [self._parts[c].old for c in parts[made].tolist()]
+        return old
+
+    def _is_changed(self, c: int, chain_of: dict[int, list[int]]) -> bool:
+        """Tell whether a channel's points are not those that it had."""
+        part = self._part(c)
+        same = part.tip < 0 and part.first == self._start[part.old] and part.stop == self._start[part.old + 1]
+        return c in chain_of or not same
+
+    def _runs(
+        self, heads: np.ndarray, special: list[int], chain_of: dict[int, list[int]]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Runs (first, stop) of old points that the new order is made of, their parts, the ranks of their channels."""
+        plain = np.flatnonzero(~np.isin(heads, special))
+        runs = [np.stack([self._start[heads[plain]], self._start[heads[plain] + 1]], axis=1)]
+        parts, ranks = [heads[plain]], [plain]
+        for rank, c in zip(np.searchsorted(heads, special).tolist(), special, strict=True):
+            for k, member in enumerate(chain_of.get(c, [c])):
+                part = self._part(member)
+                # The first point of a further part is the last of the one before.
+                pieces = [(part.first + (k > 0), part.stop)] + [(part.tip, part.tip + 1)] * (part.tip >= 0)
+                runs.append(np.array(pieces))
+                parts.append(np.full(len(pieces), member))
+                ranks.append(np.full(len(pieces), rank))
+        rank = np.concatenate(ranks)
+        order = np.argsort(rank, kind="stable")
+        return np.concatenate(runs)[order], np.concatenate(parts)[order], rank[order]
+
+    def _slopes(self, heads: np.ndarray, chains: list[list[int]]) -> np.ndarray:
+        """Slope of each channel: that of the old one; where parts become one, the drop of all over their length."""
+        old = self.network.channel_slope
+        slope = old[self._old_of(heads)]
+        for chain in chains:
+            parts = [self._part(c) for c in chain]
+            xy = self.network.point_xy.numpy()
+            length = [np.hypot(*np.diff(xy[p.first : p.stop].astype(np.float64), axis=0).T).sum() for p in parts]
+            slope[np.searchsorted(heads, chain[0])] = np.average(old[[p.old for p in parts]], weights=length)
+        return slope
+
+    def _nodes(self, heads: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes above and below each channel, numbered anew, and their positions."""
         old = self.network
-        above = [self.parts[chain[0]].above for chain in chains]
-        below = [self.parts[chain[-1]].below for chain in chains]
-        nodes, label = np.unique(above + below, return_inverse=True)
+        ends = np.zeros((self._part_count, 2), np.int64)
+        ends[: old.channel_count] = np.stack([old.channel_from, old.channel_to], axis=1)
+        for c, part in self._parts.items():
+            ends[c] = part.above, part.below
+        nodes, label = np.unique(np.concatenate([ends[heads, 0], ends[last, 1]]), return_inverse=True)
         known = nodes < old.node_count
         xy = np.empty((len(nodes), 2))
         xy[known] = old.node_xy[nodes[known]]
-        made = [self.node_point[n] for n in nodes[~known].tolist()]
+        made = [self._node_point[n] for n in nodes[~known].tolist()]
         xy[~known] = old.point_xy.numpy()[made].astype(np.float64) + old.origin
-        return label[: len(chains)], label[len(chains) :], xy
+        return label[: len(heads)], label[len(heads) :], xy
 
-    def _flows(self) -> list[float]:
-        """Flow at the lower end of every part: its own supply and all that arrives above it."""
-        flow = [0.0] * len(self.parts)
-        waiting = [len(self.into[part.above]) for part in self.parts]
-        ready = [c for c, part in enumerate(self.parts) if part.alive and waiting[c] == 0]
+    def _flows(self) -> np.ndarray:
+        """Flow at the lower end of every part: its own supply and all that arrives above it.
+
+        Only what was edited and what lies below it is added up again.
+        """
+        flow = np.zeros(self._part_count)
+        flow[: self.network.channel_count] = self._flow
+        affected: set[int] = set()
+        changed = [c for c, part in self._parts.items() if part.alive]
+        for c in changed + [self._leaving(node) for node in self._into]:
+            while c >= 0 and c not in affected:
+                affected.add(c)
+                c = self._leaving(self._below(c))
+        count = {c: sum(a in affected for a in self._arriving(self._above(c))) for c in affected}
+        ready = sorted(c for c in affected if count[c] == 0)
         while ready:
             c = ready.pop()
-            part = self.parts[c]
-            flow[c] += part.supply
+            part = self._parts.get(c)
+            supply, old = (part.supply, part.old) if part else (float(self._supply[c]), c)
+            total = supply + sum(float(flow[a]) for a in self._arriving(self._above(c)))
             # A network given with less flow below a junction than above it must still not run dry.
-            flow[c] = max(flow[c], 1e-6 * float(self._flow[part.old]))
-            below = self.out.get(part.below)
-            if below is not None:
-                flow[below] += flow[c]
-                waiting[below] -= 1
-                if waiting[below] == 0:
+            flow[c] = max(total, 1e-6 * float(self._flow[old]))
+            below = self._leaving(self._below(c))
+            if below >= 0:
+                count[below] -= 1
+                if count[below] == 0:
                     ready.append(below)
         return flow
 
     def _chains(self) -> list[list[int]]:
-        """Channels as lists of parts: a node that only one channel of an edit still reaches joins two parts."""
-        passing = {n for n in self.out if len(self.into[n]) == 1 and self._was_junction(n)}
+        """Parts that follow each other without a junction: a node that an edit left one arrival joins two parts."""
+        following = {}
+        for node, arriving in self._into.items():
+            if len(arriving) == 1 and self._leaving(node) >= 0 and self._was_junction(node):
+                following[arriving[0]] = self._leaving(node)
         chains = []
-        for c, part in enumerate(self.parts):
-            if not part.alive or part.above in passing:
-                continue
+        for c in sorted(following.keys() - following.values()):
             chain = [c]
-            while self.parts[chain[-1]].below in passing:
-                chain.append(self.out[self.parts[chain[-1]].below])
+            while chain[-1] in following:
+                chain.append(following[chain[-1]])
             chains.append(chain)
         return chains
 
     def _was_junction(self, node: int) -> bool:
         """Tell whether more than one channel reached a node before the edits, or an edit made it."""
         return node >= self.network.node_count or bool(self._arrivals[node] > 1)
+
+
+def _section_gain(flow_gain: np.ndarray) -> np.ndarray:
+    """Factors of width and depth, (n, 2), where the flow changes by those factors."""
+    width_gain = flow_gain**WIDTH_EXPONENT
+    return np.stack([width_gain, width_gain**DEPTH_EXPONENT], axis=1)

@@ -25,7 +25,7 @@ from warpriver.viz.sheet import (
     style_bar,
 )
 
-__all__ = ["draw_network"]
+__all__ = ["add_value_bar", "draw_network"]
 
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
 # On a relief, whose own shades are as dark, even the least flow is a strong blue.
@@ -196,7 +196,7 @@ def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: s
         "area": "drainage area, km²",
         "order": "stream order",
     }[name]
-    _add_value_bar(sheet, norm, label, ramp)
+    add_value_bar(sheet, norm, label, ramp)
 
 
 def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
@@ -222,7 +222,7 @@ def _norm(values: np.ndarray, whole: bool = False) -> Any:
     return LogNorm(low, high) if high > 10.0 * low > 0.0 else Normalize(low, high)
 
 
-def _add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
+def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
     """Draw the colour bar of a value at the right of the strip."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm

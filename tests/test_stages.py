@@ -1,0 +1,347 @@
+"""A step dealt out to slabs and threads, and done in sub-steps of each channel's own: the results are the same bits."""
+
+import numpy as np
+import pytest
+from trees import assert_forest, random_tree
+
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.meander import buffers, shortcuts
+from warpriver.meander.stages import Stage, run_stages
+
+# Points of a slab: few, so that small networks have many.
+SMALL = 200
+
+
+def many_channels(count=14, width=30.0, spacing=25.0, apart=2500.0, **options):
+    """Noisy channels of 1 to 3 km, far enough apart not to meet."""
+    rng = np.random.default_rng(5)
+    lines = [
+        generate.noisy_line(float(rng.uniform(1000.0, 3000.0)), spacing, width, k) + [0.0, apart * k]
+        for k in range(count)
+    ]
+    if options.pop("varied", False):
+        width = [width * rng.uniform(0.9, 1.3, len(xy)) for xy in lines]
+    return RiverNetwork.from_polylines(lines, width=width, **options)
+
+
+def hills(network, steepest=0.2, cell=50.0):
+    """Ground under a network: waves of up to that slope, some of it flat, with a hole."""
+    west, south, east, north = network.bounds()
+    x, y = np.meshgrid(np.arange(west - 500.0, east + 500.0, cell), np.arange(north + 500.0, south - 500.0, -cell))
+    wave = 3000.0 / (2.0 * np.pi)
+    height = steepest * wave * np.maximum(np.sin(y / wave + 0.3 * x / wave), 0.0)
+    height[10:14, 10:14] = np.nan
+    return Terrain(height, cell, origin=(west - 500.0, north + 500.0))
+
+
+def plain(**options):
+    return Simulation(many_channels(), MeanderParams(spacing=25.0), **options)
+
+
+def varied(**options):
+    return Simulation(many_channels(varied=True), MeanderParams(spacing=25.0, time_step=1.0), **options)
+
+
+def on_hills(**options):
+    network = many_channels(varied=True)
+    return Simulation(network, MeanderParams(spacing=25.0, time_step=1.0), terrain=hills(network), **options)
+
+
+def tree(**options):
+    network = random_tree(7, sources=8, size=8000.0, width=25.0)
+    return Simulation(network, MeanderParams(spacing=20.0), **options)
+
+
+def tree_in_parts(**options):
+    """Channels of very different widths, steps of many parts, and ground: some rest while others join."""
+    network = random_tree(11, sources=8, size=6000.0, width=12.0)
+    params = MeanderParams(spacing_in_widths=0.8, time_step=1.0)
+    return Simulation(network, params, terrain=hills(network, 0.16), **options)
+
+
+def paths(**options):
+    """Meanders by shortest paths, on channels of varying width."""
+    return Simulation(many_channels(varied=True), PathMeander(spacing=25.0), **options)
+
+
+def paths_in_parts(**options):
+    """The same on a tree of narrow channels, in long steps, over ground: some rest while others join."""
+    network = random_tree(11, sources=8, size=6000.0, width=12.0)
+    params = PathMeander(spacing_in_widths=0.8, time_step=1.0)
+    return Simulation(network, params, terrain=hills(network, 0.16), **options)
+
+
+def single_precision(**options):
+    return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), MeanderParams(spacing=20.0), dtype="float32",
+                      **options)  # fmt: skip
+
+
+MODELS = {
+    "plain": (plain, 250),
+    "varied": (varied, 80),
+    "on hills": (on_hills, 80),
+    "tree": (tree, 250),
+    "tree in parts": (tree_in_parts, 60),
+    "single precision": (single_precision, 150),
+    "paths": (paths, 250),
+    "paths in parts": (paths_in_parts, 60),
+}
+
+
+def assert_same(a, b):
+    """Both simulations hold the same bits and went through the same events."""
+    assert a.step_count == b.step_count and a.network.point_count == b.network.point_count
+    n = a.network.point_count
+    np.testing.assert_array_equal(a.network.point_xy.numpy()[:n], b.network.point_xy.numpy()[:n])
+    if a.network.point_section is not None:
+        np.testing.assert_array_equal(a.network.point_section.numpy()[:n], b.network.point_section.numpy()[:n])
+    np.testing.assert_array_equal(a.network.starts(), b.network.starts())
+    channels = a.network.channel_count
+    np.testing.assert_array_equal(a.channels.spacing.numpy()[:channels], b.channels.spacing.numpy()[:channels])
+    for name in ("channel_id", "channel_width", "channel_depth", "channel_discharge", "channel_from", "channel_to"):
+        np.testing.assert_array_equal(getattr(a.network, name), getattr(b.network, name))
+    np.testing.assert_array_equal(a.network.node_xy, b.network.node_xy)
+    for kind in ("cutoffs", "collisions"):
+        events = [getattr(sim.history, kind) for sim in (a, b)]
+        assert [(e.time, e.channel, e.width, e.xy.tobytes()) for e in events[0]] == [
+            (e.time, e.channel, e.width, e.xy.tobytes()) for e in events[1]
+        ]
+
+
+@pytest.fixture(scope="module")
+def references():
+    """Each model run as one slab, stage by stage, by one thread."""
+    done = {}
+
+    def run(name):
+        if name not in done:
+            model, steps = MODELS[name]
+            sim = model(threads=1, capture=False)
+            assert len(sim.channels.slabs) == 1 or not sim.device.is_cpu
+            sim.run(steps=steps, record_every=10_000)
+            done[name] = sim
+        return done[name]
+
+    return run
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_models_do_what_is_looked_for(references, name):
+    """Else the tests below would compare runs in which nothing happens."""
+    sim = references(name)
+    assert len(sim.history.cutoffs) > 0 or name in ("on hills", "tree in parts")
+    if "tree" in name or name == "paths in parts":
+        assert len(sim.history.collisions) > 2
+    if name in ("varied", "on hills", "tree in parts", "paths in parts"):
+        assert sim.substeps > 1
+    if name in ("on hills", "tree in parts", "paths in parts"):
+        assert (sim.channels.parts.numpy()[: sim.network.channel_count] < sim.substeps).any(), "some rest now and then"
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("name", MODELS)
+def test_slabs_and_threads_change_no_bit(references, monkeypatch, name, threads):
+    monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
+    model, steps = MODELS[name]
+    sim = model(threads=threads)
+    if sim.device.is_cpu:
+        assert len(sim.channels.slabs) > 3
+    sim.run(steps=steps, record_every=10_000)
+    assert_same(sim, references(name))
+
+
+@pytest.mark.parametrize("points", [70, 110, 1000])
+@pytest.mark.parametrize("options", [{"capture": False}, {"check": True}, {"threads": 2}], ids=str)
+@pytest.mark.parametrize("name", ["on hills", "tree", "paths in parts"])
+def test_any_slabs_plain_checked_or_replayed_are_equal_to_the_bit(references, monkeypatch, name, options, points):
+    monkeypatch.setattr(buffers, "SLAB_POINTS", points)
+    model, steps = MODELS[name]
+    sim = model(**options)
+    sim.run(steps=steps, record_every=10_000)
+    assert_same(sim, references(name))
+
+
+@pytest.mark.parametrize("name", ["plain", "tree in parts", "paths", "paths in parts"])
+def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name):
+    """Of points, cutoffs, oxbow points and shortcuts, in the middle of steps that several threads do."""
+    monkeypatch.setattr(shortcuts, "SHORTCUTS_PER_POINT", 0.0)
+    monkeypatch.setattr(shortcuts, "LEAST_SHORTCUTS", 1)
+    monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
+    model, steps = MODELS[name]
+    sim = model(threads=3)
+    sim._allocate(sim.network.point_count, 1, 4)
+    tight = sim.buffers
+    sim.run(steps=steps, record_every=10_000)
+    assert sim.buffers.oxbow_capacity > tight.oxbow_capacity
+    assert sim.buffers.point_capacity > tight.point_capacity or name not in ("plain", "paths")
+    if "paths" in name:
+        assert sim.buffers.link_capacity > 1
+    assert_same(sim, references(name))
+
+
+def test_slabs_hold_every_channel_once(monkeypatch):
+    monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
+    sim = plain()
+    if not sim.device.is_cpu:
+        pytest.skip("a GPU deals out chunks")
+    slabs, start = sim.channels.slabs, sim.network.starts()
+    assert [slab.work.first for slab in slabs] == list(range(len(slabs)))
+    bounds = sim.channels.whole.work.slab_channel.numpy()
+    assert len(bounds) == len(slabs) + 1
+    assert bounds[0] == 0 and bounds[-1] == sim.network.channel_count and (np.diff(bounds) >= 0).all()
+    used = np.flatnonzero(np.diff(bounds))
+    assert len(used) > 3 and (used == np.arange(len(used))).all(), "slabs without channels lie behind the others"
+    # A slab ends before the channel that begins in the next one's points.
+    assert max(np.diff(start[bounds])) < SMALL + np.diff(start).max()
+
+
+def test_a_thread_does_shared_stages_in_a_row_slab_by_slab():
+    done = []
+    stages = [
+        Stage(name, lambda share, name=name: done.append((name, share)), shared)
+        for name, shared in (("a", True), ("b", True), ("c", False), ("d", True))
+    ]
+    run_stages(stages, "whole", ["left", "right"])
+    assert done == [
+        ("a", "left"), ("b", "left"), ("a", "right"), ("b", "right"), ("c", "whole"), ("d", "left"), ("d", "right"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5])
+def test_a_number_of_threads_that_is_none_is_refused(threads):
+    with pytest.raises(ValueError, match="give a whole number, 1 or more"):
+        plain(threads=threads)
+
+
+# ---- sub-steps
+
+
+class Watched(Simulation):
+    """Notes the step of every channel in every sub-step."""
+
+    def _advance(self):
+        super()._advance()
+        step = self.channels.step.numpy()[: self.network.channel_count].copy()
+        self.__dict__.setdefault("watched", []).append((self.step_count, step))
+
+
+def by_step(sim, steps):
+    """What a watched simulation noted, by time step."""
+    return [[step for k, step in sim.watched if k == number] for number in range(steps)]
+
+
+def mixed(kind, *widths):
+    """One river of each width side by side, each with points a width apart, about one origin."""
+    lines = []
+    for k, width in enumerate(widths):
+        length = 60.0 * width
+        lines.append(generate.noisy_line(length, width, width, k) + [-0.5 * length, 20_000.0 * k])
+    params = kind(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0)
+    return RiverNetwork.from_polylines(lines, width=list(widths)), params
+
+
+def alone(network, c):
+    """A network of one channel of another, about the same origin, so that its coordinates are the same numbers."""
+    first, stop = network.starts()[c : c + 2]
+    return RiverNetwork(
+        network.point_xy.numpy()[first:stop],
+        [0, stop - first],
+        channel_width=network.channel_width[c : c + 1],
+        channel_depth=network.channel_depth[c : c + 1],
+        channel_discharge=network.channel_discharge[c : c + 1],
+        origin=network.origin,
+    )
+
+
+@pytest.mark.parametrize("small", [False, True], ids=["one slab", "slabs"])
+@pytest.mark.parametrize("widths", [(90.0, 12.0), (12.0, 90.0), (10.0, 60.0, 25.0, 14.0)], ids=str)
+@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+def test_channels_take_their_own_sub_steps(monkeypatch, kind, widths, small):
+    """A narrow river does not make a wide one work more: each is, to the bit, as it would be alone."""
+    if small:
+        monkeypatch.setattr(buffers, "SLAB_POINTS", 70)
+    network, params = mixed(kind, *widths)
+    sim = Watched(network, params)
+    steps = 40
+    sim.run(steps=steps, record_every=1000)
+    taken, asked = by_step(sim, steps), []
+    for c in range(len(widths)):
+        own = Watched(alone(network, c), params)
+        own.run(steps=steps, record_every=1000)
+        asked.append([len(parts) for parts in by_step(own, steps)])
+        line = own.network.point_xy.numpy()[: own.network.point_count]
+        first, stop = sim.network.starts()[c : c + 2]
+        np.testing.assert_array_equal(sim.network.point_xy.numpy()[first:stop], line)
+        assert sim.channels.spacing.numpy()[c] == own.channels.spacing.numpy()[0]
+        cut = [cutoff.xy.tobytes() for cutoff in sim.history.cutoffs if cutoff.channel == c]
+        assert cut == [cutoff.xy.tobytes() for cutoff in own.history.cutoffs]
+    assert len({tuple(a) for a in asked}) > 1 and max(asked[int(np.argmin(widths))]) > 1
+    for k, parts in enumerate(taken):
+        parts = np.array(parts)
+        assert ((parts > 0.0).sum(axis=0) == [a[k] for a in asked]).all() and len(parts) == max(a[k] for a in asked)
+        assert (parts[0] > 0.0).all(), "all move in the first"
+        np.testing.assert_allclose(parts.sum(axis=0), params.time_step, rtol=1e-12)
+
+
+def test_a_step_of_one_part_is_every_channels_own():
+    network, params = mixed(MeanderParams, 90.0, 60.0)
+    sim = Watched(network, params.replace(time_step=0.1))
+    sim.run(steps=5)
+    assert sim.substeps == 1 and all((step == 0.1).all() for _, step in sim.watched)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("slope", [0.15, 0.5])
+def test_on_ground_too_steep_no_bit_changes(dtype, slope):
+    """Points are neither moved nor sampled anew, on a slope and where there is no ground at all."""
+    network = many_channels(4, varied=True)
+    west, _, _, north = network.bounds()
+    height = 50.0 * slope * (1.0 + 1e-5) * np.arange(140) * np.ones((300, 1))
+    height[60:80] = np.nan
+    ground = Terrain(height, 50.0, origin=(west - 500.0, north + 500.0))
+    sim = Simulation(network, MeanderParams(spacing=25.0), terrain=ground, dtype=dtype)
+    before = sim.network.point_xy.numpy().copy()
+    section, spacing = sim.network.point_section.numpy().copy(), sim.channels.spacing.numpy()
+    for _ in range(5):
+        sim.step()
+        assert sim.substeps == 1 and not sim.channels.step.numpy().any()
+        np.testing.assert_array_equal(sim.network.point_xy.numpy(), before)
+        np.testing.assert_array_equal(sim.network.point_section.numpy(), section)
+        np.testing.assert_array_equal(sim.channels.spacing.numpy(), spacing)
+
+
+def test_a_held_channel_rests_beside_one_that_moves():
+    """West of the middle the ground is too steep and east of it flat: as if each had its own ground."""
+    lines = [generate.noisy_line(2000.0, 25.0, 30.0, k) + [4000.0 * k, 0.0] for k in range(2)]
+    network = RiverNetwork.from_polylines(lines, width=30.0)
+    height = np.zeros((100, 200))
+    height[:, :70] = 0.3 * 50.0 * np.arange(70)
+    ground = Terrain(height, 50.0, origin=(-1000.0, 2500.0))
+    params = MeanderParams(spacing=25.0, time_step=1.0)
+    sim, flat = Watched(network, params, terrain=ground), Watched(network, params)
+    before = sim.network.polylines()[0]
+    for _ in range(30):
+        sim.step()
+        flat.step()
+    assert sim.substeps == flat.substeps > 1
+    np.testing.assert_array_equal(sim.network.polylines()[0], before)
+    steps = np.array([step for _, step in sim.watched])
+    assert not steps[:, 0].any() and steps[:, 1].any()
+    moved = np.abs(sim.network.polylines()[1][:40] - flat.network.polylines()[1][:40])
+    assert moved.max() == 0.0, "flat ground is as no ground"
+
+
+@pytest.mark.parametrize("name", ["on hills", "tree in parts", "paths in parts"])
+@pytest.mark.parametrize("stop", [7, 30])
+def test_a_run_resumed_is_equal_to_the_bit(references, monkeypatch, tmp_path, name, stop):
+    """With ground and sub-steps, and dealt out otherwise after the stop than before."""
+    model, steps = MODELS[name]
+    whole = references(name)
+    half = model()
+    half.run(steps=stop, store=tmp_path / "run")
+    monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
+    rest = Simulation.resume(tmp_path / "run", terrain=whole.terrain, threads=2)
+    rest.run(steps=steps - stop, record_every=10_000)
+    assert_same(rest, whole)
+    if name != "on hills":
+        assert_forest(rest.network)
