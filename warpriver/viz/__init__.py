@@ -6,5 +6,16 @@ from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
 from warpriver.viz.scene import render_scene
+from warpriver.viz.valleys import draw_valley, draw_valley_sections
 
-__all__ = ["draw_before_after", "draw_belt", "draw_network", "gl", "hillshade", "movie", "render_scene"]
+__all__ = [
+    "draw_before_after",
+    "draw_belt",
+    "draw_network",
+    "draw_valley",
+    "draw_valley_sections",
+    "gl",
+    "hillshade",
+    "movie",
+    "render_scene",
+]
