@@ -564,9 +564,9 @@ def test_other_bad_input():
         wr.synthetic_valley("S3", origin=(0.0, math.inf))
     with pytest.raises(ValueError, match=r"CrossSection.threads\[1\] needs"):
         g.CrossSection("weibull", threads=((0.0, 0.2, 2.0, 1.0), (0.5, -0.2, 2.0, 1.0)))
-    with pytest.raises(ValueError, match="Thread.end is 0.3 and start 0.4"):
+    with pytest.raises(ValueError, match=r"Thread\.end is 0\.3 and start 0\.4"):
         g.Thread(0.4, 0.3)
-    with pytest.raises(ValueError, match="largest is 0.2 m, below smallest"):
+    with pytest.raises(ValueError, match=r"largest is 0\.2 m, below smallest"):
         g.ObjectField(largest=0.2)
     with pytest.raises(ValueError, match="finite places"):
         wr.synthetic_valley("S3").height([[0.0, math.nan]])

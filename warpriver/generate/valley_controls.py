@@ -43,8 +43,8 @@ FloatArray = NDArray[np.float64]
 Term = Callable[[FloatArray], FloatArray]
 
 TURN = 2.0 * math.pi
-# Samples of one wavelength of a curve that is integrated from its direction, and coefficients of its series.
-_PERIOD = 256
+# Samples of one wavelength of a curve that is integrated from its direction, and those that its extremes are among.
+_PERIOD, _DENSE = 256, 8192
 # Largest angle of a sine-generated curve that still advances: the first zero of the Bessel function J0.
 _LARGEST_ANGLE = 2.404825557695773
 # Steps before the first of an autoregressive series, over which its arbitrary start is forgotten, in wavelengths.
@@ -136,7 +136,7 @@ class Kinoshita(_Checked):
         order = np.arange(1, _PERIOD // 4)
         # Integrated term by term; the spectrum of a smooth periodic function ends well below that many orders.
         part = 2.0 * slope[order] / (1j * order)
-        one = np.real(np.exp(1j * np.outer(p, order)) @ part)
+        one = np.fft.irfft(np.concatenate([[0.0], part]), _DENSE) * (0.5 * _DENSE)
         middle, half = 0.5 * (one.max() + one.min()), 0.5 * np.ptp(one)
         angle = np.ravel(TURN * self.frequency * u + self.phase)
         value = np.zeros(angle.size)
@@ -317,8 +317,8 @@ class Spline(_Checked):
 
     positions: tuple[float, ...] = (0.0, 1.0)
     values: tuple[float, ...] = (0.0, 0.0)
-    kind: str = parameter(
-        "cubic", "-", choices=("cubic", "monotone", "linear"), source="warpriver", doc="interpolation"
+    interpolation: str = parameter(
+        "cubic", "-", choices=("cubic", "monotone", "linear"), source="warpriver", doc="curve between the points"
     )
 
     def __post_init__(self) -> None:
@@ -333,7 +333,7 @@ class Spline(_Checked):
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        return _interpolated(u, np.array(self.positions), np.array(self.values), self.kind)
+        return _interpolated(u, np.array(self.positions), np.array(self.values), self.interpolation)
 
 
 @dataclasses.dataclass(frozen=True)
