@@ -33,28 +33,30 @@ def build(scalar):
     """
     name = f"warpriver.kernels.valley_{scalar.__name__}"
     field = noise.build(scalar)
-    vec2, vec3, vec4 = wp.types.vector(2, scalar), wp.types.vector(3, scalar), wp.types.vector(4, scalar)
+    vec2, vec3, vec4, vec6 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 6))
     ZERO, HALF, ONE, TWO, THREE, FOUR, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0))
     LOG_HALF, PI = scalar(math.log(0.5)), scalar(math.pi)
     NOTHING = wp.float64(math.nan)
     TINY, FAR = scalar(1.0e-12), scalar(2.0**100)
-    # A place is tried as one of the channel up to this part of a half-width beyond the banks' envelope.
+    # A place is tried as one of the channel up to this part of a half-width beyond the banks' envelope; stations count
+    # as passed one by one while each brings this part of their distance.
     SLACK = scalar(0.1)
     # Sides of the threads' section are brought down to the banks by 1 - (2 Y - 1)^EDGE.
     EDGE = scalar(32.0)
-    # Stations that a search may be off before another start is worth a try; how far it goes in single steps.
-    SAME, MOST_STEPS = 12, 64
+    # Stations that a search may be off before another start is worth a try; how far those around a cell may lie apart
+    # to be looked through; how far a search goes in single steps.
+    SAME, MOST_SPREAD, MOST_STEPS = 12, 256, 64
 
     @wp.struct
     class Surface:
         """A valley on the device.
 
         Lines of all channels lie end to end, cut by ``channel_start``; the first is the main one.
-        ``station_half``: half-widths to the left and right, m. ``station_form``: bankfull depth (m), place of the
-        greatest depth (0 left bank, 1 right), rise of top of bank (m). ``valley_line``: by x, every ``line_step`` m
-        from ``line_start`` on. ``bank_height``: height of top of bank at x = 0, m. ``lift_reach``: distance from the
-        bank over which the rise of top of bank fades, m. There is no ground upstream of ``begin``
-        and downstream of ``end``, m.
+        ``station_half``: half-widths to the left and right, m. ``station_form``: bankfull depth (m), place a of the
+        greatest depth (0 left bank, 1 right), rise of top of bank (m).
+        ``valley_line``: by x, ``lines_per_meter`` of them from ``line_start`` on. ``bank_height``: height of top of
+        bank at x = 0, m. ``lift_reach``: distance from the bank over which the rise of top of bank fades, m. There is
+        no ground upstream of ``begin`` and downstream of ``end``, m.
         """
 
         channel_start: wp.array[int]
@@ -62,7 +64,7 @@ def build(scalar):
         station_tangent: wp.array[vec2]
         station_half: wp.array[vec2]
         station_form: wp.array[vec3]
-        valley_line: wp.array2d[scalar]
+        valley_line: wp.array[vec6]
         section_thread: wp.array[vec4]
         object_table: wp.array2d[scalar]
         object_seed: wp.array[int]
@@ -71,7 +73,7 @@ def build(scalar):
         flat: scalar
         exponent: scalar
         line_start: scalar
-        line_step: scalar
+        lines_per_meter: scalar
         bank_height: wp.float64
         slope: scalar
         lift_reach: scalar
@@ -80,12 +82,18 @@ def build(scalar):
 
     @wp.struct
     class Lattice:
-        """Coarse places that know the station nearest to them; its corner is that of least x and greatest y."""
+        """Coarse places that know the station nearest to them; its corner is that of least x and greatest y.
+
+        ``cell_station``: for the cell down and right of each node a station near all of it, or -1 where the nodes
+        around it know stations of different bends.
+        """
 
         rows: int
         columns: int
         corner: vec2
         step: scalar
+        node_station: wp.array[int]
+        cell_station: wp.array[int]
 
     @wp.struct
     class Grid:
@@ -95,6 +103,15 @@ def build(scalar):
         cell_size: scalar
         cosine: scalar
         sine: scalar
+
+    @wp.struct
+    class Frame:
+        """Where the valley lies on the map: place of its zero, m, and the turn of its axis against east."""
+
+        x: wp.float64
+        y: wp.float64
+        cosine: wp.float64
+        sine: wp.float64
 
     @wp.func(module=name)
     def unreached() -> scalar:
@@ -263,13 +280,13 @@ def build(scalar):
         return vec2(form[2] - depth, -wp.min(half[0] - n, half[1] + n))
 
     @wp.func(module=name)
-    def valley_line_at(surface: Surface, x: scalar, column: int) -> scalar:
-        """A column of the table of valley lines, linear in x, constant beyond its ends."""
+    def valley_line_at(surface: Surface, x: scalar) -> vec6:
+        """The lines of the valley at x, linear between those of the table, constant beyond its ends."""
         last = surface.valley_line.shape[0] - 1
-        at = wp.clamp((x - surface.line_start) / surface.line_step, ZERO, scalar(last))
+        at = wp.clamp((x - surface.line_start) * surface.lines_per_meter, ZERO, scalar(last))
         k = wp.min(int(at), last - 1)
         t = at - scalar(k)
-        return (ONE - t) * surface.valley_line[k, column] + t * surface.valley_line[k + 1, column]
+        return (ONE - t) * surface.valley_line[k] + t * surface.valley_line[k + 1]
 
     @wp.func(module=name)
     def terraced(surface: Surface, part: scalar) -> scalar:
@@ -326,34 +343,32 @@ def build(scalar):
         return highest
 
     @wp.func(module=name)
-    def side_rise(surface: Surface, xy: vec2) -> scalar:
+    def side_rise(line: vec6, y: scalar) -> scalar:
         """Rise beyond the floor's edges: straight up to the top's edge and level behind it; FAR between the edges."""
         edge = unreached()
         top = unreached()
-        left, right = valley_line_at(surface, xy[0], LEFT_FLOOR), valley_line_at(surface, xy[0], RIGHT_FLOOR)
-        if xy[1] >= left:
-            edge = xy[1] - left
-            top = valley_line_at(surface, xy[0], LEFT_TOP) - left
-        elif xy[1] <= right:
-            edge = right - xy[1]
-            top = right - valley_line_at(surface, xy[0], RIGHT_TOP)
+        if y >= line[LEFT_FLOOR]:
+            edge = y - line[LEFT_FLOOR]
+            top = line[LEFT_TOP] - line[LEFT_FLOOR]
+        elif y <= line[RIGHT_FLOOR]:
+            edge = line[RIGHT_FLOOR] - y
+            top = line[RIGHT_FLOOR] - line[RIGHT_TOP]
         if edge == FAR:
             return FAR
-        part = wp.clamp(edge / wp.max(top, TINY), ZERO, ONE)
-        return valley_line_at(surface, xy[0], FLOOR_RISE) + part * valley_line_at(surface, xy[0], TOP_RISE)
+        return line[FLOOR_RISE] + wp.clamp(edge / wp.max(top, TINY), ZERO, ONE) * line[TOP_RISE]
 
     @wp.func(module=name)
-    def floor_rise(surface: Surface, xy: vec2, gap: scalar, lift: scalar, left: bool) -> scalar:
+    def floor_rise(surface: Surface, line: vec6, y: scalar, gap: scalar, lift: scalar, left: bool) -> scalar:
         """Rise between bank and floor's edge, at ``gap`` from the bank: grows with gap / (gap + distance to the edge).
 
         The rise ``lift`` of top of bank over the plane fades on the way.
         """
-        rest = valley_line_at(surface, xy[0], LEFT_FLOOR) - xy[1]
+        rest = line[LEFT_FLOOR] - y
         if not left:
-            rest = xy[1] - valley_line_at(surface, xy[0], RIGHT_FLOOR)
+            rest = y - line[RIGHT_FLOOR]
         part = gap / wp.max(gap + rest, TINY)
         fading = (ONE - smoothstep(gap / surface.lift_reach)) * (ONE - part)
-        return terraced(surface, part) * valley_line_at(surface, xy[0], FLOOR_RISE) + lift * fading
+        return terraced(surface, part) * line[FLOOR_RISE] + lift * fading
 
     @wp.func(module=name)
     def lattice_node(lattice: Lattice, xy: vec2) -> vec2:
@@ -361,23 +376,32 @@ def build(scalar):
         return vec2((xy[0] - lattice.corner[0]) / lattice.step, (lattice.corner[1] - xy[1]) / lattice.step)
 
     @wp.func(module=name)
-    def searched_station(
-        surface: Surface, lattice: Lattice, node_station: wp.array[int], xy: vec2, channel: int
+    def known_station(
+        lattice: Lattice, node_station: wp.array[int], channel: int, k: int, row: int, column: int
     ) -> int:
-        """Station of a channel of least gap to a place: the best that is found from the sixteen nodes around it.
+        """What the k-th of the sixteen nodes around a cell of the lattice knows; beyond the rim, what the rim knows."""
+        i = wp.clamp(row + k // 4 - 1, 0, lattice.rows - 1)
+        j = wp.clamp(column + k % 4 - 1, 0, lattice.columns - 1)
+        return node_station[(channel * lattice.rows + i) * lattice.columns + j]
 
-        Four would miss a bend that is nearest only between them, and leave a step in the ground there.
+    @wp.func(module=name)
+    def searched_station(surface: Surface, lattice: Lattice, xy: vec2, channel: int) -> int:
+        """Station of a channel of least gap to a place: the best that is found from the nodes around it.
+
+        Sixteen of them, unless they agree: four would miss a bend that is nearest only between them, and leave a step
+        in the ground there.
         """
         first, last = surface.channel_start[channel], surface.channel_start[channel + 1] - 1
         at = lattice_node(lattice, xy)
-        column = int(wp.floor(at[0])) - 1
-        row = int(wp.floor(at[1])) - 1
+        column = wp.clamp(int(wp.floor(at[0])), 0, lattice.columns - 1)
+        row = wp.clamp(int(wp.floor(at[1])), 0, lattice.rows - 1)
+        agreed = lattice.cell_station[(channel * lattice.rows + row) * lattice.columns + column]
+        if agreed >= 0:
+            return nearest_station(surface, xy, agreed, first, last)
         best = int(-1)
         least = unreached()
         for k in range(16):
-            i = wp.clamp(row + k // 4, 0, lattice.rows - 1)
-            j = wp.clamp(column + k % 4, 0, lattice.columns - 1)
-            begin = node_station[(channel * lattice.rows + i) * lattice.columns + j]
+            begin = known_station(lattice, lattice.node_station, channel, k, row, column)
             if best < 0 or wp.abs(begin - best) > SAME:
                 found = nearest_station(surface, xy, begin, first, last)
                 gap = station_gap(surface, xy, found)
@@ -387,7 +411,7 @@ def build(scalar):
         return best
 
     @wp.func(module=name)
-    def inner_rise(surface: Surface, lattice: Lattice, node_station: wp.array[int], xy: vec2) -> vec2:
+    def inner_rise(surface: Surface, lattice: Lattice, line: vec6, xy: vec2) -> vec2:
         """Rise between the floor's edges and distance beyond the nearest bank: the deepest channel, else the floor."""
         deepest = unreached()
         gap = unreached()
@@ -395,7 +419,7 @@ def build(scalar):
         left = bool(False)
         for c in range(surface.channel_start.shape[0] - 1):
             first, last = surface.channel_start[c], surface.channel_start[c + 1] - 1
-            i = searched_station(surface, lattice, node_station, xy, c)
+            i = searched_station(surface, lattice, xy, c)
             if c == 0:
                 left = cross(surface.station_tangent[i], xy - surface.station_xy[i]) >= ZERO
             own = wp.min(segment_gap(surface, xy, wp.max(i - 1, first)), segment_gap(surface, xy, wp.min(i, last - 1)))
@@ -410,16 +434,17 @@ def build(scalar):
                 lift = form[2]
         if deepest < FAR:
             return vec2(deepest, gap)
-        return vec2(floor_rise(surface, xy, wp.max(gap, ZERO), lift, left), gap)
+        return vec2(floor_rise(surface, line, xy[1], wp.max(gap, ZERO), lift, left), gap)
 
     @wp.func(module=name)
-    def surface_height(surface: Surface, lattice: Lattice, node_station: wp.array[int], xy: vec2) -> wp.float64:
+    def surface_height(surface: Surface, lattice: Lattice, xy: vec2) -> wp.float64:
         """Height of the ground, m: channels and floor, else the valley sides; NaN beyond the ends of the reach."""
         if xy[0] < surface.begin or xy[0] > surface.end:
             return NOTHING
-        rise = vec2(side_rise(surface, xy), FAR)
+        line = valley_line_at(surface, xy[0])
+        rise = vec2(side_rise(line, xy[1]), FAR)
         if rise[0] == FAR:
-            rise = inner_rise(surface, lattice, node_station, xy)
+            rise = inner_rise(surface, lattice, line, xy)
         top = rise[0] + objects_height(surface, xy, rise[1]) - surface.slope * xy[0]
         return surface.bank_height + wp.float64(top)
 
@@ -468,14 +493,60 @@ def build(scalar):
                         best = station
         node_station_out[(channel * lattice.rows + row) * lattice.columns + column] = best
 
+    @wp.func(module=name)
+    def falls_ahead(surface: Surface, xy: vec2, low: int, high: int) -> bool:
+        """Whether a place falls behind, from station to station, all the way from ``low`` to ``high``.
+
+        Then its distance to the line has one minimum there, whatever station a search begins at.
+        """
+        ahead = wp.dot(xy - surface.station_xy[low], surface.station_tangent[low])
+        for i in range(low + 1, high + 1):
+            here = wp.dot(xy - surface.station_xy[i], surface.station_tangent[i])
+            if ahead - here < SLACK * wp.length(surface.station_xy[i] - surface.station_xy[i - 1]):
+                return False
+            ahead = here
+        return True
+
+    @wp.kernel(module=name, enable_backward=False)
+    def settle_cells(
+        # params
+        surface: Surface,
+        lattice: Lattice,
+        # in
+        node_station: wp.array[int],
+        # out
+        cell_station_out: wp.array[int],
+    ):
+        """Give each cell of the lattice one station to search from, or -1 where it needs those of all nodes around it.
+
+        One is enough where every place of the cell has one nearest station among those that the nodes around know:
+        where its corners do, since (p - c) . t is linear in p.
+        """
+        channel, row, column = wp.tid()
+        low = known_station(lattice, node_station, channel, 0, row, column)
+        high = known_station(lattice, node_station, channel, 0, row, column)
+        for k in range(1, 16):
+            station = known_station(lattice, node_station, channel, k, row, column)
+            low = wp.min(low, station)
+            high = wp.max(high, station)
+        settled = (low + high) // 2
+        if high - low > MOST_SPREAD:
+            settled = -1
+        if settled >= 0:
+            low = wp.max(low - 2, surface.channel_start[channel])
+            high = wp.min(high + 2, surface.channel_start[channel + 1] - 1)
+            for k in range(4):
+                corner = vec2(scalar(column + k % 2), -scalar(row + k // 2))
+                if not falls_ahead(surface, lattice.corner + lattice.step * corner, low, high):
+                    settled = -1
+        cell_station_out[(channel * lattice.rows + row) * lattice.columns + column] = settled
+
     @wp.kernel(module=name, enable_backward=False)
     def evaluate_cells(
         # params
         surface: Surface,
         lattice: Lattice,
         grid: Grid,
-        # in
-        node_station: wp.array[int],
         # out
         cell_height_out: wp.array2d[wp.float64],
     ):
@@ -483,7 +554,7 @@ def build(scalar):
         row, column = wp.tid()
         x, y = grid.cell_size * scalar(column), -grid.cell_size * scalar(row)
         xy = grid.corner + vec2(grid.cosine * x - grid.sine * y, grid.sine * x + grid.cosine * y)
-        cell_height_out[row, column] = surface_height(surface, lattice, node_station, xy)
+        cell_height_out[row, column] = surface_height(surface, lattice, xy)
 
     @wp.kernel(module=name, enable_backward=False)
     def evaluate_points(
@@ -491,51 +562,104 @@ def build(scalar):
         surface: Surface,
         lattice: Lattice,
         # in
-        node_station: wp.array[int],
         point_xy: wp.array[vec2],
         # out
         point_height_out: wp.array[wp.float64],
     ):
         """Heights at any places, as those of cells."""
         i = wp.tid()
-        point_height_out[i] = surface_height(surface, lattice, node_station, point_xy[i])
+        point_height_out[i] = surface_height(surface, lattice, point_xy[i])
+
+    @wp.func(module=name)
+    def section_place(surface: Surface, i: int, y: scalar) -> vec2:
+        """Place of a section at Y: x' = x - n dy/ds, y' = y + n dx/ds [Brown2014], eqs 1 and 2."""
+        half = surface.station_half[i]
+        ahead = surface.station_tangent[i]
+        n = half[0] - y * (half[0] + half[1])
+        return surface.station_xy[i] + n * vec2(-ahead[1], ahead[0])
+
+    @wp.func(module=name)
+    def on_map(frame: Frame, xy: vec2, height: wp.float64) -> wp.vec3d:
+        """Absolute place of a place of the valley, with its height."""
+        x, y = wp.float64(xy[0]), wp.float64(xy[1])
+        east = frame.x + frame.cosine * x - frame.sine * y
+        return wp.vec3d(east, frame.y + frame.sine * x + frame.cosine * y, height)
 
     @wp.kernel(module=name, enable_backward=False)
     def lay_sections(
         # params
         surface: Surface,
+        frame: Frame,
         # in
         first: int,
+        column_first: int,
+        column_count: int,
         # out
-        node_xy_out: wp.array2d[vec2],
-        node_height_out: wp.array2d[wp.float64],
+        node_xyz_out: wp.array2d[wp.vec3d],
     ):
-        """Places and heights of the nodes of the curvilinear grid, even from the left bank to the right one.
+        """Nodes of the curvilinear grid in the channel, even from the left bank to the right one.
 
-        x' = x - n dy/ds, y' = y + n dx/ds and z = top of bank - d(n) [Brown2014], eqs 1, 2 and 18.
+        z = top of bank - d(n) [Brown2014], eq. 18.
         """
         row, column = wp.tid()
         i = first + row
-        y = scalar(column) / scalar(node_xy_out.shape[1] - 1)
+        y = scalar(column) / scalar(column_count - 1)
         half, form = surface.station_half[i], surface.station_form[i]
-        n = half[0] - y * (half[0] + half[1])
-        ahead = surface.station_tangent[i]
-        xy = surface.station_xy[i] + n * vec2(-ahead[1], ahead[0])
+        xy = section_place(surface, i, y)
         depth = scalar(0.0)
-        if column > 0 and column < node_xy_out.shape[1] - 1:
+        if column > 0 and column < column_count - 1:
             depth = form[0] * section_depth(surface, y, form[1])
-        gap = -wp.min(half[0] - n, half[1] + n)
+        gap = -wp.min(y, ONE - y) * (half[0] + half[1])
         rise = form[2] - depth + objects_height(surface, xy, gap)
-        node_xy_out[row, column] = xy
-        node_height_out[row, column] = surface.bank_height + wp.float64(rise - surface.slope * xy[0])
+        height = surface.bank_height + wp.float64(rise - surface.slope * xy[0])
+        node_xyz_out[row, column_first + column] = on_map(frame, xy, height)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def lay_sides(
+        # params
+        surface: Surface,
+        lattice: Lattice,
+        frame: Frame,
+        # in
+        first: int,
+        floor_count: int,
+        side_count: int,
+        # out
+        node_xyz_out: wp.array2d[wp.vec3d],
+    ):
+        """Nodes of the curvilinear grid beside the channel: to the floor's edge abreast of a station, then to the top.
+
+        A section that is tilted reaches past the ends of the reach, where there is no ground: the height is held.
+        """
+        row, k = wp.tid()
+        i = first + row
+        column = floor_count + side_count - 1 - (k // 2)
+        line = valley_line_at(surface, surface.station_xy[i][0])
+        bank = section_place(surface, i, ZERO)
+        edge = vec2(surface.station_xy[i][0], line[LEFT_FLOOR])
+        top = vec2(surface.station_xy[i][0], line[LEFT_TOP])
+        if k % 2 == 1:
+            column = node_xyz_out.shape[1] - floor_count - side_count + (k // 2)
+            bank = section_place(surface, i, ONE)
+            edge = vec2(surface.station_xy[i][0], line[RIGHT_FLOOR])
+            top = vec2(surface.station_xy[i][0], line[RIGHT_TOP])
+        out = k // 2 + 1
+        xy = bank + (scalar(out) / scalar(floor_count)) * (edge - bank)
+        if out > floor_count:
+            xy = edge + (scalar(out - floor_count) / scalar(side_count)) * (top - edge)
+        held = vec2(wp.clamp(xy[0], surface.begin, surface.end), xy[1])
+        node_xyz_out[row, column] = on_map(frame, xy, surface_height(surface, lattice, held))
 
     return SimpleNamespace(
         Surface=Surface,
         Lattice=Lattice,
         Grid=Grid,
+        Frame=Frame,
         mark_stations=mark_stations,
         spread_stations=spread_stations,
+        settle_cells=settle_cells,
         evaluate_cells=evaluate_cells,
         evaluate_points=evaluate_points,
         lay_sections=lay_sections,
+        lay_sides=lay_sides,
     )

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 import warpriver as wr
 from warpriver import generate as g
@@ -55,7 +56,7 @@ def test_mean_covariance_with_the_width_is_the_one_asked_for(mean, stationing):
     # All frequencies are shifted alike.
     np.testing.assert_allclose(list(made.covariance.by_frequency.values()), mean, atol=WITHIN)
     residual, u = (getattr(made.stations, k)[made.stations.reach] for k in ("residual", "position"))
-    variance = np.trapezoid((residual - np.trapezoid(residual, u)) ** 2, u)
+    variance = trapezoid((residual - trapezoid(residual, u)) ** 2, u)
     assert math.sqrt(2.0 * variance) == pytest.approx(0.4, rel=1e-6)
 
 

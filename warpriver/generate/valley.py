@@ -26,7 +26,7 @@ from warpriver.generate.valley_covariance import (
 )
 from warpriver.generate.valley_examples import EXAMPLES
 from warpriver.generate.valley_params import SECTION_FORMS, ObjectField, ValleyParams
-from warpriver.generate.valley_stations import Line, Stations, ValleyLines, lay_stations, lay_threads, valley_lines
+from warpriver.generate.valley_stations import Line, Stations, lay_stations, lay_threads, valley_lines
 from warpriver.kernels import valley as kernels
 from warpriver.network import RiverNetwork, resolve_device
 from warpriver.terrain import Terrain, require_memory
@@ -161,12 +161,11 @@ class Valley:
         first = frame.to_valley(np.array([west + 0.5 * size, north - 0.5 * size]))
         grid.corner = wp.vec2d(*first)
         grid.cell_size, grid.cosine, grid.sine = size, math.cos(frame.angle), -math.sin(frame.angle)
-        lattice, known = self._lattice
         height = wp.empty((rows, columns), dtype=wp.float64, device=self.device)
         wp.launch(
             kernels.build(wp.float64).evaluate_cells,
             dim=(rows, columns),
-            inputs=[self._surface, lattice, grid, known],
+            inputs=[self._surface, self._lattice, grid],
             outputs=[height],
             device=self.device,
         )
@@ -187,13 +186,12 @@ class Valley:
         if not len(given):
             return np.empty(0)
         local = self.stations.frame.to_valley(given)
-        lattice, known = self._lattice
         place: wp.array = wp.array(local, dtype=wp.vec2d, device=self.device)
         out = wp.empty(len(local), dtype=wp.float64, device=self.device)
         wp.launch(
             kernels.build(wp.float64).evaluate_points,
             dim=len(local),
-            inputs=[self._surface, lattice, known, place],
+            inputs=[self._surface, self._lattice, place],
             outputs=[out],
             device=self.device,
         )
@@ -207,29 +205,21 @@ class Valley:
                 The document's is 0.1 m.
         """
         step = self.params.width / CELLS_ACROSS if spacing is None else _positive(spacing, "spacing")
-        reach, line = self.stations.reach, self.stations.line
+        reach = self.stations.reach
         across = math.ceil(float(self.stations.width[reach].max()) / step - 1e-9) + 1
         count = self.params.increments + 1
-        kernel = kernels.build(wp.float64)
-        place = wp.empty((count, across), dtype=wp.vec2d, device=self.device)
-        height = wp.empty((count, across), dtype=wp.float64, device=self.device)
-        inputs = [self._surface, self.stations.lead]
-        wp.launch(kernel.lay_sections, dim=place.shape, inputs=inputs, outputs=[place, height], device=self.device)
-        channel = place.numpy()
-        sides = [_beside(self.lines, line.xy[reach, 0], channel[:, k], left) for k, left in ((0, True), (-1, False))]
-        local = np.concatenate([sides[0][:, ::-1], channel, sides[1]], axis=1)
-        xy = self.stations.frame.to_map(local)
-        xyz = np.empty((*xy.shape[:2], 3))
-        xyz[..., :2] = xy
-        beside = sides[0].shape[1]
-        xyz[:, beside : beside + across, 2] = height.numpy()
-        outer = np.r_[0:beside, beside + across : xyz.shape[1]]
-        # A section that is tilted reaches past the reach's ends, where there is no ground: held at the end.
-        held = local[:, outer].copy()
-        held[..., 0] = np.clip(held[..., 0], self.lines.start, self.lines.start + self._axis_span)
-        xyz[:, outer, 2] = self.height(self.stations.frame.to_map(held).reshape(-1, 2)).reshape(count, -1)
-        last = xyz.shape[1] - 1
-        return ValleyGrid(xyz, (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
+        beside = FLOOR_COLUMNS + SIDE_COLUMNS
+        kernel, first = kernels.build(wp.float64), self.stations.lead
+        frame = kernel.Frame()
+        at = self.stations.frame
+        frame.x, frame.y, frame.cosine, frame.sine = at.x, at.y, math.cos(at.angle), math.sin(at.angle)
+        xyz = wp.empty((count, across + 2 * beside), dtype=wp.vec3d, device=self.device)
+        inputs = [self._surface, frame, first, beside, across]
+        wp.launch(kernel.lay_sections, dim=(count, across), inputs=inputs, outputs=[xyz], device=self.device)
+        inputs = [self._surface, self._lattice, frame, first, FLOOR_COLUMNS, SIDE_COLUMNS]
+        wp.launch(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
+        last = across + 2 * beside - 1
+        return ValleyGrid(xyz.numpy(), (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
 
     def breaklines(self) -> dict[str, FloatArray]:
         """Return the lines along which the surface bends, by name, (n, 3) absolute places and heights in m.
@@ -297,7 +287,7 @@ class Valley:
         surface.station_tangent = on_device(np.concatenate([c[0].tangent for c in channels]), wp.vec2d)
         surface.station_half = on_device(np.concatenate([c[1] for c in channels]), wp.vec2d)
         surface.station_form = on_device(np.concatenate([c[2] for c in channels]), wp.vec3d)
-        surface.valley_line = on_device(self.lines.table, wp.float64)
+        surface.valley_line = on_device(self.lines.table, wp.types.vector(6, wp.float64))
         section = self.params.section
         surface.section_thread = on_device(section.threads, wp.vec4d)
         surface.section_form, surface.terraces = SECTION_FORMS[section.form], int(self.params.terraces)
@@ -305,7 +295,7 @@ class Valley:
         rows = [_object_row(kind) for kind in self.params.objects]
         surface.object_table = on_device(np.reshape(rows, (len(rows), 10)), wp.float64)
         surface.object_seed = on_device(np.array([kind.seed for kind in self.params.objects], np.int32), wp.int32)
-        surface.line_start, surface.line_step = self.lines.start, self.lines.step
+        surface.line_start, surface.lines_per_meter = self.lines.start, 1.0 / self.lines.step
         surface.bank_height = float(self._plane(0.0))
         surface.slope, surface.lift_reach = self.params.slope, self.params.width
         # Rounding must not take the ground from the ends.
@@ -314,7 +304,7 @@ class Valley:
         return surface
 
     @functools.cached_property
-    def _lattice(self) -> tuple[Any, wp.array]:
+    def _lattice(self) -> Any:
         """Lattice over the valley's floor, and for every channel the station nearest to each of its nodes.
 
         It is as fine as the channel asks for, however fine a raster is: places go on from what its nodes know.
@@ -338,7 +328,9 @@ class Valley:
             inputs = [surface, lattice, known, jump]
             wp.launch(kernel.spread_stations, dim=dim, inputs=inputs, outputs=[other], device=self.device)
             known, other = other, known
-        return lattice, known
+        wp.launch(kernel.settle_cells, dim=dim, inputs=[surface, lattice, known], outputs=[other], device=self.device)
+        lattice.node_station, lattice.cell_station = known, other
+        return lattice
 
     def __repr__(self) -> str:
         p, s = self.params, self.stations
@@ -465,17 +457,6 @@ def _network(valley: Valley) -> RiverNetwork:
 def _channel_arrays(stations: Stations) -> tuple[Line, FloatArray, FloatArray]:
     """Line, half-widths and (depth, apex, lift) of the main channel, lead-in included."""
     return stations.line, stations.half, np.column_stack([stations.depth, stations.apex, stations.lift])
-
-
-def _beside(lines: ValleyLines, x: FloatArray, bank: FloatArray, left: bool) -> FloatArray:
-    """Places from next to a bank to the valley top, (stations, columns, 2), to the edges abreast of the station."""
-    at = lines.start + lines.step * np.arange(len(lines.table))
-    edge, top = (0, 1) if left else (2, 3)
-    floor = np.column_stack([x, np.interp(x, at, lines.table[:, edge])])[:, None]
-    crest = np.column_stack([x, np.interp(x, at, lines.table[:, top])])[:, None]
-    part = (np.arange(1, FLOOR_COLUMNS + 1) / FLOOR_COLUMNS)[:, None]
-    side = (np.arange(1, SIDE_COLUMNS + 1) / SIDE_COLUMNS)[:, None]
-    return np.concatenate([bank[:, None] + part * (floor - bank[:, None]), floor + side * (crest - floor)], axis=1)
 
 
 def _object_row(kind: ObjectField) -> list[float]:
