@@ -400,14 +400,22 @@ def build(scalar):
             return nearest_station(surface, xy, agreed, first, last)
         best = int(-1)
         least = unreached()
+        low = int(0)
+        high = int(0)
         for k in range(16):
             begin = known_station(lattice, lattice.node_station, channel, k, row, column)
-            if best < 0 or wp.abs(begin - best) > SAME:
+            # Stations that a search has passed on its way to the best lead there again.
+            if best < 0 or begin < low - SAME or begin > high + SAME:
                 found = nearest_station(surface, xy, begin, first, last)
                 gap = station_gap(surface, xy, found)
-                if gap < least:
+                if found == best:
+                    low = wp.min(low, begin)
+                    high = wp.max(high, begin)
+                elif gap < least:
                     least = gap
                     best = found
+                    low = wp.min(begin, found)
+                    high = wp.max(begin, found)
         return best
 
     @wp.func(module=name)

@@ -378,13 +378,13 @@ def _add_valley(commands: Any) -> None:
     parser.add_argument("valley", nargs="?", metavar="S1..S6|FILE.toml", help="an example, or a valley file")
     parser.add_argument("-o", "--out", metavar="PATH", help="folder or file to write (default folder out/NAME)")
     parser.add_argument(
-        "--cell-size", type=float, metavar="M", help="cells of the terrain in m (default: bankfull width / 25)"
+        "--cell-size", type=float, metavar="M", help="cells of the terrain in m (default: bankfull width / 20)"
     )
     parser.add_argument(
         "--spacing",
         type=float,
         metavar="M",
-        help="distance of points and mesh across the channel in m (default: bankfull width / 25; the paper's is 0.1)",
+        help="distance of points and mesh across the channel in m (default: bankfull width / 20; the paper's is 0.1)",
     )
     parser.add_argument(
         "--set",

@@ -36,7 +36,7 @@ __all__ = ["Valley", "ValleyGrid", "synthetic_valley"]
 FloatArray = NDArray[np.float64]
 
 # Cells across the bankfull width of a raster whose cell size is not given.
-CELLS_ACROSS = 25.0
+CELLS_ACROSS = 20.0
 # Ground shown behind the valley tops, in valley widths, and at least in bankfull widths.
 MARGIN, LEAST_MARGIN = 0.03, 0.5
 # Nodes of the lattice of nearest stations across the bankfull width, and the most along a side.
@@ -201,7 +201,7 @@ class Valley:
         """Lay the structured curvilinear grid: sections at every station of the main channel, and the valley beside it.
 
         Args:
-            spacing: Greatest distance between points across the channel, m; by default 1/25 of its mean width.
+            spacing: Greatest distance between points across the channel, m; by default 1/20 of its mean width.
                 The document's is 0.1 m.
         """
         step = self.params.width / CELLS_ACROSS if spacing is None else _positive(spacing, "spacing")
@@ -354,7 +354,7 @@ def synthetic_valley(
     Args:
         valley: "S1" to "S6", the examples of the paper, or parameters of your own; ``warpriver.read_valley`` reads
             them from a file.
-        cell_size: Cells of ``.terrain`` in m; by default a twenty-fifth of the bankfull width.
+        cell_size: Cells of ``.terrain`` in m; by default a twentieth of the bankfull width.
         origin: (x, y) in m of the upstream end of the valley axis; with a given centreline it moves the whole valley.
         crs: Coordinate reference system of the outputs.
         device: Warp device name.
