@@ -537,6 +537,11 @@ def test_what_is_held_beside_the_heights_does_not_grow_with_the_raster(examples)
         ({"increments": 100.5}, "increments is 100.5; give a whole number"),
         ({"stationing": "x"}, "stationing is 'x'; use one of 'channel', 'valley'"),
         ({"controls": {"witdh": ()}}, "controls has 'witdh'; the elements are"),
+        ({"controls": {"width": (0.3,)}}, "controls\\['width'\\] must hold terms"),
+        (
+            {"controls": {"thalweg": ()}, "covariance": g.CovarianceTarget(mean=0.5, frequencies=(3.0,))},
+            "does not vary",
+        ),
         ({"controls": {"width": (g.sine(1.2, 1),)}}, r"S3: the width is -6 m at station 0\.75 of the reach"),
         ({"controls": {"left_top": (g.sine(60.0, 1),)}}, r"the valley side left_top is -35 m wide at x = 315 m"),
         ({"controls": {"bank": (g.sine(-3.0, 1),)}}, r"the depth is .* at station 0\.25 of the reach"),

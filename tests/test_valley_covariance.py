@@ -128,6 +128,10 @@ def test_impossible_targets_are_said_to_be():
         valley(g.CovarianceTarget("width", 0.5, (2.0, 2.0)))
     with pytest.raises(ValueError, match="numbers above 0"):
         valley(g.CovarianceTarget("width", 0.5, (0.0,)))
+    with pytest.raises(ValueError, match=r"CovarianceTarget\.mean is 'high'; give a number"):
+        g.CovarianceTarget("width", "high")
+    with pytest.raises(ValueError, match=r"CovarianceTarget\.frequencies must be a list of numbers"):
+        g.CovarianceTarget("width", 0.5, "all")
     with pytest.raises(ValueError, match="'velocity'; use one of 'width', 'curvature'"):
         g.CovarianceTarget("velocity", 0.5)
     with pytest.raises(ValueError, match="give one of them"):

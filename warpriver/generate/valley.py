@@ -151,11 +151,6 @@ class Valley:
                 f"{max(columns, 0)} cells; give a smaller one"
             )
         require_memory((rows, columns), CELL_BYTES, self.device, "a valley")
-        if bounds is None and self.stations.frame.angle == 0.0:
-            # Whole cells from end to end, and as much on either side of the axis.
-            size_x = (east - west) / columns
-            if abs(size_x - size) < 1e-6 * size:
-                size = size_x
         frame = self.stations.frame
         grid = kernels.build(wp.float64).Grid()
         first = frame.to_valley(np.array([west + 0.5 * size, north - 0.5 * size]))

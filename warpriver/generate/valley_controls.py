@@ -34,6 +34,7 @@ __all__ = [
     "check_fields",
     "cosine",
     "evaluate",
+    "freeze_numbers",
     "sine",
     "strongest_harmonics",
 ]
@@ -293,7 +294,7 @@ class Steps(_Checked):
     riser: float = parameter(0.01, "reach", low=0.0, source="warpriver", doc="length of a riser, part of the reach")
 
     def __post_init__(self) -> None:
-        _numbers(self, "positions", "levels")
+        freeze_numbers(self, "positions", "levels")
         check_fields(self)
         if len(self.levels) != len(self.positions) + 1:
             raise ValueError(
@@ -322,7 +323,7 @@ class Spline(_Checked):
     )
 
     def __post_init__(self) -> None:
-        _numbers(self, "positions", "values")
+        freeze_numbers(self, "positions", "values")
         check_fields(self)
         if len(self.positions) != len(self.values) or len(self.values) < 2:
             raise ValueError(
@@ -351,9 +352,9 @@ class Series(_Checked):
     harmonics: int = parameter(0, "-", low=0.0, source="Clarke1988", doc="strongest harmonics to keep, 0 for all")
 
     def __post_init__(self) -> None:
-        _numbers(self, "values")
+        freeze_numbers(self, "values")
         if self.positions is not None:
-            _numbers(self, "positions")
+            freeze_numbers(self, "positions")
             if len(self.positions) != len(self.values):
                 raise ValueError(
                     f"Series has {len(self.positions)} positions for {len(self.values)} values; give as many"
@@ -450,8 +451,8 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
     return tuple(cosine(float(size[k]), float(k * stretch), float(np.angle(spectrum[k]))) for k in order)
 
 
-def _numbers(term: Any, *names: str) -> None:
-    """Turn fields into tuples of finite floats; raises ValueError that names the field."""
+def freeze_numbers(term: Any, *names: str) -> None:
+    """Turn fields of a frozen dataclass into tuples of finite floats; raises ValueError that names the field."""
     for name in names:
         try:
             value = np.array(getattr(term, name), np.float64)

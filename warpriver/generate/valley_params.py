@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.generate.valley_controls import Term, check_fields
+from warpriver.generate.valley_controls import Term, check_fields, freeze_numbers
 from warpriver.params import parameter
 
 __all__ = ["ELEMENTS", "SECTION_FORMS", "CovarianceTarget", "CrossSection", "ObjectField", "Thread", "ValleyParams"]
@@ -167,6 +167,11 @@ class CovarianceTarget:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        freeze_numbers(self, "frequencies")
+        if self.by_frequency is not None:
+            freeze_numbers(self, "by_frequency")
+        if self.mean is not None and (isinstance(self.mean, bool) or not isinstance(self.mean, (int, float))):
+            raise ValueError(f"CovarianceTarget.mean is {self.mean!r}; give a number from -1 to 1, or None")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,6 +252,11 @@ class ValleyParams:
         for key in self.controls:
             if key not in ELEMENTS:
                 raise ValueError(f"ValleyParams.controls has {key!r}; the elements are {', '.join(ELEMENTS)}")
+        terms = {key: (value,) if callable(value) else tuple(value) for key, value in self.controls.items()}
+        for key, value in terms.items():
+            if not all(callable(term) for term in value):
+                raise ValueError(f"ValleyParams.controls[{key!r}] must hold terms, functions of the position")
+        object.__setattr__(self, "controls", terms)
         for name, positive in (("depth", True), ("valley_slope", False)):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):

@@ -65,7 +65,8 @@ def draw_valley(valley: Any, path: Any = None, *, interval: float | None = None,
     p = valley.params
     title = f"{p.name}: sinuosity {valley.sinuosity:.2f}, depth {valley.bankfull_depth:.2f} m, width {p.width:g} m"
     figure.text(0.9 / width, (high - 0.35) / high, title, fontsize=12, color=INK, weight="bold")
-    axes.set_title(f"contours every {step:g} m; flow to the right", fontsize=8.5, color=FAINT, loc="right", pad=4)
+    flow = "; flow to the right" if abs(valley.stations.frame.angle) < 0.5 else ""
+    axes.set_title(f"contours every {step:g} m{flow}", fontsize=8.5, color=FAINT, loc="right", pad=4)
     plot = figure.add_axes((0.9 / width, 0.55 / high, inner / width, 1.7 / high))
     _draw_covariance(plot, valley)
     _save(figure, path, dpi)
@@ -167,7 +168,9 @@ def _draw_covariance(axes: Any, valley: Any) -> None:
     for name, (label, color) in SERIES.items():
         value, mean = getattr(found, name), getattr(found, f"mean_{name}")
         if np.isfinite(mean):
-            axes.plot(found.station, value, color=color, linewidth=1.5, label=f"{label}, mean {mean:.2f}")
+            axes.plot(
+                found.station, value, color=color, linewidth=1.5, label=f"{label}, mean {round(mean, 2) + 0.0:.2f}"
+            )
             axes.axhline(mean, color=color, linewidth=0.7, linestyle=(0, (4, 3)))
     axes.set_xlim(found.station[0], found.station[-1])
     axes.set_xlabel("distance along the channel, m", fontsize=8.5, color=FAINT, labelpad=2)
