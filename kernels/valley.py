@@ -10,14 +10,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import noise
+from warpriver.kernels import noise, sections
 
 wp.set_module_options({"enable_backward": False})
 
 # Columns of the table of valley lines by x: y of the floor's and the top's edges, and their rises.
 LEFT_FLOOR, LEFT_TOP, RIGHT_FLOOR, RIGHT_TOP, FLOOR_RISE, TOP_RISE = range(6)
-# Forms of cross sections.
-ASYMMETRIC, TRAPEZOID, SEMICIRCLE, POLYNOMIAL, WEIBULL = range(5)
 # Columns of the table of strewn objects.
 IS_LOG, PLACE, CELL, COUNT, CHANCE, LEAST, SPREAD, HEIGHT, LENGTH, FADE = range(10)
 # A place in a lattice that no station has been brought to.
@@ -32,17 +30,15 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.valley_{scalar.__name__}"
-    field = noise.build(scalar)
+    field, section = noise.build(scalar), sections.build(scalar)
     vec2, vec3, vec4, vec6 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 6))
     ZERO, HALF, ONE, TWO, THREE, FOUR, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0))
-    LOG_HALF, PI = scalar(math.log(0.5)), scalar(math.pi)
+    PI = scalar(math.pi)
     NOTHING = wp.float64(math.nan)
     TINY, FAR = scalar(1.0e-12), scalar(2.0**100)
     # A place is tried as one of the channel up to this part of a half-width beyond the banks' envelope; stations count
     # as passed one by one while each brings this part of their distance.
     SLACK = scalar(0.1)
-    # Sides of the threads' section are brought down to the banks by 1 - (2 Y - 1)^EDGE.
-    EDGE = scalar(32.0)
     # Stations that a search may be off before another start is worth a try; how far those around a cell may lie apart
     # to be looked through; how far a search goes in single steps.
     SAME, MOST_SPREAD, MOST_STEPS = 12, 256, 64
@@ -130,52 +126,9 @@ def build(scalar):
         return a[0] * b[1] - a[1] * b[0]
 
     @wp.func(module=name)
-    def asymmetric_depth(y: scalar, apex: scalar) -> scalar:
-        """4 Y^k (1 - Y^k) with a^k = 1/2, seen from the nearer bank [Deutsch1996; Brown2014, eqs 22 and 23]."""
-        side = y
-        a = apex
-        if apex > HALF:
-            side = ONE - y
-            a = ONE - apex
-        power = wp.pow(wp.max(side, ZERO), LOG_HALF / wp.log(wp.max(a, TINY)))
-        return FOUR * power * (ONE - power)
-
-    @wp.func(module=name)
-    def thread_depth(y: scalar, section_thread: wp.array[vec4]) -> scalar:
-        """The deepest of Weibull densities, each scaled to its own depth [Jacobson2006]."""
-        deepest = scalar(0.0)
-        for k in range(section_thread.shape[0]):
-            thread = section_thread[k]
-            t = (y - thread[0]) / thread[1]
-            shape = thread[2]
-            if t > ZERO or (t == ZERO and shape == ONE):
-                mode = (shape - ONE) / shape
-                peak = wp.exp(-mode)
-                value = wp.exp(-wp.pow(t, shape))
-                if shape > ONE:
-                    peak = peak * wp.pow(mode, mode)
-                    value = value * wp.pow(t, shape - ONE)
-                deepest = wp.max(deepest, thread[3] * value / peak)
-        return deepest * (ONE - wp.pow(wp.abs(TWO * y - ONE), EDGE))
-
-    @wp.func(module=name)
     def section_depth(surface: Surface, y: scalar, apex: scalar) -> scalar:
         """Depth below top of bank in bankfull depths, at Y = 0 at the left bank to 1 at the right one."""
-        if surface.section_form == ASYMMETRIC:
-            return asymmetric_depth(y, apex)
-        if surface.section_form == TRAPEZOID:
-            side = apex * (ONE - surface.flat)
-            far = (ONE - apex) * (ONE - surface.flat)
-            return wp.min(ONE, wp.min(y / wp.max(side, TINY), (ONE - y) / wp.max(far, TINY)))
-        if surface.section_form == SEMICIRCLE:
-            off = TWO * y - ONE
-            return wp.sqrt(wp.max(ONE - off * off, ZERO))
-        if surface.section_form == POLYNOMIAL:
-            side = apex
-            if y > apex:
-                side = ONE - apex
-            return ONE - wp.pow(wp.abs(y - apex) / side, surface.exponent)
-        return thread_depth(y, surface.section_thread)
+        return section.depth_at(surface.section_form, y, apex, surface.flat, surface.exponent, surface.section_thread)
 
     @wp.func(module=name)
     def station_gap(surface: Surface, xy: vec2, i: int) -> scalar:
