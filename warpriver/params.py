@@ -59,6 +59,8 @@ def check_ranges(params: Any) -> None:
     kind = type(params).__name__
     for field in dataclasses.fields(params):
         value, meta = getattr(params, field.name), field.metadata
+        if not meta:  # a field that is no single constant
+            continue
         if meta["choices"]:
             if value not in meta["choices"]:
                 words = ", ".join(repr(c) for c in meta["choices"])
