@@ -19,7 +19,8 @@ FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL = 0, 1, 2
 
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
-# Points of a slab on the CPU: what a phase leaves of so many points is still in the cache when the next one reads it.
+# Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
+# cache when the next one reads it.
 SLAB_POINTS = 16_384
 # Points of a chunk where a thread copies runs of points.
 CPU_COPY_CHUNK = 4096
@@ -184,7 +185,9 @@ class StepChannels:
             self.share_contacts = wp.zeros(threads, dtype=wp.int32, device=network.device)
             self.share_contacts_sum = wp.zeros(threads, dtype=wp.int32, device=network.device)
         if by_slab:
-            first = np.unique(network.starts()[:-1] // SLAB_POINTS, return_index=True)[1]
+            # All slabs get a like number of points, so that threads that take as many slabs have as much to do.
+            start = network.starts().astype(np.int64)
+            first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, network.channel_count, np.int32)
             table[: len(first)] = first
             self._slab_channel.assign(table)
