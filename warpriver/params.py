@@ -199,6 +199,16 @@ class MeanderParams:
         doc="two points that lie together within this arc of a node that their channels share never collide",
     )
 
+    junction_drift: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="part of the migration rate with which junctions wander down the channel below them; 0: they stay, as in "
+        "[Paris2023]",
+    )
+
     def __post_init__(self) -> None:
         check_ranges(self)
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
