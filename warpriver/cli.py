@@ -226,7 +226,7 @@ def _simulate(options: argparse.Namespace) -> int:
         terrain = read_terrain(options.terrain, to_crs=options.to_crs)
     if _is_run(source):
         run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
-        simulation = Simulation.resume(run, terrain=terrain, device=options.device)
+        simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = _fresh_folder(options.out or f"out/{run.stem}")
@@ -257,6 +257,9 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
     run.add_argument("--record-every", type=int, default=10, metavar="STEPS", help="steps between records (default 10)")
     run.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
     run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    run.add_argument(
+        "--threads", type=int, metavar="N", help="threads on the CPU; results do not depend on it (default: all cores)"
+    )
     run.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
     run.add_argument("--check", action="store_true", help="check every phase of every step (slow)")
     run.add_argument("--no-progress", action="store_true", help="no progress bar")
@@ -297,7 +300,14 @@ def _simulation(network: RiverNetwork, options: argparse.Namespace, terrain: Ter
         given["spacing_in_widths"] = 1.0
     if options.step_days is not None:
         given["time_step"] = options.step_days / DAYS_PER_YEAR
-    return Simulation(network, MeanderParams(**given), terrain=terrain, seed=options.seed, check=options.check)
+    return Simulation(
+        network,
+        MeanderParams(**given),
+        terrain=terrain,
+        seed=options.seed,
+        check=options.check,
+        threads=options.threads,
+    )
 
 
 def _run(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
