@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 from river_files import GIS, HAS_OGR, Y, collection, confluence, feature, foreign, needs_ogr, needs_pyproj
-from trees import random_tree
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, extract_network, generate
 from warpriver.cli import main
@@ -46,11 +45,21 @@ def simulated(dtype="float64"):
 
 def with_short_channel():
     """A network in which a collision left a channel shorter than it is wide."""
-    simulation = Simulation(random_tree(7, sources=10, size=8000.0, width=25.0), MeanderParams(spacing=20.0))
-    simulation.run(steps=40)
-    widest = [w.max() for w in simulation.network.point_widths()]
-    assert (widest > simulation.network.channel_lengths()).any()
-    return simulation.network
+    node = np.array([0.1, 0.3])
+    spoke = np.linspace(0.0, 1.0, 30)[:, None]
+    lines = [
+        node + (1.0 - spoke) * [-3000.0, 2000.0],
+        node + (1.0 - spoke) * [2500.0, 2100.0],
+        node + np.linspace(0.0, 1.0, 3)[:, None] * [3.0, -100.0],
+        node + [3.0, -100.0] + spoke * [-700.0, -4000.0],
+        node + [3.0, -100.0] + (1.0 - spoke) * [4000.0, -900.0],
+    ]
+    area = np.array([3.3e6, 1.1e6, 5.5e6, 8.8e6, 2.2e6])
+    network = RiverNetwork.from_polylines(
+        lines, width=[60.0, 40.0, 125.0, 140.0, 50.0], drainage_area=area, channel_id=[4, 9, 2, 17, 5], allow_short=True
+    )
+    assert network.channel_lengths()[2] < network.channel_width[2]
+    return network
 
 
 NETWORKS = {"extracted": extracted, "simulated": simulated, "short": with_short_channel}

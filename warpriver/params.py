@@ -67,6 +67,8 @@ def check_ranges(params: Any) -> None:
     kind = type(params).__name__
     for field in dataclasses.fields(params):
         value, meta = getattr(params, field.name), field.metadata
+        if not meta:  # a field that is no single constant
+            continue
         if meta["choices"]:
             if value not in meta["choices"]:
                 words = ", ".join(repr(c) for c in meta["choices"])
@@ -203,6 +205,16 @@ class MeanderParams:
         low=0.0,
         source="warpriver",
         doc="two points that lie together within this arc of a node that their channels share never collide",
+    )
+
+    junction_drift: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="part of the migration rate with which junctions wander down the channel below them; 0: they stay, as in "
+        "[Paris2023]",
     )
 
     def __post_init__(self) -> None:
@@ -401,6 +413,14 @@ class PathMeander:
         low=0.0,
         source="warpriver",
         doc="two points that lie together within this arc of a node that their channels share never collide",
+    )
+    junction_drift: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
     )
 
     def __post_init__(self) -> None:

@@ -36,6 +36,7 @@ from warpriver.meander.collisions import (
     join_channels,
     list_contacts,
 )
+from warpriver.meander.junctions import drift_junctions
 from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
 from warpriver.meander.shortcuts import PathBuffers
@@ -320,7 +321,7 @@ class Simulation:
                 f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
             )
         self._solver.check(network, self.params)
-        if self.params.collision_distance > 0.0:
+        if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
             check_forest(network)
         if self.params.spacing_in_widths > 0.0:
             return
@@ -417,9 +418,10 @@ class Simulation:
             self.channels.deal_out(network, self.buffers, anew=True)
             self._replay = None
         form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
+        drift = self.params.junction_drift * self._solver.rate(network.channel_width, self.params)
         self.channels.fill(
-            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], pace=pace, parts=parts,
-            mobility=mobility,
+            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], drift=drift, pace=pace,
+            parts=parts, mobility=mobility,
         )  # fmt: skip
         law = collision_law(network, self.params, form, self._collisions)
         if law is not self._collisions:
@@ -492,6 +494,7 @@ class Simulation:
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
             *self._move_stages(),
+            *drift_junctions(network, channels, buffers, self.params),
             *self._solver.cut(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
             *find_contacts(network, channels, buffers, self._collisions),
@@ -507,7 +510,7 @@ class Simulation:
         if self.check:
             for phase, group in itertools.groupby(stages, lambda stage: stage.phase):
                 self._run(group)
-                checks.check_phase(phase, self.network, self.channels, self.buffers)
+                checks.check_phase(phase, self.network, self.channels, self.buffers, self.params.junction_drift == 0.0)
         elif not self._capture:
             self._run(stages)
         else:
@@ -566,6 +569,7 @@ class Simulation:
             if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
                 return
             contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
+            self._place_nodes()
             joined = join_channels(self.network, contacts)
             if joined is None:
                 return
@@ -625,7 +629,16 @@ class Simulation:
         start: wp.array = wp.array([0, self.substeps], dtype=wp.int32, device=self.device)
         schedule_channels(network, self.channels, self.params.time_step, start)
 
+    def _place_nodes(self) -> None:
+        """Bring the nodes to where junctions have wandered."""
+        if self.params.junction_drift > 0.0:
+            network, start = self.network, self.network.starts()
+            xy = network.point_xy.numpy()
+            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
+                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+
     def _record(self) -> None:
+        self._place_nodes()
         network, count = self.network, self.network.point_count
         section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
         area = network.channel_drainage_area

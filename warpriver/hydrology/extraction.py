@@ -172,7 +172,8 @@ def extract_network(
         junction,
         total * cell_area,
         xy,
-        flow.terrain.to_numpy().reshape(-1)[stems.cell].astype(np.float64),
+        # Places across a periodic side lie beyond the raster.
+        flow.terrain.to_numpy()[tuple((stems.place % flow.receiver.shape).T)].astype(np.float64),
         cell_area,
         coefficient,
         step,

@@ -26,7 +26,8 @@ FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL = 0, 1, 2,
 
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
-# Points of a slab on the CPU: what a phase leaves of so many points is still in the cache when the next one reads it.
+# Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
+# cache when the next one reads it.
 SLAB_POINTS = 16_384
 # Points of a chunk where a thread copies runs of points.
 CPU_COPY_CHUNK = 4096
@@ -101,6 +102,8 @@ class StepChannels:
         limit: (C,) vec3 of the two limits of a sub-step (see ``step_limits``), yr, and the least width, m.
         nodes: (C,) vec2i, labels of the nodes above and below; see ``gathered_nodes``.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
+        drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch of its drift.
         pace: (C,) greatest speed of a point in the time step so far, m/yr.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
@@ -120,7 +123,7 @@ class StepChannels:
 
     def __init__(self, network: RiverNetwork, capacity: int, *, mobile: bool):
         """Allocate for ``network``; ``mobile``: with room for ``mobility``."""
-        scalar, _, _ = PRECISIONS[network.dtype]
+        scalar, vec2, _ = PRECISIONS[network.dtype]
 
         def zeros(count: int, dtype: Any = wp.int32) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=network.device)
@@ -132,6 +135,8 @@ class StepChannels:
         self.limit = zeros(capacity, wp.types.vector(3, scalar))
         self.pace, self.step = zeros(capacity, scalar), zeros(capacity, scalar)
         self.parts = zeros(capacity)
+        self.below, self.tributaries, self.awake = zeros(capacity), zeros(capacity), zeros(capacity)
+        self.drift, self.shift = zeros(capacity, scalar), zeros(capacity, vec2)
         self.mobility = zeros(capacity, scalar) if mobile else None
         self.nodes = zeros(capacity, wp.vec2i)
         self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
@@ -148,6 +153,7 @@ class StepChannels:
         spacing: np.ndarray,
         limit: np.ndarray,
         nodes: np.ndarray,
+        drift: np.ndarray | None = None,
         pace: np.ndarray | None = None,
         parts: np.ndarray | None = None,
         mobility: np.ndarray | None = None,
@@ -159,10 +165,16 @@ class StepChannels:
         network.channel_start = self.start[: count + 1]
         for array, values in (
             (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
-            (self.parts, parts), (self.mobility, mobility),
+            (self.drift, drift), (self.parts, parts), (self.mobility, mobility),
         ):  # fmt: skip
             if array is not None:
                 _assign(array, np.zeros(0) if values is None else values)
+        leaving = np.full(network.node_count, -1)
+        leaving[network.channel_from] = np.arange(count)
+        below = leaving[network.channel_to]
+        # Beyond the channels nothing flows on.
+        _assign(self.below, np.concatenate([below, np.full(self.capacity - count, -1)]))
+        _assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
         for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
             stale.zero_()
 
@@ -193,7 +205,9 @@ class StepChannels:
             self.share_contacts = wp.zeros(threads, dtype=wp.int32, device=network.device)
             self.share_contacts_sum = wp.zeros(threads, dtype=wp.int32, device=network.device)
         if by_slab:
-            first = np.unique(network.starts()[:-1] // SLAB_POINTS, return_index=True)[1]
+            # All slabs get a like number of points, so that threads that take as many slabs have as much to do.
+            start = network.starts().astype(np.int64)
+            first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, network.channel_count, np.int32)
             table[: len(first)] = first
             self._slab_channel.assign(table)

@@ -19,6 +19,7 @@ __all__ = [
     "migrate",
     "migration_law",
     "plan_steps",
+    "rate_of",
     "schedule",
     "schedule_channels",
     "stable_dt",
@@ -47,7 +48,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
     """
     width, depth = np.asarray(width, np.float64), np.asarray(depth, np.float64)
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
-    rate = _rate(width, params)
+    rate = rate_of(width, params)
     with np.errstate(divide="ignore"):
         travel = width / (rate * weights)
         memory = 2.0 * params.friction / depth
@@ -71,8 +72,8 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
     return np.minimum(*step_limits(width, depth, params))
 
 
-def _rate(width: np.ndarray, params: MeanderParams) -> np.ndarray:
-    """The rate k of channels of some width, m/yr."""
+def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
+    """Return the rate k of channels of those widths in m, m/yr."""
     if params.reference_width > 0.0:
         return params.migration_rate * width / params.reference_width
     return np.full(width.shape, params.migration_rate)
@@ -86,7 +87,7 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
         params: Migration constants; ``spacing`` is h.
     """
     width = np.asarray(width, np.float64)
-    diffusivity = _rate(width, params) * width * -params.local_weight
+    diffusivity = rate_of(width, params) * width * -params.local_weight
     with np.errstate(divide="ignore"):
         return np.where(diffusivity > 0, 9.0 / 32.0 * params.spacing**2 / diffusivity, np.inf)
 

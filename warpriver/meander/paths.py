@@ -19,7 +19,7 @@ from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["path_law", "push", "push_limits"]
+__all__ = ["path_law", "push", "push_limits", "push_rate"]
 
 
 def push_limits(width: Any, depth: Any, params: PathMeander) -> tuple[Any, Any]:
@@ -43,6 +43,11 @@ def push_limits(width: Any, depth: Any, params: PathMeander) -> tuple[Any, Any]:
     with np.errstate(divide="ignore"):
         travel = width / np.float64(params.displacement_rate)
     return travel, 0.5 * params.blur_length**2 * travel
+
+
+def push_rate(width: np.ndarray, params: PathMeander) -> np.ndarray:
+    """Return the rate k of channels of those widths in m, m/yr."""
+    return np.full(width.shape, params.displacement_rate)
 
 
 def path_law(params: PathMeander, dtype: str) -> Any:

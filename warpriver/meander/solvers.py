@@ -10,8 +10,8 @@ import numpy as np
 
 from warpriver.meander.buffers import StepBuffers
 from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law, step_limits
-from warpriver.meander.paths import path_law, push, push_limits
+from warpriver.meander.migration import migrate, migration_law, rate_of, step_limits
+from warpriver.meander.paths import path_law, push, push_limits, push_rate
 from warpriver.meander.shortcuts import PathBuffers, check_radius, take_shortcuts
 from warpriver.meander.stages import Stage
 from warpriver.network import RiverNetwork
@@ -26,6 +26,7 @@ class Solver:
 
     Attributes:
         limits: (width, depth, params) -> the two limits of a sub-step, yr; see ``StepChannels.limit``.
+        rate: (width, params) -> the rate k of channels, m/yr.
         law: (params, dtype) -> scalars for the kernels that move the points.
         buffers: (network, point_capacity, cut_capacity, oxbow_capacity) -> scratch.
         move: (network, channels, buffers, terrain, law) -> stages that move the points over ``channels.step``.
@@ -35,6 +36,7 @@ class Solver:
     """
 
     limits: Callable[[Any, Any, Any], tuple[Any, Any]]
+    rate: Callable[[np.ndarray, Any], np.ndarray]
     law: Callable[[Any, str], Any]
     buffers: Callable[[RiverNetwork, int, int, int], StepBuffers]
     move: Callable[..., list[Stage]]
@@ -48,8 +50,10 @@ class Solver:
 
 
 SOLVERS: dict[type, Solver] = {
-    MeanderParams: Solver(step_limits, migration_law, StepBuffers, migrate, cut_off),
-    PathMeander: Solver(push_limits, path_law, PathBuffers, push, take_shortcuts, check_radius, closes_loops=True),
+    MeanderParams: Solver(step_limits, rate_of, migration_law, StepBuffers, migrate, cut_off),
+    PathMeander: Solver(
+        push_limits, push_rate, path_law, PathBuffers, push, take_shortcuts, check_radius, closes_loops=True
+    ),
 }
 
 

@@ -7,6 +7,7 @@ from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
 from warpriver.viz.scene import render_scene
+from warpriver.viz.valleys import draw_valley, draw_valley_sections
 
 __all__ = [
     "draw_before_after",
@@ -15,6 +16,8 @@ __all__ = [
     "draw_elevation",
     "draw_network",
     "draw_ordered_network",
+    "draw_valley",
+    "draw_valley_sections",
     "erosion_movie",
     "gl",
     "hillshade",
