@@ -285,34 +285,44 @@ class Simulation:
         if store is not None:
             self.history.store_in(store)
         self.history.stop_reason = None
-        reason = StopReason.COMPLETED
         with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
             try:
-                for _ in range(count):
-                    if interrupted.is_set():
-                        reason = StopReason.INTERRUPTED
-                        break
-                    self.step()
-                    if schedule.due(self.step_count, self.params.time_step):
-                        self._record()
-                    advance(1)
-                    due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
-                    if any([hook(self) is True for hook in due]):
-                        reason = StopReason.CALLBACK
-                        break
+                reason = self._run_steps(count, schedule, hooks, interrupted, advance)
                 self._record_end()
-                self.history.close(reason)
-            except FloatingPointError:
-                self._record_end()
-                self.history.close(StopReason.NOT_FINITE)
+                with _storing():
+                    self.history.close(reason)
             except checks.PhaseError:
                 self.history.close(StopReason.CHECK_FAILED)
                 raise
-            except OSError:
+            except _StoreError:
                 self.history.stop_reason = StopReason.STORE_FAILED
         return self.history
 
     # ---- inside
+
+    def _run_steps(
+        self,
+        count: int,
+        schedule: Every,
+        hooks: list[tuple[Every, Callable[[Simulation], Any]]],
+        interrupted: threading.Event,
+        advance: Callable[[int], None],
+    ) -> StopReason:
+        """Do so many steps, or fewer; return why they ended."""
+        for _ in range(count):
+            if interrupted.is_set():
+                return StopReason.INTERRUPTED
+            try:
+                self.step()
+            except FloatingPointError:
+                return StopReason.NOT_FINITE
+            if schedule.due(self.step_count, self.params.time_step):
+                self._record()
+            advance(1)
+            due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
+            if any([hook(self) is True for hook in due]):
+                return StopReason.CALLBACK
+        return StopReason.COMPLETED
 
     def _check_network(self, network: RiverNetwork) -> None:
         ring = network.channel_from == network.channel_to
@@ -639,31 +649,34 @@ class Simulation:
 
     def _record(self) -> None:
         self._place_nodes()
+        with _storing():
+            self.history.append(self._as_record())
+
+    def _as_record(self) -> Record:
+        """The state as it is stored."""
         network, count = self.network, self.network.point_count
         section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
         area = network.channel_drainage_area
-        self.history.append(
-            Record(
-                step=self.step_count,
-                time=self.time,
-                cutoffs_before=len(self.history.cutoffs),
-                collisions_before=len(self.history.collisions),
-                point_xy=network.point_xy.numpy()[:count].copy(),
-                point_section=section,
-                channel_start=network.starts(),
-                channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
-                channel_width=network.channel_width.copy(),
-                channel_depth=network.channel_depth.copy(),
-                channel_discharge=network.channel_discharge.copy(),
-                channel_drainage_area=None if area is None else area.copy(),
-                channel_id=network.channel_id.copy(),
-                channel_from=network.channel_from.copy(),
-                channel_to=network.channel_to.copy(),
-                node_xy=network.node_xy.copy(),
-                channel_fixed=self._fixed.copy(),
-                channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
-                channel_slope=network.channel_slope.copy(),
-            )
+        return Record(
+            step=self.step_count,
+            time=self.time,
+            cutoffs_before=len(self.history.cutoffs),
+            collisions_before=len(self.history.collisions),
+            point_xy=network.point_xy.numpy()[:count].copy(),
+            point_section=section,
+            channel_start=network.starts(),
+            channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
+            channel_width=network.channel_width.copy(),
+            channel_depth=network.channel_depth.copy(),
+            channel_discharge=network.channel_discharge.copy(),
+            channel_drainage_area=None if area is None else area.copy(),
+            channel_id=network.channel_id.copy(),
+            channel_from=network.channel_from.copy(),
+            channel_to=network.channel_to.copy(),
+            node_xy=network.node_xy.copy(),
+            channel_fixed=self._fixed.copy(),
+            channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
+            channel_slope=network.channel_slope.copy(),
         )
 
     def _record_end(self) -> None:
@@ -714,6 +727,19 @@ def _check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
             f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
             f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
         )
+
+
+class _StoreError(Exception):
+    """The history could not be stored."""
+
+
+@contextmanager
+def _storing() -> Iterator[None]:
+    """Tell the failure to store a history from that of a callback, which is its caller's affair."""
+    try:
+        yield
+    except OSError as error:
+        raise _StoreError from error
 
 
 @contextmanager
