@@ -115,8 +115,8 @@ def forget_peak() -> bool:
     return True
 
 
-def in_child(script: str, *arguments: Any, environment: dict[str, str] | None = None) -> dict:
-    """Run a script of this folder in a process of its own, and return the JSON of its last line.
+def run_child(script: str, *arguments: Any, environment: dict[str, str] | None = None) -> str:
+    """Run a script in a process of its own, and return what it printed.
 
     Args:
         script: Path of the script.
@@ -132,7 +132,12 @@ def in_child(script: str, *arguments: Any, environment: dict[str, str] | None = 
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=variables, timeout=PATIENCE)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command)}: exit code {done.returncode}\n{done.stderr[-2000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return done.stdout
+
+
+def in_child(script: str, *arguments: Any) -> dict:
+    """Run a script in a process of its own, and return the JSON of its last line."""
+    return json.loads(run_child(script, *arguments).splitlines()[-1])
 
 
 def write_result(result: dict, path: str | None, name: str) -> None:
