@@ -1,4 +1,4 @@
-"""Draws the results: cost against points and channels, shares of the phases, the roofline, costs of a long run's steps."""
+"""Draws the results: cost against points and channels, shares of phases, the roofline, a long run's steps."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogFormatter
 
 RESULTS = Path(__file__).parent / "results"
 NAMES = {
@@ -131,7 +132,8 @@ def draw_roofline(result: dict, path: Path) -> None:
         left.loglog(column(rows, "points"), speed, "o-", ms=4, color=COLORS[variant], label=name)
     left.axhline(roof, color=ROOF, label=f"a plain copy: {roof:.3g} GB/s")
     left.set(xlabel="points", ylabel="GB/s")
-    left.set_ylim(top=roof * 2)
+    left.set_ylim(10 ** np.floor(np.log10(min(np.min(line.get_ydata()) for line in left.lines))), roof * 2)
+    left.yaxis.set_major_formatter("{x:g}")
     left.legend(frameon=False, fontsize=8.5, loc="center right", bbox_to_anchor=(1.0, 0.62))
     size = max(r["asked_points"] for r in rows_of(result, "phase"))
     rows = [r for r in rows_of(result, "phase", asked_points=size) if "ratio_to_roofline" in r]
@@ -150,15 +152,18 @@ def draw_channels(result: dict, path: Path) -> None:
     """Milliseconds a step against channels, by their mean length, and what a line in points and channels says."""
     figure, (panel,) = axes(result, "Cost of a full step, one thread, lengths of channels as those of real links")
     fit = result["fit"]
-    for color, mean in zip(LENGTHS, dict.fromkeys(r["mean_points"] for r in rows_of(result, "drawn lengths")), strict=False):
+    for color, mean in zip(
+        LENGTHS, dict.fromkeys(r["mean_points"] for r in rows_of(result, "drawn lengths")), strict=False
+    ):
         rows = rows_of(result, "drawn lengths", mean_points=mean)
         x, points = column(rows, "channels"), column(rows, "points")
-        panel.loglog(x, column(rows, "ms_per_step"), "o", ms=5, color=color, label=f"{mean} points a channel on average")
+        panel.loglog(x, column(rows, "ms_per_step"), "o", ms=5, color=color, label=f"about {mean} points a channel")
         line = 1e-3 * fit["us_per_step"] + 1e-6 * (fit["ns_per_point"] * points + fit["ns_per_channel"] * x)
         panel.loglog(x, line, "-", lw=1.0, color=color)
         panel.loglog(x, column(rows, "migration_ms"), ":", lw=1.2, color=color)
     panel.plot([], [], "-", color=LINE, label=(
-        f"fit: {fit['us_per_step']:.0f} us + {fit['ns_per_point']:.0f} ns a point + {fit['ns_per_channel']:.0f} ns a channel"
+        f"fit: {fit['us_per_step']:.0f} us + {fit['ns_per_point']:.0f} ns a point + "
+        f"{fit['ns_per_channel']:.0f} ns a channel"
     ))  # fmt: skip
     panel.plot([], [], ":", color=LINE, label="migration and resampling alone")
     for case, marker in (("extracted", "*"), ("extracted x 4", "P")):
@@ -179,13 +184,12 @@ def draw_run(result: dict, path: Path) -> None:
     figure, (panel,) = axes(result, text, (8.0, 4.2))
     edges, found = np.array(run["histogram_ms"]), run["histogram"]
     without, joined = (np.array(found[k]) for k in ("without", "with"))
-    panel.bar(edges[:-1], without, np.diff(edges), align="edge", color=PHASES["migrate"], edgecolor="white", label="nothing joined")
-    panel.bar(
-        edges[:-1], joined, np.diff(edges), bottom=without, align="edge", color=PHASES["collide"], edgecolor="white",
-        label="channels joined in the step",
-    )  # fmt: skip
+    bars = {"x": edges[:-1], "width": np.diff(edges), "align": "edge", "edgecolor": "white"}
+    panel.bar(height=without, color=PHASES["migrate"], label="nothing joined", **bars)
+    panel.bar(height=joined, bottom=without, color=PHASES["collide"], label="channels joined in the step", **bars)
     panel.set(xscale="log", xlabel="ms a step", ylabel="steps")
     panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
     panel.legend(frameon=False, fontsize=8.5)
     save(figure, path)
 
@@ -204,7 +208,9 @@ def read(folder: Path, name: str) -> dict | None:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", nargs="?", type=Path, default=RESULTS, help="where the JSON files lie (default results)")
+    parser.add_argument(
+        "folder", nargs="?", type=Path, default=RESULTS, help="where the JSON files lie (default results)"
+    )
     parser.add_argument("-o", "--out", type=Path, help="folder for the pictures (default: the same)")
     options = parser.parse_args(arguments)
     out = options.out or options.folder

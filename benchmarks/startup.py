@@ -12,7 +12,7 @@ import numpy as np
 from machine import baseline, machine, run_child, say_baseline, write_result
 
 # Run in a process of its own; the clock starts with its first line, when the interpreter is up.
-CHILD = '''
+CHILD = """
 import time
 begin = time.perf_counter()
 marks = {}
@@ -39,7 +39,7 @@ sim.step()
 wp.synchronize_device(device)
 mark("second_step_seconds")
 print(json.dumps(marks))
-'''
+"""
 LOADED = re.compile(r"Module (\S+) \S+ load on device '[^']+' took ([\d.]+) ms +\((\w+)\)")
 
 

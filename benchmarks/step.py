@@ -43,9 +43,7 @@ HEADS = ("ms/step", "ns/point", "x triad", "x roofline", "cuts/step", "B/point")
 def row(case: str, asked: int, channels: int, variant: str, options: argparse.Namespace, threads: int = 1) -> dict:
     """Cost of a step of a network of about so many points, as one row of the result."""
     switches, _ = VARIANTS[variant]
-    sim = throughput.made_up(
-        asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches
-    )
+    sim = throughput.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches)
     cost = throughput.step_cost(sim)
     found = {"case": case, "asked_points": asked, "variant": variant, "threads": sim.threads} | cost
     found |= compared(found, options, triad(max(1000, cost["points"])))

@@ -12,7 +12,9 @@ def launched(monkeypatch, sim):
     """Names of the kernels of a step, by phase, in order."""
     names, launch = [], wp.launch
     for stage in sim._stages():
-        monkeypatch.setattr(wp, "launch", lambda k, *a, _p=stage.phase, **o: (names.append((_p, k)), launch(k, *a, **o)))
+        monkeypatch.setattr(
+            wp, "launch", lambda k, *a, _p=stage.phase, **o: (names.append((_p, k)), launch(k, *a, **o))
+        )
         sim._run([stage])
     monkeypatch.setattr(wp, "launch", launch)
     return list(dict.fromkeys((phase, kernel.key.rpartition("__")[2]) for phase, kernel in names))

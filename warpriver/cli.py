@@ -597,8 +597,8 @@ def _add_bench(commands: Any) -> None:
         "bench",
         _bench,
         help="what a step costs on this machine",
-        description="Let made-up rivers in full bend, 50 m wide with a point every 50 m, go on, and measure their steps:\n"
-        "time a step and a point, by phase, and beside a plain copy of memory, measured in the same run.\n"
+        description="Let made-up rivers in full bend, 50 m wide with a point every 50 m, go on, and measure\n"
+        "their steps: time a step and a point, by phase, and beside a plain copy of memory in the same run.\n"
         "Memory: about 150 bytes a point, and 1 GB for the copy. The whole suite, with peers, is benchmarks/.",
         epilog="examples:\n"
         "  warpriver bench\n"
