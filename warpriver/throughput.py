@@ -64,7 +64,7 @@ def least_seconds(call: Callable[[], object], repeats: int = 1, rounds: int = RO
     Returns:
         Seconds a call.
     """
-    best = math.inf
+    device, best = resolve_device(device), math.inf
     for _ in range(rounds):
         wp.synchronize_device(device)
         begin = time.perf_counter()
@@ -75,15 +75,15 @@ def least_seconds(call: Callable[[], object], repeats: int = 1, rounds: int = RO
     return best
 
 
-def copy_bandwidth(threads: int = 1, device: Any = "cpu", nbytes: int = COPY_BYTES) -> float:
+def copy_bandwidth(threads: int = 1, device: Any = "cpu", nbytes: int | None = None) -> float:
     """Bytes a second that a plain copy reads and writes together, as STREAM counts them.
 
     Args:
         threads: Cores that copy a part each; of no account on a GPU.
         device: Warp device whose memory is meant.
-        nbytes: Bytes of each of the two arrays.
+        nbytes: Bytes of each of the two arrays, by default more than caches hold.
     """
-    count = nbytes // 8
+    count = (nbytes or COPY_BYTES) // 8
     if not resolve_device(device).is_cpu:
         source, target = (wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2))
         return 2 * 8 * count / least_seconds(lambda: wp.copy(target, source), 10, device=device)
@@ -330,13 +330,13 @@ def made_up(
     return Simulation(network, MeanderParams(**off), terrain=ground, threads=threads)
 
 
-def measure(points: int, channels: int, *, copy_bytes: int = COPY_BYTES, **options: Any) -> dict[str, Any]:
+def measure(points: int, channels: int, *, copy_bytes: int | None = None, **options: Any) -> dict[str, Any]:
     """Measure a step of a made-up network on this machine, as ``warpriver bench`` does.
 
     Args:
         points: Points of the network, about.
         channels: Channels that share them evenly.
-        copy_bytes: Bytes of each array of the copy that the step is compared with.
+        copy_bytes: Bytes of each array of the copy that the step is compared with; see :func:`copy_bandwidth`.
         options: Those of :func:`made_up`.
 
     Returns:
