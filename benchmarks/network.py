@@ -39,6 +39,8 @@ QUIET = {"cutoff_distance": 0.0, "collision_distance": 0.0}
 PHASE_LIMIT = 3.0
 # The largest scene of Paris et al. (2023), Table 2: points, and ms a step on an i7 at 4 GHz.
 PAPER_POINTS, PAPER_MS = 9807, 36.2
+# Steps of a round: few, since the rivers of a terrain lengthen and join fast and are others after a century.
+RIVER_REPEATS = 4
 # Bins of the histogram of step costs.
 BINS = 12
 
@@ -136,14 +138,10 @@ def tiled(network: wr.RiverNetwork, times: int, gap: float = 2000.0) -> wr.River
 # ---- questions
 
 
-def costs(network: wr.RiverNetwork, params: wr.MeanderParams, **options: object) -> tuple[dict, dict]:
-    """Cost of the full step of a network, and of migration and resampling alone."""
-    # A few steps only: rivers of a terrain lengthen and join fast, and are others after a century.
-    repeats = min(30, max(3, 200_000 // network.point_count))
-    full = throughput.step_cost(wr.Simulation(network, params, **options), repeats=repeats)
-    alone = throughput.step_cost(
-        wr.Simulation(network, dataclasses.replace(params, **QUIET), **options), repeats=repeats
-    )
+def costs(network: wr.RiverNetwork, params: wr.MeanderParams, *, repeats: int, **options: object) -> tuple[dict, dict]:
+    """Cost of the full step of a network, and of migration and resampling alone, over rounds of ``repeats`` steps."""
+    alone = dataclasses.replace(params, **QUIET)
+    full, alone = (throughput.step_cost(wr.Simulation(network, p, **options), repeats=repeats) for p in (params, alone))
     return full, alone
 
 
@@ -155,7 +153,8 @@ def channels_rows(plan: Plan, options: argparse.Namespace) -> list[dict]:
             if channels * mean > plan.most_points:
                 continue
             network = drawn_network(channels, mean, options.device)
-            full, alone = costs(network, wr.MeanderParams(), threads=1)
+            repeats = min(50, max(RIVER_REPEATS, 100_000 // network.point_count))
+            full, alone = costs(network, wr.MeanderParams(), repeats=repeats, threads=1)
             rows.append({"case": "drawn lengths", "asked_channels": channels, "mean_points": mean} | full)
             rows[-1] |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
             print_row(rows[-1])
@@ -193,7 +192,7 @@ def scale_case(plan: Plan, options: argparse.Namespace) -> list[dict]:
     """(b) Rivers of a terrain, all phases on; (c) four times as many, without the ground, against migration."""
     terrain = terrain_of(plan.cells, options.device)
     network = rivers_of(terrain, LINK_AREA)
-    full, alone = costs(network, PARAMS, terrain=terrain, threads=1)
+    full, alone = costs(network, PARAMS, repeats=RIVER_REPEATS, terrain=terrain, threads=1)
     rows = [{"case": "extracted", "cells": plan.cells} | full]
     rows[0] |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
     print_row(rows[0])
@@ -207,7 +206,7 @@ def scale_case(plan: Plan, options: argparse.Namespace) -> list[dict]:
     times = phases[worst] / phases["migrate"]
     verdict = "yes" if times <= PHASE_LIMIT else "NO"
     print(f"no phase above {PHASE_LIMIT:g} times migrate: {verdict} ({worst} {times:.2f} times)")
-    full, alone = costs(tiled(network, 2), PARAMS, threads=1)
+    full, alone = costs(tiled(network, 2), PARAMS, repeats=RIVER_REPEATS, threads=1)
     rows.append({"case": "extracted x 4", "cells": plan.cells} | full)
     rows[-1] |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
     print_row(rows[-1])
@@ -272,7 +271,7 @@ def paper_case(options: argparse.Namespace) -> dict:
         if abs(sim.network.point_count / PAPER_POINTS - 1.0) < 0.02:
             break
         area *= sim.network.point_count / PAPER_POINTS
-    full, alone = costs(network, PARAMS, terrain=terrain, threads=1)
+    full, alone = costs(network, PARAMS, repeats=RIVER_REPEATS, terrain=terrain, threads=1)
     found = {"case": "the paper's largest", "paper_points": PAPER_POINTS, "paper_ms": PAPER_MS} | full
     found |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
     found["copies_of_points"] = throughput.copies_of_points(
