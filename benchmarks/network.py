@@ -40,7 +40,7 @@ PHASE_LIMIT = 3.0
 # The largest scene of Paris et al. (2023), Table 2: points, and ms a step on an i7 at 4 GHz.
 PAPER_POINTS, PAPER_MS = 9807, 36.2
 # Steps of a round: few, since the rivers of a terrain lengthen and join fast and are others after a century.
-RIVER_REPEATS = 4
+RIVER_REPEATS = 2
 # Bins of the histogram of step costs.
 BINS = 12
 
@@ -153,7 +153,7 @@ def channels_rows(plan: Plan, options: argparse.Namespace) -> list[dict]:
             if channels * mean > plan.most_points:
                 continue
             network = drawn_network(channels, mean, options.device)
-            repeats = min(50, max(RIVER_REPEATS, 100_000 // network.point_count))
+            repeats = min(50, max(3, 100_000 // network.point_count))
             full, alone = costs(network, wr.MeanderParams(), repeats=repeats, threads=1)
             rows.append({"case": "drawn lengths", "asked_channels": channels, "mean_points": mean} | full)
             rows[-1] |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}

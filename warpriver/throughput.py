@@ -179,13 +179,13 @@ def ground_under(network: RiverNetwork, cell_size: float = 100.0, relief_slope: 
 # ---- measuring
 
 
-def step_cost(sim: Simulation, rounds: int = ROUNDS, repeats: int | None = None, warmup: int = 3) -> dict[str, Any]:
+def step_cost(sim: Simulation, rounds: int = 2 * ROUNDS, repeats: int | None = None, warmup: int = 3) -> dict[str, Any]:
     """Measure whole steps of a simulation, which moves on.
 
     Args:
         sim: What is stepped.
         rounds: Rounds; the best one counts.
-        repeats: Steps a round, by default 3 to 100, of some 200,000 points in all: few, so that the rivers stay alike.
+        repeats: Steps a round, by default 3 to 50, of some 100,000 points in all: few, so that the rivers stay alike.
         warmup: Steps before, in which kernels are compiled and recorded.
 
     Returns:
@@ -197,7 +197,7 @@ def step_cost(sim: Simulation, rounds: int = ROUNDS, repeats: int | None = None,
         sim.step()
     history, first = sim.history, sim.step_count
     cutoffs, collisions = len(history.cutoffs), len(history.collisions)
-    repeats = repeats or min(100, max(3, 200_000 // sim.network.point_count))
+    repeats = repeats or min(50, max(3, 100_000 // sim.network.point_count))
     found = []
     for _ in range(rounds):
         cost = least_seconds(sim.step, repeats, 1, sim.device)
