@@ -41,7 +41,8 @@ def machine(device: str, peers: Iterable[str] = ()) -> dict:
     if info.exists():
         names = [row.split(":", 1)[1].strip() for row in info.read_text().splitlines() if row.startswith("model name")]
         processor = names[0] if names else processor
-    done = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
+    describe = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    done = subprocess.run(describe, capture_output=True, text=True, check=False)
     versions = {}
     for peer in peers:
         try:
