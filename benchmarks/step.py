@@ -161,7 +161,7 @@ def memory_row(asked: int, options: argparse.Namespace) -> dict:
 # ---- peer
 
 
-def meanderpy_row(points: int) -> dict | None:
+def meanderpy_row(points: int, dtype: str) -> dict | None:
     """Cost of a step of meanderpy and of ours on the same centreline; None where meanderpy is not installed."""
     try:
         from meanderpy import meanderpy
@@ -182,7 +182,7 @@ def meanderpy_row(points: int) -> dict | None:
         x, y, z, *_ = meanderpy.cut_off_cutoffs(x, y, z, arc, width, spacing)
         meanderpy.resample_centerline(x, y, z, spacing)
 
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width), threads=1)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width, dtype=dtype), threads=1)
     peer()  # compiles its numba functions, if any
     ours = 1e-3 * throughput.step_cost(sim)["ms_per_step"]
     theirs = throughput.least_seconds(peer, max(1, 3000 // points), 5 if points < 5000 else 2)
@@ -222,9 +222,11 @@ def measure_all(sizes: list[int], options: argparse.Namespace) -> dict:
     rows += [memory_row(size, options) for size in sizes]
     if is_cpu:
         peers = (SHORT, 1_000, 3_000) if options.quick else (SHORT, 1_000, 3_000, 10_000)
-        rows += [r for r in map(meanderpy_row, peers) if r is not None]
+        rows += [r for r in (meanderpy_row(n, options.dtype) for n in peers) if r is not None]
     exponents = {variant: fit_exponent(rows, variant) for variant in VARIANTS}
-    print("cost grows as points^p, p = " + ", ".join(f"{p:.3f} ({v})" for v, p in exponents.items() if p is not None))
+    known = [f"{p:.3f} ({variant})" for variant, p in exponents.items() if p is not None]
+    if known:
+        print(f"cost grows as points^p, p = {', '.join(known)}")
     return {"rows": rows, "exponents": exponents}
 
 
@@ -235,7 +237,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="sizes up to 100,000 points")
     parser.add_argument("--full", action="store_true", help="sizes up to 10 million points; takes some 12 GB")
     parser.add_argument("--points", metavar="N,N...", help="sizes, instead of 1,000 to 1,000,000")
-    parser.add_argument("-o", "--out", help="JSON to write (default results/step-DEVICE.json)")
+    parser.add_argument("-o", "--out", help="JSON to write (default results/step-DEVICE.json; -float32)")
     parser.add_argument("--measure-memory", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure_memory:
@@ -252,7 +254,8 @@ def main() -> None:
         "baseline": baseline(options.device),
         **measure_all(sizes, options),
     }
-    write_result(result, options.out, f"step-{options.device.split(':')[0]}")
+    suffix = "" if options.dtype == "float64" else f"-{options.dtype}"
+    write_result(result, options.out, f"step-{options.device.split(':')[0]}{suffix}")
 
 
 if __name__ == "__main__":
