@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import functools
+import gc
 import importlib.metadata
 import json
 import os
@@ -108,7 +111,11 @@ def memory_status(name: str) -> int | None:
 
 
 def forget_peak() -> bool:
-    """Let VmHWM begin anew at what is held now; False where the system does not allow it."""
+    """Give back what is free, and let VmHWM begin anew at what is held; False where the system does not allow it."""
+    gc.collect()
+    # What the allocator keeps of arrays that are gone would hide what comes next.
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:

@@ -219,7 +219,7 @@ def long_run(plan: Plan, options: argparse.Namespace) -> dict:
     network = rivers_of(terrain, plan.run_area).to(options.device)
     del terrain
     wr.Simulation(drawn_network(4, 30, options.device), wr.MeanderParams()).step()
-    before, fresh = memory_status("VmRSS"), forget_peak()
+    fresh, before = forget_peak(), memory_status("VmRSS")
     begin = time.perf_counter()
     sim = wr.Simulation(network, PARAMS)
     points, channels = sim.network.point_count, sim.network.channel_count

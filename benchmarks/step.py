@@ -129,8 +129,7 @@ def measure_memory(asked: int, options: argparse.Namespace) -> dict:
     """What a simulation of so many points adds to this process, bytes a point; to be run in a process of its own."""
     for _ in range(2):  # kernels and the river that others are cut from
         throughput.made_up(3000, 3, device=options.device, dtype=options.dtype).step()
-    before = memory_status("VmRSS")
-    fresh = forget_peak()
+    fresh, before = forget_peak(), memory_status("VmRSS")
     sim = throughput.made_up(asked, max(1, asked // CHANNEL_POINTS), device=options.device, dtype=options.dtype)
     made = memory_status("VmHWM")
     forget_peak()
