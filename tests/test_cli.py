@@ -16,6 +16,7 @@ from warpriver import (
     erode,
     generate,
     read_terrain,
+    throughput,
     write_network,
     write_terrain,
 )
@@ -241,3 +242,34 @@ def test_demo_writes_its_pictures(tmp_path, capsys):
     for name in ("channels.csv", "belt.png", "belt.gif", "run/run.json"):
         assert (tmp_path / "demo" / name).stat().st_size > 0, name
     assert "3-D" in said
+
+
+def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
+    monkeypatch.setattr(throughput, "COPY_BYTES", 2**20)
+    arguments = ["bench", "--points", 600, "--channels", 2, "--threads", 1, "--no-cutoffs", "--terrain"]
+    code, said, err = run(capsys, *arguments, "--json", tmp_path / "bench.json")
+    assert code == 0, err
+    for word in ("ms, ", "ns a point", "migrate", "resample", "GB/s", "1 thread,", "copies of its points"):
+        assert word in said, word
+    assert "cut off" not in said
+    found = json.loads((tmp_path / "bench.json").read_text())
+    assert found["benchmark"] == "bench" and found["channels"] == 2 and found["threads"] == 1
+    assert (found["terrain"], found["cutoffs"], found["collisions"]) == (True, False, True)
+    assert set(found["phases_ms"]) == {"migrate", "resample", "collide", *throughput.HOST_PHASES}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--points", 2], "3 points for each"),
+        (["--channels", 0], "at least 1 channel"),
+        (["--points", 600, "--channels", 2, "--threads", 0], "threads is 0"),
+        (["--device", "cuda:99"], "not on this machine"),
+        (["--json", "nowhere/bench.json"], "no folder nowhere"),
+    ],
+)
+def test_bench_refuses_bad_input(arguments, word, capsys, monkeypatch):
+    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
+    code, _, err = run(capsys, "bench", *arguments)
+    assert code == 2 and word in err and err.splitlines()[-1].startswith("warpriver bench: "), err
