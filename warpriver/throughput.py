@@ -359,7 +359,7 @@ def measure(points: int, channels: int, *, copy_bytes: int | None = None, **opti
         "dtype": sim.network.dtype,
         "threads": sim.threads,
         "terrain": sim.terrain is not None,
-        "cutoffs": sim.params.cutoff_distance > 0.0,
+        "cutoffs": "cut off" in phases,
         "collisions": sim.params.collision_distance > 0.0,
         "copy_bytes_per_second": bandwidth,
         "copies_of_points": ratio,
