@@ -37,7 +37,7 @@ EXTRAS = {
 }
 
 # Frames of the demo's movie; more make the file larger, not the film better.
-DEMO_FRAMES = 60
+DEMO_FRAMES = 40
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,30 +93,72 @@ def _add_demo(commands: Any) -> None:
         commands,
         "demo",
         _demo,
-        help="the main job on built-in input: a made-up river meanders for centuries",
-        description="Let a made-up river of one channel meander, and draw what it leaves: a map of its belt, a movie,\n"
-        "a 3-D preview. Needs no file from outside.",
+        help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
+        description="Make up a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off\n"
+        "their bends and run into each other, and draw them before and after. Needs no file from outside.\n"
+        "Into FOLDER go terrain.npz, network.csv and network.png (the rivers as found), run (the simulation),\n"
+        "channels.csv and rivers.png (the rivers after it), before_after.png, and the movie rivers.gif.",
+        epilog="examples:\n"
+        "  warpriver demo\n"
+        "  warpriver demo --seed 3 --relief 600 --years 500 -o out/gentle\n"
+        "  warpriver demo --min-area 2 --cell-size 50 --no-movie -o out/fine",
     )
-    parser.add_argument("--width", type=float, default=100.0, metavar="M", help="bankfull width in m (default 100)")
-    parser.add_argument("--length", type=float, default=40.0, metavar="KM", help="valley length in km (default 40)")
-    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest part")
-    _add_run_options(parser, out="out/demo", years=400.0)
+    ground = parser.add_argument_group("terrain and network")
+    ground.add_argument("--cell-size", type=float, default=100.0, metavar="M", help="terrain cell in m (default 100)")
+    ground.add_argument(
+        "--relief", type=float, default=1200.0, metavar="M", help="height of the mountains in m (default 1200)"
+    )
+    ground.add_argument(
+        "--min-area", type=float, default=8.0, metavar="KM2", help="least drainage area of a channel in km2 (default 8)"
+    )
+    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest picture")
+    _add_run_options(parser, out="out/demo", years=500.0, record_every=20, seed=1, reference="the widest channel's")
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from warpriver import generate
-    from warpriver.network import RiverNetwork
+    from warpriver import generate, hydrology
+    from warpriver.io.lines import write_network
+    from warpriver.io.rasters import write_terrain
 
     _quiet_warp()
+    terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)
+    network = hydrology.extract_network(
+        terrain, min_drainage_area=1e6 * options.min_area, dtype=options.dtype, device=options.device
+    )
+    if options.reference_width is None:
+        options.reference_width = max(float(width.max()) for width in network.point_widths())
+    simulation = _simulation(network, options, terrain)
     folder = _fresh_folder(options.out)
-    spacing = options.spacing or min(50.0, options.width)
-    line = generate.noisy_line(1e3 * options.length, spacing, options.width, options.seed)
-    network = RiverNetwork.from_polylines([line], width=options.width, device=options.device, dtype=options.dtype)
-    simulation = _simulation(network, options)
+    write_terrain(terrain, folder / "terrain.npz")
+    write_network(network, folder / "network.csv")
+    print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
-    _draw_results(simulation.history, folder, movie=not options.no_movie)
+    _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
     return code
+
+
+def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool) -> None:
+    """Draw the rivers before, after, and on the way."""
+    if importlib.util.find_spec("matplotlib") is None:
+        print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+        return
+    from warpriver import hydrology, viz
+
+    found = history.networks[0]
+    order = hydrology.strahler_order(found.channel_from, found.channel_to)
+    viz.draw_network(
+        found, folder / "network.png", terrain=terrain, color="order", order=order, title="Rivers of the terrain"
+    )
+    title = f"After {history.times[-1]:.0f} years"
+    viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
+    viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
+    for name in ("network.png", "rivers.png", "before_after.png"):
+        print(f"  picture  {folder / name}")
+    if movie:
+        every = -(-len(history) // DEMO_FRAMES)
+        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 660), fps=8.0, title="")
+        print(f"  movie    {folder / 'rivers.gif'}")
 
 
 # ---- network
@@ -243,16 +285,29 @@ def _simulate(options: argparse.Namespace) -> int:
         folder = _fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
-    _draw_results(simulation.history, folder, movie=False, scene=False, terrain=terrain)
+    _draw_results(simulation.history, folder, terrain)
     return code
 
 
-def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: float) -> None:
-    """Flags of every command that runs a simulation."""
+def _add_run_options(
+    parser: argparse.ArgumentParser,
+    out: str | None,
+    years: float,
+    record_every: int = 10,
+    seed: int = 0,
+    reference: str | None = None,
+) -> None:
+    """Flags of every command that runs a simulation; ``reference`` says what the reference width is by default."""
     run = parser.add_argument_group("run")
     run.add_argument("--years", type=float, default=years, help=f"how long to run, in years (default {years:g})")
-    run.add_argument("--record-every", type=int, default=10, metavar="STEPS", help="steps between records (default 10)")
-    run.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
+    run.add_argument(
+        "--record-every",
+        type=int,
+        default=record_every,
+        metavar="STEPS",
+        help=f"steps between records (default {record_every})",
+    )
+    run.add_argument("--seed", type=int, default=seed, help=f"seed of what is random (default {seed})")
     run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
     run.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
     run.add_argument("--check", action="store_true", help="check every phase of every step (slow)")
@@ -273,12 +328,13 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
         meta = field.metadata
         kind = str if meta["choices"] else float
         unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
+        default = reference if reference and field.name == "reference_width" else field.default
         model.add_argument(
             "--" + field.name.replace("_", "-"),
             type=kind,
             choices=meta["choices"] or None,
             metavar=None if meta["choices"] else "X",
-            help=f"{meta['doc']}{unit} (default {field.default})",
+            help=f"{meta['doc']}{unit} (default {default})",
         )
 
 
@@ -330,18 +386,17 @@ def _write_results(simulation: Simulation, folder: Path) -> None:
     network = simulation.network
     write_network(network, folder / "channels.csv")
     print(f"  lines    {folder / 'channels.csv'}")
-    longest = int(network.channel_lengths().argmax())
-    xy, width = network.polylines()[longest], float(network.channel_width[longest])
+    # Of many the one with most water surface: the longest may be a brook.
+    largest = int((network.channel_lengths() * network.channel_width).argmax())
+    xy, width = network.polylines()[largest], float(network.channel_width[largest])
     wave = metrics.wavelength(xy, width)
     print(
-        f"  longest channel: sinuosity {metrics.sinuosity(xy):.3g}, meander wavelength {wave:.4g} m "
+        f"  largest channel: sinuosity {metrics.sinuosity(xy):.3g}, meander wavelength {wave:.4g} m "
         f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs in all"
     )
 
 
-def _draw_results(
-    history: History, folder: Path, *, movie: bool, scene: bool = True, terrain: Terrain | None = None
-) -> None:
+def _draw_results(history: History, folder: Path, terrain: Terrain | None = None) -> None:
     """Draw what can be drawn on this machine; what cannot is named, and is no failure."""
     if importlib.util.find_spec("matplotlib") is None:
         print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
@@ -350,16 +405,6 @@ def _draw_results(
 
     viz.draw_belt(history, folder / "belt.png", terrain=terrain)
     print(f"  map      {folder / 'belt.png'}")
-    if scene:
-        try:
-            viz.render_scene(history, folder / "preview.png", terrain=terrain)
-            print(f"  3-D      {folder / 'preview.png'}")
-        except (RuntimeError, ImportError) as error:
-            print(f"  no 3-D preview: {error}")
-    if movie:
-        every = max(1, len(history) // DEMO_FRAMES)
-        viz.movie(history, folder / "belt.gif", every=every, size=(960, 540), fps=10.0)
-        print(f"  movie    {folder / 'belt.gif'}")
 
 
 # ---- erode
