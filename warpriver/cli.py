@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"warpriver {options.name}: warning: {message}", file=sys.stderr
             )
             return options.command(options)
-    except (ValueError, OSError, ImportError, RuntimeError) as error:
+    except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
             text += f": {error.filename}"

@@ -185,6 +185,7 @@ def intermontane_basin(
     if _positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise ValueError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
     _number(relief, "relief")
+    _check_seed(seed)
     size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -221,6 +222,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
     """
     if _positive(cell_size, "cell_size") > COARSEST:
         raise ValueError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
+    _check_seed(seed)
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -395,8 +397,7 @@ def _noise(
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise ValueError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; give a whole number, 0 or more.")
+    _check_seed(seed)
     kernel = kernels.build(wp.float64)
     law = kernel.Octaves()
     law.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
@@ -433,6 +434,12 @@ def _smoothstep(part: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, smooth between."""
     p = np.clip(part, 0.0, 1.0)
     return p * p * (3.0 - 2.0 * p)
+
+
+def _check_seed(seed: int) -> None:
+    """Raise ValueError for a seed below 0."""
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; give a whole number, 0 or more.")
 
 
 def _number(value: float, name: str) -> float:
