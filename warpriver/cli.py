@@ -150,14 +150,14 @@ def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool)
     viz.draw_network(
         found, folder / "network.png", terrain=terrain, color="order", order=order, title="Rivers of the terrain"
     )
-    title = f"After {history.times[-1]:.0f} years"
+    title = "Rivers of a basin"
     viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
     viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
     for name in ("network.png", "rivers.png", "before_after.png"):
         print(f"  picture  {folder / name}")
     if movie:
         every = -(-len(history) // DEMO_FRAMES)
-        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 660), fps=8.0, title="")
+        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
         print(f"  movie    {folder / 'rivers.gif'}")
 
 
@@ -322,19 +322,19 @@ def _add_run_options(
         metavar="M",
         help="distance between points in m (default 50, at most a channel's width)",
     )
+    told = {"spacing_in_widths": "1, or 0 with --spacing"} | ({"reference_width": reference} if reference else {})
     for field in dataclasses.fields(MeanderParams):
         if field.name in ("time_step", "spacing"):
             continue
         meta = field.metadata
         kind = str if meta["choices"] else float
         unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
-        default = reference if reference and field.name == "reference_width" else field.default
         model.add_argument(
             "--" + field.name.replace("_", "-"),
             type=kind,
             choices=meta["choices"] or None,
             metavar=None if meta["choices"] else "X",
-            help=f"{meta['doc']}{unit} (default {default})",
+            help=f"{meta['doc']}{unit} (default {told.get(field.name, field.default)})",
         )
 
 

@@ -228,7 +228,8 @@ class BeltSheet:
         for collection in self._water[panel]:
             collection.remove()
         network = self.painter.network
-        values, colors, bank = _values(network, self._color), self._water_color, 0.7
+        values, bank = _values(network, self._color), 0.7
+        colors: Any = self._water_color
         if values is not None:
             colors, bank = value_colors(values, self._norm, self._ramp), 0.4
         axes = self.sheet.panels[panel]
