@@ -291,6 +291,29 @@ def test_ground_elsewhere_or_in_another_system_is_refused(tmp_path, capsys):
         assert code == 2 and err.count("\n") == 1 and not (tmp_path / "map.png").exists()
 
 
+def test_heights_in_feet_without_a_system_and_with_a_value_for_no_data(tmp_path, capsys):
+    pytest.importorskip("pyproj")
+    land = generate.fluvial_terrain((60, 60), 50.0, 300.0, 1).to_numpy()
+    land[20:30, 20:30] = np.nan
+    write_grid(tmp_path / "feet.asc", np.nan_to_num(land / 0.3048, nan=-5.0))
+    flags = ["--z-factor", 0.3048, "--nodata", -5]
+    names = [tmp_path / "feet.asc", "--crs", "EPSG:32619", *flags, "--min-area", 0.1, "-o", tmp_path / "rivers.csv"]
+    code, said, err = run(capsys, "network", *names)
+    assert code == 0, err
+    assert "heights 0 to 300 m, 2.78 % no data, crs=EPSG:32619" in said
+    ground = ["--terrain", tmp_path / "feet.asc", "--terrain-crs", "EPSG:32619", *flags]
+    out = ["-o", tmp_path / "out", "--no-progress"]
+    code, _, err = run(capsys, "simulate", tmp_path / "rivers.csv", *ground, "--years", 2, *out)
+    assert code == 0, err
+    code, _, err = run(capsys, "render", tmp_path / "out", *ground, "-o", tmp_path / "map.png")
+    assert code == 0 and (tmp_path / "map.png").stat().st_size > 0, err
+    start = ["--start", tmp_path / "feet.asc", *flags, "--depth", 0.5, "--slide-threshold", 40, "--fill"]
+    code, _, err = run(capsys, "erode", *start, "--events", 20, "-o", tmp_path / "eroded", "--no-progress")
+    assert code == 0, err
+    eroded = read_terrain(tmp_path / "eroded" / "terrain.npz").to_numpy()
+    assert np.isnan(eroded).sum() == 100 and 250.0 < np.nanmax(eroded) < 301.0
+
+
 def test_widths_set_spacings_and_rates_by_flags(river, tmp_path, capsys):
     flags = ["--spacing-in-widths", 0.5, "--reference-width", 120]
     code, _, err = run(capsys, "simulate", river, "--years", 2, *flags, "-o", tmp_path / "o", "--no-progress")

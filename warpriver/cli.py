@@ -184,18 +184,22 @@ def _add_network(commands: Any) -> None:
     parser.add_argument("--spacing", type=float, metavar="M", help="distance between points in m (default: the cell)")
     parser.add_argument("--smoothing", type=int, default=4, metavar="N", help="passes that smooth courses (default 4)")
     parser.add_argument("--picture", metavar="FILE", help="also draw the network over the shaded terrain, by order")
-    parser.add_argument("--fill", action="store_true", help="fill depressions instead of carving them open")
+    parser.add_argument(
+        "--fill",
+        action="store_true",
+        help="fill depressions instead of carving them open: finds more of the rivers of flat, leveed ground",
+    )
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    _add_heights(parser)
 
 
 def _network(options: argparse.Namespace) -> int:
     from warpriver import hydrology
     from warpriver.io.lines import write_network
-    from warpriver.io.rasters import read_terrain
 
     _quiet_warp()
-    terrain = read_terrain(options.terrain, crs=options.crs, to_crs=options.to_crs)
+    terrain = _read_ground(options.terrain, options.crs, options)
     print(terrain)
     network = hydrology.extract_network(
         terrain,
@@ -243,12 +247,13 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--layer", help="layer to read, of a file with several")
     _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
-    parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    parser.add_argument("--to-crs", help='reproject rivers and terrain, e.g. EPSG:32619, or "utm" for their zone')
     parser.add_argument(
         "--terrain",
         metavar="FILE",
         help="heights under the river (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope",
     )
+    _add_ground(parser)
     _add_run_options(parser, out=None, years=200.0)
 
 
@@ -260,9 +265,7 @@ def _simulate(options: argparse.Namespace) -> int:
     source = Path(options.input)
     terrain = None
     if options.terrain is not None:
-        from warpriver.io.rasters import read_terrain
-
-        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
+        terrain = _read_ground(options.terrain, options.terrain_crs, options)
     if _is_run(source):
         run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
         simulation = Simulation.resume(run, terrain=terrain, device=options.device)
@@ -444,6 +447,7 @@ def _add_erode(commands: Any) -> None:
     start.add_argument("--fill", action="store_true", help="raise ground that water cannot leave until it can")
     start.add_argument("--crs", help="coordinate reference system of a file that does not say")
     start.add_argument("--to-crs", help='reproject a file, e.g. EPSG:32619, or "utm" for the zone of the data')
+    _add_heights(start)
     model = parser.add_argument_group("model (Leheny 1995)")
     model.add_argument("--events", type=int, default=10_000, metavar="N", help="units of rain (default 10000)")
     for field in dataclasses.fields(LehenyParams):
@@ -520,14 +524,13 @@ def _erode(options: argparse.Namespace) -> int:
 def _erosion_start(options: argparse.Namespace) -> Terrain:
     """Make or read the terrain that rain is to fall on."""
     from warpriver import generate
-    from warpriver.io.rasters import read_terrain
 
     made = {"plane": generate.erosion_plane, "peak": generate.erosion_peak}
     if options.start not in made:
         for flag in ("size", "cell_size", "slope"):
             if getattr(options, flag) is not None:
                 raise ValueError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
-        return read_terrain(options.start, crs=options.crs, to_crs=options.to_crs, device=options.device)
+        return _read_ground(options.start, options.crs, options, options.device)
     try:
         columns, rows = (int(n) for n in (options.size or "300x200").lower().split("x"))
     except ValueError:
@@ -580,6 +583,7 @@ def _add_render(commands: Any) -> None:
         "--window", type=float, nargs=4, metavar=("W", "S", "E", "N"), help="part to draw, in m (default: everything)"
     )
     parser.add_argument("--terrain", metavar="FILE", help="heights to draw under the rivers")
+    _add_ground(parser)
     parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
     parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
     parser.add_argument("--title", help="title of a map or movie")
@@ -601,9 +605,7 @@ def _render(options: argparse.Namespace) -> int:
         raise ValueError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
     window, terrain = options.window, None
     if options.terrain is not None:
-        from warpriver.io.rasters import read_terrain
-
-        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
+        terrain = _read_ground(options.terrain, options.terrain_crs, options)
     if not _is_run(source):
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
@@ -744,6 +746,31 @@ def _read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
         short=options.short,
         crs=options.crs,
         to_crs=options.to_crs,
+    )
+
+
+def _add_heights(parser: Any) -> None:
+    """Flags of every command that reads heights from a file."""
+    parser.add_argument(
+        "--z-factor", type=float, metavar="M", help="metres in the file's unit of height, 0.3048 for feet (default 1)"
+    )
+    parser.add_argument(
+        "--nodata", type=float, metavar="H", help="height that stands for no data, besides what the file says"
+    )
+
+
+def _add_ground(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that takes a terrain beside rivers."""
+    parser.add_argument("--terrain-crs", metavar="CRS", help="coordinate reference system of a --terrain without one")
+    _add_heights(parser)
+
+
+def _read_ground(path: str, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
+    """Read a terrain as the flags say."""
+    from warpriver.io.rasters import read_terrain
+
+    return read_terrain(
+        path, crs=crs, to_crs=options.to_crs, z_factor=options.z_factor, nodata=options.nodata, device=device
     )
 
 
