@@ -21,7 +21,7 @@ $(STAMP): pyproject.toml
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
 	@touch $@
 
-demo: $(STAMP)  ## the main job on built-in input; pictures and files go to out/demo
+demo: $(STAMP)  ## a terrain, its rivers, centuries of them: pictures and files go to out/demo
 	@rm -rf out/demo
 	$(RUN)/warpriver demo -o out/demo
 
