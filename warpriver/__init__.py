@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_terrain, write_terrain
     from warpriver.io.xarrays import from_xarray, to_xarray
+    from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import MeanderParams
     from warpriver.simulation import Every, Simulation
@@ -38,6 +39,7 @@ __all__ = [
     "metrics",
     "read_network",
     "read_terrain",
+    "taubin_smooth",
     "to_xarray",
     "viz",
     "write_network",
@@ -61,6 +63,7 @@ _HOMES = {
     "from_xarray": "warpriver.io.xarrays",
     "read_network": "warpriver.io.lines",
     "read_terrain": "warpriver.io.rasters",
+    "taubin_smooth": "warpriver.meander.smoothing",
     "to_xarray": "warpriver.io.xarrays",
     "write_network": "warpriver.io.lines",
     "write_terrain": "warpriver.io.rasters",

@@ -33,6 +33,8 @@ from warpriver.meander.collisions import (
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law, plan_steps, schedule_channels, step_limits
 from warpriver.meander.resampling import resample
+from warpriver.meander.rings import split_rings
+from warpriver.meander.smoothing import smooth
 from warpriver.meander.stages import Replay, Stage, run_stages
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
 from warpriver.network import RiverNetwork
@@ -136,8 +138,9 @@ class Simulation:
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
 
         Raises:
-            ValueError: The spacing exceeds a channel's width, a channel is a ring, channels part or flow in a circle,
-                the terrain lies elsewhere or in another CRS, or the time step is out of all proportion.
+            ValueError: The spacing exceeds a channel's width, a channel that is no ring ends where it begins, channels
+                part or flow in a circle, the terrain lies elsewhere or in another CRS, or the time step is out of all
+                proportion.
         """
         self.params = params if params is not None else MeanderParams()
         self._check_network(network)
@@ -304,10 +307,11 @@ class Simulation:
     # ---- inside
 
     def _check_network(self, network: RiverNetwork) -> None:
-        ring = network.channel_from == network.channel_to
-        if ring.any():
+        looped = (network.channel_from == network.channel_to) & ~network.channel_closed
+        if looped.any():
             raise ValueError(
-                f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
+                f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
+                "closed=True), or open it"
             )
         if self.params.collision_distance > 0.0:
             check_forest(network)
@@ -426,7 +430,7 @@ class Simulation:
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
         network = self.network
-        self.buffers = StepBuffers(network, points, cuts, oxbow_points)
+        self.buffers = StepBuffers(network, points, cuts, oxbow_points, smoothing=self.params.taubin_passes > 0)
         self.channels.deal_out(network, self.buffers, anew=True)
         self._replay = None
         if points == network.point_xy.shape[0]:
@@ -473,6 +477,7 @@ class Simulation:
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
             *migrate(network, channels, buffers, self.terrain, self._law),
+            *smooth(network, channels, buffers, int(self.params.taubin_passes)),
             *cut_off(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
             *find_contacts(network, channels, buffers, self._collisions),
@@ -522,7 +527,7 @@ class Simulation:
                 return
 
     def _collect_cutoffs(self, time: float) -> None:
-        """Move the cutoffs of the (sub-)step just done into the history."""
+        """Move the cutoffs of the (sub-)step just done into the history; of a ring, both parts may go on."""
         buffers, network = self.buffers, self.network
         count = int(self.channels.cuts_sum.numpy()[-1])
         if count == 0:
@@ -530,10 +535,14 @@ class Simulation:
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        for channel, begin, length, _ in cut:
+        split = network.channel_closed[cut[:, 0]] & (self.params.ring_policy == "both")
+        for channel, begin, length, _ in cut[~split]:
             width = network.channel_width[channel] if section is None else section[begin, 0]
             loop = xy[begin : begin + length].copy()
             self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
+        if split.any():
+            self._adopt(split_rings(network, cut[split, :3], xy))
+            self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
 
     def _resolve_collisions(self, time: float) -> None:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
@@ -570,9 +579,10 @@ class Simulation:
     def _adopt(self, edited: EditedChannels) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing."""
         network, buffers = self.network, self.buffers
-        if edited.run_start[-1] > buffers.point_capacity:
-            self._allocate(int(HEADROOM * edited.run_start[-1]), buffers.cut_capacity, buffers.oxbow_capacity)
-        gather_points(network, edited, self.buffers)
+        needed = int(edited.channel_start[-1])
+        if needed > buffers.point_capacity:
+            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+        gather_points(network, edited, self.buffers, buffers)
         network.replace_channels(
             edited.channel_start,
             channel_width=edited.channel_width,
@@ -581,11 +591,12 @@ class Simulation:
             channel_drainage_area=edited.channel_drainage_area,
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
+            channel_closed=network.channel_closed[edited.channel_old],
         )
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
         spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
-        length = spacing * (np.diff(edited.channel_start) - 1)
+        length = spacing * (np.diff(edited.channel_start) - ~network.channel_closed)
         carried = {
             name: array.numpy()[edited.channel_old]
             for name in ("pace", "parts", "mobility")
@@ -625,6 +636,7 @@ class Simulation:
                 node_xy=network.node_xy.copy(),
                 channel_fixed=self._fixed.copy(),
                 channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
+                channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
             )
         )
 
@@ -646,8 +658,9 @@ class Simulation:
 
 
 def _channel_room(network: RiverNetwork) -> int:
-    """Channels to make room for: a join makes one more, a loss of a whole channel one less."""
-    return network.channel_count + max(8, network.channel_count // 8) if network.channel_count > 1 else 1
+    """Channels to make room for: a join or the split of a ring makes one more, a loss of a whole channel one less."""
+    grows = network.channel_count > 1 or network.channel_closed.any()
+    return network.channel_count + max(8, network.channel_count // 8) if grows else 1
 
 
 def _thread_count(threads: int | None) -> int:

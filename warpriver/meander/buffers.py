@@ -31,6 +31,7 @@ class StepBuffers:
     Attributes:
         point_moved: (P,) vec2, points after the move and the cutoffs, m.
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
+        point_smoothed: (P,) vec2, room for a smoothing pass, or None where none is asked for.
         point_rate: (P,) migration rate, m/yr, positive to the right.
         point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
         point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list.
@@ -43,7 +44,15 @@ class StepBuffers:
         chunk: Points that a thread takes, 0 where it takes whole channels.
     """
 
-    def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
+    def __init__(
+        self,
+        network: RiverNetwork,
+        point_capacity: int,
+        cut_capacity: int,
+        oxbow_capacity: int,
+        *,
+        smoothing: bool = False,
+    ):
         """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
         scalar, vec2, _ = PRECISIONS[network.dtype]
         device = network.device
@@ -59,6 +68,7 @@ class StepBuffers:
         varies = network.point_section is not None
         self.point_moved = zeros(point_capacity, vec2)
         self.section_moved = zeros(point_capacity, vec2) if varies else None
+        self.point_smoothed = zeros(point_capacity, vec2) if smoothing else None
         self.point_rate = zeros(point_capacity, scalar)
         self.point_arc = zeros(point_capacity, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
@@ -91,6 +101,8 @@ class StepChannels:
         spacing: (C,) even spacing of the points, m.
         limit: (C,) vec3 of the two limits of a sub-step (see ``step_limits``), yr, and the least width, m.
         nodes: (C,) vec2i, labels of the nodes above and below; see ``gathered_nodes``.
+        closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
+        area: (C,) int64, area of each ring in the step, see ``measure_rings``; None likewise.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
@@ -125,6 +137,9 @@ class StepChannels:
         self.parts = zeros(capacity)
         self.mobility = zeros(capacity, scalar) if mobile else None
         self.nodes = zeros(capacity, wp.vec2i)
+        rings = bool(network.channel_closed.any())
+        self.closed = zeros(capacity) if rings else None
+        self.area = zeros(capacity, wp.int64) if rings else None
         self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
         self.most = zeros(1)
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
@@ -150,7 +165,7 @@ class StepChannels:
         network.channel_start = self.start[: count + 1]
         for array, values in (
             (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
-            (self.parts, parts), (self.mobility, mobility),
+            (self.parts, parts), (self.mobility, mobility), (self.closed, network.channel_closed.astype(np.int32)),
         ):  # fmt: skip
             if array is not None:
                 _assign(array, np.zeros(0) if values is None else values)
