@@ -34,6 +34,7 @@ lint: $(STAMP)  ## ruff and mypy
 bench: $(STAMP)  ## speed against points, and against meanderpy, on this machine
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[bench]"
 	$(RUN)/python benchmarks/step.py
+	$(RUN)/python benchmarks/erosion.py
 
 clean:  ## remove what the other targets made
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

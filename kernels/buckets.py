@@ -28,10 +28,18 @@ def build(scalar):
         return whole
 
     @wp.func(module=name)
+    def bucket_mask(points: int) -> int:
+        """Number of buckets of a channel less one: a power of two, two to four buckets a point."""
+        size = int(1)
+        while size <= 2 * points:
+            size = 2 * size
+        return size - 1
+
+    @wp.func(module=name)
     def bucket_of(x: int, y: int, mask: int) -> int:
         """Bucket of a grid cell: cells of an 8 x 8 tile stay together in memory, tiles are scattered."""
         tile = ((wp.uint32(x >> 3) * HASH_X) ^ (wp.uint32(y >> 3) * HASH_Y)) * HASH_MIX
         inside = wp.uint32(((y & 7) << 3) | (x & 7))
         return int((((tile >> wp.uint32(9)) << wp.uint32(6)) | inside) & wp.uint32(mask))
 
-    return SimpleNamespace(floor_int=floor_int, bucket_of=bucket_of)
+    return SimpleNamespace(floor_int=floor_int, bucket_mask=bucket_mask, bucket_of=bucket_of)

@@ -20,19 +20,11 @@ def build(scalar):
     """
     name = f"warpriver.kernels.cutoffs_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, vec4, bucket_mask = line.vec2, line.vec4, table.bucket_mask
     ZERO, HALF = scalar(0.0), scalar(0.5)
     FAULT_OXBOWS_FULL = 2
     # Least number of points that a ring keeps when a loop is cut off it.
     RING_POINTS = 8
-
-    @wp.func(module=name)
-    def bucket_mask(points: int) -> int:
-        """Number of buckets of a channel less one: a power of two, two to four buckets a point."""
-        size = int(1)
-        while size <= 2 * points:
-            size = 2 * size
-        return size - 1
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_points(
@@ -192,20 +184,10 @@ def build(scalar):
 
     @wp.func(module=name)
     def neck_range(work: Work, chunk_necks: wp.array[int], first: int, stop: int, k: int) -> wp.vec2i:
-        """Points of the k-th piece of a channel in which necks may begin: whole, or the share of one chunk."""
-        if work.chunk == 0:
-            return wp.vec2i(first, stop)
-        c = first // work.chunk + k
-        if chunk_necks[c] == 0:
+        """Points of the k-th piece of a channel in which necks may begin; none where its chunk has none."""
+        if work.chunk > 0 and chunk_necks[first // work.chunk + k] == 0:
             return wp.vec2i(stop, stop)
-        return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
-
-    @wp.func(module=name)
-    def neck_pieces(work: Work, first: int, stop: int) -> int:
-        """Number of pieces of a channel for ``neck_range``."""
-        if work.chunk == 0:
-            return 1
-        return (stop - 1) // work.chunk + 1 - first // work.chunk
+        return line.piece_range(work, first, stop, k)
 
     @wp.func(module=name)
     def select_on_line(
@@ -215,7 +197,7 @@ def build(scalar):
         cuts = int(0)
         points = int(0)
         cursor = int(first)
-        for k in range(neck_pieces(work, first, stop)):
+        for k in range(line.piece_count(work, first, stop)):
             piece = neck_range(work, chunk_necks, first, stop, k)
             for i in range(piece[0], piece[1]):
                 j = point_neck_io[i]
@@ -242,7 +224,7 @@ def build(scalar):
         left = stop - first
         cursor = int(first)
         limit = int(stop)
-        for k in range(neck_pieces(work, first, stop)):
+        for k in range(line.piece_count(work, first, stop)):
             piece = neck_range(work, chunk_necks, first, stop, k)
             for i in range(piece[0], piece[1]):
                 j = point_neck_io[i]
@@ -379,7 +361,7 @@ def build(scalar):
             if channel_cuts_sum[channel] > slot:
                 first = channel_start[channel]
                 stop = channel_start[channel + 1]
-                for k in range(neck_pieces(work, first, stop)):
+                for k in range(line.piece_count(work, first, stop)):
                     piece = neck_range(work, chunk_necks, first, stop, k)
                     for i in range(piece[0], piece[1]):
                         j = point_neck[i]

@@ -22,11 +22,10 @@ def build(scalar):
     name = f"warpriver.kernels.migration_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
     vec2, vec3, vec4 = line.vec2, wp.types.vector(3, scalar), line.vec4
-    ZERO, HALF, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
     TWO_THIRDS = scalar(2.0 / 3.0)
-    # Beyond this many e-foldings upstream a weight is lost in the rounding of the sum.
-    REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
+    REACH = line.REACH
     SERIES_LIMIT = scalar(0.5)
     # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
     FREE = scalar(0.9)
@@ -47,7 +46,6 @@ def build(scalar):
     class MigrationLaw:
         """Scalars of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
 
-        time_step: scalar
         migration_rate: scalar
         reference_width: scalar
         friction: scalar
@@ -99,7 +97,6 @@ def build(scalar):
         The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
         grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the least implicit share with which it keeps above -1/2, so
         that a kink rings for a few steps at most.
-        (1 - c d2)^-1 is a forward and a backward recurrence u_i = (1 - r) v_i + r u_(i-1).
         """
         diffusivity = -law.local_weight * strength_of(widest, law)
         if law.scale_local != 0:
@@ -107,14 +104,7 @@ def build(scalar):
         c = EIGHT_NINTHS * diffusivity * step / (spacing * spacing) - QUARTER
         if not (c > ZERO):
             return ZERO
-        return TWO * c / (ONE + TWO * c + wp.sqrt(ONE + FOUR * c))
-
-    @wp.func(module=name)
-    def smoothing_reach(r: scalar) -> int:
-        """Number of points after which r^n is lost in rounding."""
-        if r == ZERO:
-            return 0
-        return int(REACH / -wp.log(r)) + 1
+        return line.recurrence_root(c)
 
     @wp.func(module=name)
     def sinuosity_factor(point_xy: wp.array[vec2], first: int, last: int, spacing: scalar) -> scalar:
@@ -311,7 +301,7 @@ def build(scalar):
         Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
         close to 1: 1 - A is the sum of the weights of a segment of that depth.
         """
-        lap = wp.max(1, wp.min(last - first + 1, smoothing_reach(weight[2])))
+        lap = wp.max(1, wp.min(last - first + 1, line.recurrence_reach(weight[2])))
         origin = begin - lap
         warm, depth = ring_warmup(point_xy, point_section, form, law.friction, first, last, origin)
         state = sweep_rate(
@@ -385,40 +375,13 @@ def build(scalar):
                     )
                 else:
                     warm = warmup_start(point_xy, point_section, form, law.friction, first, i)
-                    warm = wp.max(first, warm - smoothing_reach(weight[2]))
+                    warm = wp.max(first, warm - line.recurrence_reach(weight[2]))
                 sweep_rate(
                     point_xy, point_section, form, law, weight, smoothing, first, last, closed, warm, head, start, i,
                     stop, point_rate_out,
                 )  # fmt: skip
             i = stop
             channel += 1
-
-    @wp.func(module=name)
-    def end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
-        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
-        away = scalar(wp.min(i - first, last - i)) * spacing
-        if away >= reach:
-            return ONE
-        t = away / reach
-        return t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
-    def slope_weight(cell_height: wp.array2d[wp.float64], grid: cells.RasterGrid, xy: vec2, limit: scalar) -> scalar:
-        """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
-        slope = cells.slope_at(cell_height, grid, xy)
-        if not (slope < limit):
-            return ZERO
-        t = slope / limit
-        return ONE - t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
-    def right_normal(before: vec2, after: vec2) -> vec2:
-        """Unit normal to the right of the flow; none where the line turns back on itself."""
-        t = after - before
-        size = wp.length(t)
-        if size == ZERO:
-            return vec2(ZERO, ZERO)
-        return vec2(t[1], -t[0]) / size
 
     @wp.func(module=name)
     def ring_tail(
@@ -433,7 +396,7 @@ def build(scalar):
     ) -> scalar:
         """Rate of the point ``stop`` of a ring, smoothed from downstream and closed over the ring; see sweep_move."""
         r = reach[0]
-        lap = wp.min(last - first + 1, smoothing_reach(r))
+        lap = wp.min(last - first + 1, line.recurrence_reach(r))
         smoothed = scalar(0.0)
         for k in range(lap):
             j = line.round_index(stop - 1 + lap - k, first, last)
@@ -473,7 +436,7 @@ def build(scalar):
         if closed != 0:
             smoothed = ring_tail(point_section, point_rate, law, reach, factor, first, last, stop)
         else:
-            top = wp.min(last, stop - 1 + smoothing_reach(r))
+            top = wp.min(last, stop - 1 + line.recurrence_reach(r))
         for k in range(0, top - begin + 1):
             j = top - k
             if point_section:
@@ -485,12 +448,12 @@ def build(scalar):
                 moved = point_xy[j]
                 if closed != 0 or (j > first and j < last):
                     before = line.extended_point(point_xy, j - 1, first, last, closed)
-                    normal = right_normal(before, line.extended_point(point_xy, j + 1, first, last, closed))
+                    normal = line.right_normal(before, line.extended_point(point_xy, j + 1, first, last, closed))
                     weight = ONE
                     if closed == 0:
-                        weight = end_weight(j, first, last, reach[1], reach[2])
+                        weight = line.end_weight(j, first, last, reach[1], reach[2])
                     if cell_height:
-                        weight = weight * slope_weight(cell_height, grid, moved, law.slope_threshold)
+                        weight = weight * cells.slope_weight(cell_height, grid, moved, law.slope_threshold)
                     fastest = wp.max(fastest, wp.abs(smoothed * weight))
                     moved = moved + normal * (smoothed * weight * reach[3])
                 point_moved_out[j] = moved
@@ -553,10 +516,7 @@ def build(scalar):
                 )  # fmt: skip
                 wp.atomic_max(channel_pace_io, channel, fastest)
             else:
-                for j in range(i, stop):
-                    point_moved_out[j] = point_xy[j]
-                    if point_section:
-                        section_moved_out[j] = point_section[j]
+                line.copy_points(point_xy, point_section, i, stop, point_moved_out, section_moved_out)
             i = stop
             channel += 1
 
@@ -570,7 +530,7 @@ def build(scalar):
         cell_height: wp.array2d[wp.float64],
         grid: cells.RasterGrid,
         # params
-        law: MigrationLaw,
+        slope_threshold: scalar,
         work: Work,
         # out
         channel_mobility_io: wp.array[scalar],
@@ -584,7 +544,7 @@ def build(scalar):
             stop = wp.min(end, channel_start[channel + 1])
             highest = scalar(0.0)
             while i < stop and highest < FREE:
-                highest = wp.max(highest, slope_weight(cell_height, grid, point_xy[i], law.slope_threshold))
+                highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
                 i += 1
             if highest >= FREE:
                 highest = ONE
@@ -597,7 +557,7 @@ def build(scalar):
         # network
         channel_limit: wp.array[vec3],
         # params
-        law: MigrationLaw,
+        time_step: scalar,
         # in
         channel_mobility: wp.array[scalar],
         channel_pace: wp.array[scalar],
@@ -620,7 +580,7 @@ def build(scalar):
         parts = int(0)
         if mobility > ZERO and limit[2] > ZERO:
             travel = wp.min(mobility / limit[0], TWO * channel_pace[channel] / limit[2])
-            needed = law.time_step * wp.max(mobility / limit[1], travel) * SLACK
+            needed = time_step * wp.max(mobility / limit[1], travel) * SLACK
             parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
         channel_parts_out[channel] = parts
         wp.atomic_max(most_io, 0, parts)
@@ -630,7 +590,7 @@ def build(scalar):
         # network
         channel_parts: wp.array[int],
         # params
-        law: MigrationLaw,
+        time_step: scalar,
         # in
         substep: wp.array[int],
         # out
@@ -646,7 +606,7 @@ def build(scalar):
         parts = wp.min(channel_parts[channel], substep[1])
         step = scalar(0.0)
         if (substep[0] * parts) % substep[1] < parts:
-            step = law.time_step / scalar(parts)
+            step = time_step / scalar(parts)
         channel_step_out[channel] = step
         if channel_pace_out and substep[0] == 0:
             channel_pace_out[channel] = ZERO

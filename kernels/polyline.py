@@ -30,7 +30,9 @@ def build(scalar):
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
-    ZERO, TWO, THREE = scalar(0.0), scalar(2.0), scalar(3.0)
+    ZERO, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0))
+    # Beyond this many e-foldings a weight is lost in the rounding of the sum.
+    REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
     TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
 
     @wp.func(module=name)
@@ -64,6 +66,21 @@ def build(scalar):
         if work.chunk == 0:
             return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
         return wp.vec2i(k, k + 1)
+
+    @wp.func(module=name)
+    def piece_count(work: Work, first: int, stop: int) -> int:
+        """Number of pieces of a channel for ``piece_range``."""
+        if work.chunk == 0:
+            return 1
+        return (stop - 1) // work.chunk + 1 - first // work.chunk
+
+    @wp.func(module=name)
+    def piece_range(work: Work, first: int, stop: int, k: int) -> wp.vec2i:
+        """Points of the k-th piece of a channel: all of them, or its share of one chunk."""
+        if work.chunk == 0:
+            return wp.vec2i(first, stop)
+        c = first // work.chunk + k
+        return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
 
     @wp.func(module=name)
     def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
@@ -121,12 +138,75 @@ def build(scalar):
             return here
         return here - (la * (after - here) - lb * (here - before)) / (THREE * (la + lb))
 
+    @wp.func(module=name)
+    def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
+        """Arc length of a point from its channel's head or, with chunks, from the first of all points.
+
+        ``chunk_offset`` is an inclusive sum.
+        """
+        if chunk == 0:
+            return point_arc[i]
+        k = i // chunk
+        if k == 0:
+            return point_arc[i]
+        return chunk_offset[k - 1] + point_arc[i]
+
+    @wp.func(module=name)
+    def recurrence_root(c: scalar) -> scalar:
+        """Root r with which (1 - c d2)^-1, d2 the second difference, is one recurrence down and one up the line.
+
+        Each is u_i = (1 - r) v_i + r u_(i-1), i counted in its own direction; c = r / (1 - r)^2.
+        """
+        return TWO * c / (ONE + TWO * c + wp.sqrt(ONE + FOUR * c))
+
+    @wp.func(module=name)
+    def recurrence_reach(r: scalar) -> int:
+        """Number of points after which r^n is lost in rounding."""
+        if r == ZERO:
+            return 0
+        return int(REACH / -wp.log(r)) + 1
+
+    @wp.func(module=name)
+    def end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
+        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
+        away = scalar(wp.min(i - first, last - i)) * spacing
+        if away >= reach:
+            return ONE
+        t = away / reach
+        return t * t * (THREE - TWO * t)
+
+    @wp.func(module=name)
+    def right_normal(before: vec2, after: vec2) -> vec2:
+        """Unit normal to the right of the flow; none where the line turns back on itself."""
+        t = after - before
+        size = wp.length(t)
+        if size == ZERO:
+            return vec2(ZERO, ZERO)
+        return vec2(t[1], -t[0]) / size
+
+    @wp.func(module=name)
+    def copy_points(
+        point: wp.array[vec2],
+        section: wp.array[vec2],
+        begin: int,
+        stop: int,
+        point_out: wp.array[vec2],
+        section_out: wp.array[vec2],
+    ):
+        """Copy the points begin .. stop - 1, with their widths and depths where they vary along the channel."""
+        for j in range(begin, stop):
+            point_out[j] = point[j]
+            if section:
+                section_out[j] = section[j]
+
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
         channel_at=channel_at,
         point_range=point_range,
         channel_range=channel_range,
+        piece_count=piece_count,
+        piece_range=piece_range,
         section_at=section_at,
         closed_at=closed_at,
         round_index=round_index,
@@ -134,4 +214,11 @@ def build(scalar):
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
+        arc_at=arc_at,
+        recurrence_root=recurrence_root,
+        recurrence_reach=recurrence_reach,
+        end_weight=end_weight,
+        right_normal=right_normal,
+        copy_points=copy_points,
+        REACH=REACH,
     )

@@ -24,7 +24,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.raster_{scalar.__name__}"
     vec2 = wp.types.vector(2, scalar)
-    HALF, ONE = scalar(0.5), scalar(1.0)
+    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
     ZERO_64, HALF_64, ONE_64, NAN_64 = (wp.float64(v) for v in (0.0, 0.5, 1.0, math.nan))
     # Part of a cell by which a point on the outer edge may miss it through rounding.
     SLACK = scalar(1.0e-6 if scalar is wp.float64 else 1.0e-3)
@@ -197,6 +197,15 @@ def build(scalar):
         return wp.length(gradient_at(cell_value, grid, xy))
 
     @wp.func(module=name)
+    def slope_weight(cell_value: wp.array2d[wp.float64], grid: RasterGrid, xy: vec2, limit: scalar) -> scalar:
+        """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
+        slope = slope_at(cell_value, grid, xy)
+        if not (slope < limit):
+            return ZERO
+        t = slope / limit
+        return ONE - t * t * (THREE - TWO * t)
+
+    @wp.func(module=name)
     def center_of_cell(grid: RasterGrid, row: int, column: int) -> vec2:
         """Point at the centre of a cell."""
         x = grid.west + (scalar(column) + HALF) * grid.cell_size
@@ -212,5 +221,6 @@ def build(scalar):
         cell_difference=cell_difference,
         gradient_at=gradient_at,
         slope_at=slope_at,
+        slope_weight=slope_weight,
         center_of_cell=center_of_cell,
     )

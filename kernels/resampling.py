@@ -71,19 +71,6 @@ def build(scalar):
             chunk_length_out[k] = arc
 
     @wp.func(module=name)
-    def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
-        """Arc length of a point from its channel's head or, with chunks, from the first of all points.
-
-        ``chunk_offset`` is an inclusive sum.
-        """
-        if chunk == 0:
-            return point_arc[i]
-        k = i // chunk
-        if k == 0:
-            return point_arc[i]
-        return chunk_offset[k - 1] + point_arc[i]
-
-    @wp.func(module=name)
     def length_of(
         point: wp.array[vec2],
         point_arc: wp.array[wp.float64],
@@ -94,8 +81,8 @@ def build(scalar):
         closed: int,
     ) -> wp.float64:
         """Length of a channel, that of a ring with the segment that closes it."""
-        head = arc_at(point_arc, chunk_offset, chunk, first)
-        length = arc_at(point_arc, chunk_offset, chunk, last) - head
+        head = line.arc_at(point_arc, chunk_offset, chunk, first)
+        length = line.arc_at(point_arc, chunk_offset, chunk, last) - head
         if closed != 0:
             length += wp.float64(wp.length(point[first] - point[last]))
         return length
@@ -212,7 +199,7 @@ def build(scalar):
         high = last + closed
         while high - low > 1:
             middle = (low + high) // 2
-            if arc_at(point_arc, chunk_offset, chunk, middle) <= target:
+            if line.arc_at(point_arc, chunk_offset, chunk, middle) <= target:
                 low = middle
             else:
                 high = middle
@@ -232,8 +219,8 @@ def build(scalar):
     ) -> wp.float64:
         """Arc length of a point; the index of a ring may go on beyond its end, into the next lap."""
         if i > last:
-            return length + arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
-        return arc_at(point_arc, chunk_offset, chunk, i)
+            return length + line.arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
+        return line.arc_at(point_arc, chunk_offset, chunk, i)
 
     @wp.func(module=name)
     def hermite(b: vec2, c: vec2, tangent_b: vec2, tangent_c: vec2, size: scalar, u: scalar) -> vec2:
@@ -262,7 +249,7 @@ def build(scalar):
         """
         first = channel_range[0]
         last = channel_range[1]
-        head = arc_at(point_arc, chunk_offset, chunk, first)
+        head = line.arc_at(point_arc, chunk_offset, chunk, first)
         target = head + spacing * wp.float64(sample_range[2] - sample_range[0])
         ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, closed, target)
         ia = kept_before(point, ib, first, last, closed)
@@ -286,7 +273,7 @@ def build(scalar):
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
         length = length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
-        arc_b = arc_at(point_arc, chunk_offset, chunk, ib)
+        arc_b = line.arc_at(point_arc, chunk_offset, chunk, ib)
         arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
         for k in range(sample_range[2], sample_range[3]):
             target = head + spacing * wp.float64(k - sample_range[0])

@@ -33,16 +33,21 @@ def build(scalar):
         # terrain
         rows: int,
         stride: int,
+        # params
+        four: int,
+        ties: int,
+        seed: int,
         # in
         cell_height: wp.array[scalar],
         cell_state: wp.array[wp.uint8],
         # out
         cell_receiver_out: wp.array2d[int],
     ):
-        """Neighbour of steepest descent of the cells of one row, the first of equals clockwise from the north.
+        """Neighbour of steepest descent of the cells of one row.
 
-        An outlet, a pit and a flat get their own index, a cell without data -1. Indices are those of the raster without
-        padding: row * columns + column [OCallaghan1984].
+        Of equals it is the first clockwise from the north, or, if ``ties`` is 1, the one with the largest hash of seed,
+        cell and neighbour. If ``four`` is 1, there are no diagonals. An outlet, a pit and a flat get their own index, a
+        cell without data -1. Indices are those of the raster without padding: row * columns + column [OCallaghan1984].
         """
         row = wp.tid()
         columns = stride - 2
@@ -56,12 +61,18 @@ def build(scalar):
                 height = cell_height[cell]
                 steepest = scalar(0.0)
                 to = int(-1)
+                most = wp.uint32(0)
                 for k in range(8):
                     # Beyond a wall there is NaN, which is never steeper.
                     slope = (height - cell_height[neighbor(cell, stride, k)]) * nearness(k)
-                    if slope > steepest:
-                        steepest = slope
-                        to = k
+                    if slope > ZERO and slope >= steepest and (four == 0 or (k & 1) == 0):
+                        lot = wp.uint32(0)
+                        if ties == 1:
+                            lot = wp.rand_init(int(wp.rand_init(seed, row * columns + column)), k)
+                        if slope > steepest or lot > most:
+                            steepest = slope
+                            most = lot
+                            to = k
                 if to >= 0:
                     receiver_row = (row + row_step(to) + rows) % rows
                     receiver = receiver_row * columns + (column + column_step(to) + columns) % columns

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 import warpriver as wr
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law
+from warpriver.meander.migration import migrate, migration_law, schedule
 from warpriver.meander.resampling import resample
 from warpriver.meander.stages import run_stages
 from warpriver.network import PRECISIONS
@@ -51,8 +51,9 @@ class State:
         self.network.point_count = int(self.network.starts()[-1])
 
     def migrate(self, time_step):
-        law = migration_law(self.params.replace(time_step=time_step), self.dtype)
-        self.run(migrate(self.network, self.channels, self.buffers, None, law))
+        law = migration_law(self.params, self.dtype)
+        move = migrate(self.network, self.channels, self.buffers, None, law)
+        self.run([schedule(self.network, self.channels, time_step), *move])
 
     def take_as_moved(self):
         """Let the points as they are count as moved."""

@@ -9,6 +9,7 @@ import itertools
 import math
 
 import numpy as np
+from reference_terrain import pcg
 
 STEPS = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 SIDES = ("north", "south", "east", "west")
@@ -176,17 +177,26 @@ def carve(raster, max_depth=math.inf, max_length=math.inf):
     return fill(carved)
 
 
-def receivers(raster):
-    """Index of the steepest lower neighbour, (rows, columns); own at outlets and pits, -1 without data."""
+def receivers(raster, four=False, seed=None):
+    """Index of the steepest lower neighbour, (rows, columns); own at outlets and pits, -1 without data.
+
+    Of equal slopes the first counts, or, with a seed, the one with the largest hash.
+    """
     to = {}
     for cell, z in raster.height.items():
-        best, steepest = cell, 0.0
+        best, steepest, most = cell, 0.0, 0
         for k, n in raster.neighbors(cell) if cell not in raster.outlets else []:
             slope = (z - raster.height[n]) * (math.sqrt(0.5) if k % 2 else 1.0)
-            if slope > steepest:
-                best, steepest = n, slope
+            lot = 0 if seed is None else mixed(mixed(seed, cell[0] * raster.shape[1] + cell[1]), k)
+            if not (four and k % 2) and (slope, lot) > (steepest, most) and slope > 0.0:
+                best, steepest, most = n, slope, lot
         to[cell] = best[0] * raster.shape[1] + best[1]
     return raster.table(to, np.int32, -1)
+
+
+def mixed(first, second):
+    """Random bits made of two whole numbers."""
+    return pcg((first + pcg(second)) & 0xFFFFFFFF)
 
 
 def courses(receiver):

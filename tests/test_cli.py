@@ -8,7 +8,17 @@ import time
 import numpy as np
 import pytest
 
-from warpriver import History, RiverNetwork, Terrain, generate, write_network, write_terrain
+from warpriver import (
+    History,
+    LehenyParams,
+    RiverNetwork,
+    Terrain,
+    erode,
+    generate,
+    read_terrain,
+    write_network,
+    write_terrain,
+)
 from warpriver.cli import main
 
 
@@ -52,6 +62,63 @@ def test_network_finds_rivers_that_simulate_takes_on(tmp_path, capsys):
     assert History.load(tmp_path / "out" / "run").networks[-1].channel_count > 3
     code, _, err = run(capsys, "network", tmp_path / "dem.npz", "--min-area", 1e9, "-o", tmp_path / "none.csv")
     assert code == 2 and err.count("\n") == 1 and not (tmp_path / "none.csv").exists()
+
+
+@pytest.mark.parametrize("start", ["plane", "peak", "file"])
+def test_erode_writes_terrain_rivers_and_pictures(start, tmp_path, capsys):
+    arguments = ["--size", "60x40"]
+    if start == "file":
+        write_terrain(generate.fractal_terrain((40, 60), 10.0, 80.0, 3), tmp_path / "dem.npz")
+        arguments, start = ["--fill", "--depth", 0.5, "--slide-threshold", 40, "--flow-bias", 1], tmp_path / "dem.npz"
+    arguments += ["--start", start, "--events", 600, "--rivers", 20, "--no-progress", "-o", tmp_path / "out"]
+    code, said, err = run(capsys, "erode", *arguments, "--movie", "growth.gif", "--frames", 4)
+    assert code == 0, err
+    for word in ("600 events", "slides", "m3 removed", "orders", "Hack"):
+        assert word in said, word
+    for name in ("terrain.npz", "rivers.csv", "elevation.png", "drainage.png", "network.png", "growth.gif"):
+        assert (tmp_path / "out" / name).stat().st_size > 0, name
+    assert read_terrain(tmp_path / "out" / "terrain.npz").shape == (40, 60)
+
+
+def test_every_parameter_of_erode_is_a_flag(tmp_path, capsys):
+    flags = "--size 30x40 --cell-size 5 --slope 0.2 --edges closed,open,closed,closed --events 300 --flow-bias 0.1 "
+    flags += "--depth 2 --slide-threshold 30 --neighbors 4 --seed 7 --batch 4 --dtype float32 --rivers 10"
+    code, said, err = run(capsys, "erode", *flags.split(), "-o", tmp_path, "--no-progress")
+    assert code == 0 and "40 x 30 cells of 5 m" in said, err
+    params = LehenyParams(flow_bias=0.1, depth=2.0, slide_threshold=30.0, neighbors=4)
+    edges = ("closed", "open", "closed", "closed")
+    plane = generate.erosion_plane((40, 30), 5.0, 0.2)
+    expected = erode(plane, params, events=300, seed=7, edges=edges, batch=4, dtype="float32")
+    assert (read_terrain(tmp_path / "terrain.npz").to_numpy() == expected.to_numpy()).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--size", "300x1"], "at least 2 of each"),
+        (["--size", "big"], "such as 300x200"),
+        (["--events", "-1"], "events is -1"),
+        (["--depth", "0"], "LehenyParams.depth is 0"),
+        (["--flow-bias", "nan"], "LehenyParams.flow_bias is nan"),
+        (["--slide-threshold", "-5"], "LehenyParams.slide_threshold is -5"),
+        (["--slope", "0"], "slope is 0"),
+        (["--edges", "closed"], "water has nowhere to go"),
+        (["--edges", "open,closed"], "edges is"),
+        (["--batch", "0"], "batch is 0"),
+        (["--start", "nowhere.tif"], "nowhere.tif"),
+        (["--start", "nowhere.tif", "--size", "30x30"], "--size is for a plane or peak"),
+        (["--start", "flat.npz"], "the ground is level"),
+        (["--movie", "film.avi"], "use .gif or .mp4"),
+        (["--rivers", "1e9"], "min_drainage_area"),
+    ],
+)
+def test_bad_input_of_erode_is_one_line(tmp_path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    write_terrain(Terrain(np.full((20, 20), 5.0), 10.0), tmp_path / "flat.npz")
+    small = [] if {"--size", "--start"} & set(arguments) else ["--size", "30x30"]
+    code, _, err = run(capsys, "erode", *small, "--events", 50, *arguments, "--no-progress")
+    assert code == 2 and err.count("\n") == 1 and words in err and "Traceback" not in err
+    assert not (tmp_path / "out").exists(), "nothing is begun on bad input"
 
 
 def test_simulate_on_a_terrain(river, tmp_path, capsys):

@@ -206,6 +206,31 @@ def test_width_that_varies_changes_by_the_flow_that_comes_and_goes():
     assert ratio == pytest.approx((10 / 8) ** 0.5, rel=0.02)
 
 
+@pytest.mark.parametrize("unknown", [None, 0, 2])
+def test_slopes_go_on_through_a_collision(tmp_path, unknown):
+    """What stays of a channel keeps its slope; a channel of two parts has the drop of both over their length."""
+    lines, areas = fork()
+    lines[1] = line((-800.0, 1000.0), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
+    slope = np.array([0.01, 0.02, 0.003])
+    if unknown is not None:
+        slope[unknown] = np.nan
+    network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=np.array(areas) * 1e6, slope=slope)
+    sim = Simulation(network, STILL)
+    np.testing.assert_array_equal(sim.network.to(dtype="float32").channel_slope, slope)
+    sim.run(steps=1, record_every=1, store=tmp_path / "run")
+    after = sim.network
+    (trunk,) = np.flatnonzero(after.channel_drainage_area > 6e6)
+    found = dict(zip(after.channel_id.tolist(), after.channel_slope.tolist(), strict=True))
+    assert found[0] == pytest.approx(slope[0], nan_ok=True) and found[1] == slope[1]
+    top = after.node_xy[after.channel_from[trunk], 1]
+    mixed = (slope[0] * top + slope[2] * 1500.0) / (top + 1500.0)
+    # The spacing is 10 m: where the junction lies is known to a point.
+    assert after.channel_slope[trunk] == pytest.approx(mixed, rel=0.01, nan_ok=True)
+    history = History.load(tmp_path / "run")
+    np.testing.assert_array_equal(history.networks[0].channel_slope, slope)
+    np.testing.assert_array_equal(history.networks[-1].channel_slope, after.channel_slope)
+
+
 def test_a_graph_that_is_no_forest_is_refused():
     lines, _ = fork()
     parting = [*lines, line((0.0, 0.0), (900.0, -900.0))]

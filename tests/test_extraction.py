@@ -8,7 +8,7 @@ from data_folder import data_folder
 from trees import assert_forest
 
 from warpriver import MeanderParams, Simulation, Terrain, generate, read_terrain
-from warpriver.hydrology import carve_depressions, discharge, drainage_area, route
+from warpriver.hydrology import carve_depressions, discharge, drainage_area, fill_depressions, route
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.orders import shreve_magnitude, strahler_order
 from warpriver.network import bankfull_depth
@@ -62,6 +62,39 @@ def test_two_valleys_meet_where_they_do():
     assert np.hypot(*(junction - expected)) < 25.0
     outlet = network.node_xy[network.channel_to[outlets(network)][0]]
     np.testing.assert_allclose(outlet, [500.0 + 20.5 * 10.0, 900.0 - 59.5 * 10.0])
+
+
+def test_slopes_are_drops_over_lengths():
+    """The trunk falls 0.5 m a row of 10 m; the arms as much a row, along a course that runs 1 to 2 across the rows."""
+    network = extract_network(valley(), min_drainage_area=1.5e4, smoothing=0)
+    trunk = int(outlets(network).argmax())
+    # Heads and junctions may lie a cell aside of the valley floor: 1 m of some 150.
+    assert network.channel_slope[trunk] == pytest.approx(0.05, rel=0.02)
+    # In steps from cell to cell, one across and one diagonal: 2 rows in 10 (1 + sqrt(2)) m.
+    arms = np.delete(network.channel_slope, trunk)
+    np.testing.assert_allclose(arms, 1.0 / (10.0 * (1.0 + np.sqrt(2.0))), rtol=0.1)
+
+
+@pytest.mark.parametrize("carve", [True, False])
+def test_slopes_are_those_of_the_surface_that_water_was_routed_on(carve):
+    """Noise of the raw heights makes channels rise; the opened ones fall, and add up to the drop of the stem."""
+    rng = np.random.default_rng(1)
+    smooth = generate.tilted_plain((120, 100), 10.0, 0.01).to_numpy()
+    terrain = Terrain(smooth + rng.uniform(0.0, 1.0, smooth.shape), 10.0)
+    network = extract_network(terrain, min_drainage_area=2e4, carve=carve, smoothing=0)
+    assert network.channel_count > 10
+    slope, length = network.channel_slope, network.channel_lengths()
+    assert np.isfinite(slope).all() and (slope >= 0.0).all()
+    surface = (carve_depressions if carve else fill_depressions)(terrain).to_numpy()
+
+    def height(node):
+        x, y = network.node_xy[node].T
+        return surface[((terrain.origin[1] - y) // 10.0).astype(int), ((x - terrain.origin[0]) // 10.0).astype(int)]
+
+    drop = height(network.channel_from) - height(network.channel_to)
+    np.testing.assert_allclose(slope * length, np.maximum(drop, 0.0), atol=1e-12)
+    # Where no junction was moved upstream the drops are those of the nodes.
+    assert (drop >= 0.0).mean() > 0.9
 
 
 def test_attributes_follow_their_laws():
@@ -190,6 +223,29 @@ def test_periodic_sides_end_channels():
     x = [(line[0, 0], line[-1, 0]) for line in network.polylines()]
     assert any(end == 5.0 for _, end in x) and any(start == 405.0 for start, _ in x)
     assert max(np.hypot(*np.diff(line, axis=0).T).max() for line in network.polylines()) < 30.0
+
+
+@pytest.mark.parametrize("turn", [0, 13, 30])
+def test_unrolled_rivers_do_not_feel_where_a_periodic_map_is_cut(turn):
+    """Rivers of land that is joined east to west, in one piece each: the same wherever it is cut."""
+    row, column = np.mgrid[:60, :41]
+    height = 1.0 * np.abs((column + row) % 41 - 20) + 2.0 * (60 - row)
+    edges = {"north": "closed", "south": "open", "east": "periodic", "west": "periodic"}
+    height += 0.3 * np.random.default_rng(1).random(height.shape)
+
+    def extract(land):
+        flow = route(carve_depressions(Terrain(land, 10.0), edges=edges), edges=edges)
+        return extract_network(flow.terrain, min_drainage_area=8e3, flow=flow, unroll=True)
+
+    whole, turned = extract(height), extract(np.roll(height, turn, 1))
+    assert_forest(whole)
+    mouth = whole.node_xy[whole.channel_to[outlets(whole)]]
+    assert (mouth[:, 1] == -595.0).all() and ((0.0 < mouth[:, 0]) & (mouth[:, 0] < 410.0)).all()
+    assert whole.channel_count == turned.channel_count
+    lengths = [np.sort(n.channel_lengths()) for n in (whole, turned)]
+    np.testing.assert_allclose(lengths[0], lengths[1], rtol=1e-9)
+    assert max(np.hypot(*np.diff(line, axis=0).T).max() for line in whole.polylines()) < 30.0
+    assert whole.points()[:, 0].max() - whole.points()[:, 0].min() > 410.0
 
 
 def test_flow_and_area_are_used_again():

@@ -299,3 +299,15 @@ def test_memory_grows_with_the_points():
     ]
     # A few buffers are sized by chunk and channel; what grows is under 2 kB a point by far.
     assert max(per_point) < 400.0 and per_point[1] <= per_point[0]
+
+
+def test_an_error_of_a_callback_is_its_callers_affair(tmp_path):
+    """Only a history that cannot be stored ends a run quietly."""
+
+    def write(sim):
+        (tmp_path / "no" / "such" / "folder").write_text("x")
+
+    sim = Simulation(wandering(width=60.0))
+    with pytest.raises(FileNotFoundError):
+        sim.run(steps=5, callbacks=[write])
+    assert sim.history.stop_reason is None and sim.step_count == 1

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from trees import assert_forest, random_tree
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, generate
-from warpriver.meander import buffers
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.meander import buffers, shortcuts
 from warpriver.meander.stages import Stage, run_stages
 
 # Points of a slab: few, so that small networks have many.
@@ -59,9 +59,44 @@ def tree_in_parts(**options):
     return Simulation(network, params, terrain=hills(network, 0.16), **options)
 
 
+def paths(**options):
+    """Meanders by shortest paths, on channels of varying width."""
+    return Simulation(many_channels(varied=True), PathMeander(spacing=25.0), **options)
+
+
+def paths_in_parts(**options):
+    """The same on a tree of narrow channels, in long steps, over ground: some rest while others join."""
+    network = random_tree(11, sources=8, size=6000.0, width=12.0)
+    params = PathMeander(spacing_in_widths=0.8, time_step=1.0)
+    return Simulation(network, params, terrain=hills(network, 0.16), **options)
+
+
 def single_precision(**options):
     return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), MeanderParams(spacing=20.0), dtype="float32",
                       **options)  # fmt: skip
+
+
+def rings(**options):
+    """Rings and lines of points of their own widths, in steps of several parts."""
+    rng = np.random.default_rng(9)
+    lines = [generate.noisy_line(2500.0, 25.0, 30.0, k) + [0.0, 3500.0 * k] for k in range(6)]
+    for k in range(1, 6, 2):
+        angle = 2.0 * np.pi * np.arange(140) / 140
+        radius = 600.0 + sum(rng.normal(0.0, 14.0) * np.cos(m * angle + rng.uniform(0.0, 6.0)) for m in range(3, 20))
+        lines[k] = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1) + [0.0, 3500.0 * k]
+    width = [30.0 * rng.uniform(0.9, 1.3, len(xy)) for xy in lines]
+    network = RiverNetwork.from_polylines(lines, width, closed=[k % 2 == 1 for k in range(6)])
+    return Simulation(network, MeanderParams(spacing=25.0, time_step=1.0), **options)
+
+
+def rings_in_two(**options):
+    """Rings of which both parts go on, smoothed: channels are added while others move."""
+    rng = np.random.default_rng(4)
+    angle = 2.0 * np.pi * np.arange(300) / 300
+    radius = 1200.0 + sum(rng.normal(0.0, 25.0) * np.cos(m * angle + rng.uniform(0.0, 6.0)) for m in range(3, 30))
+    ring = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    network = RiverNetwork.from_polylines([ring, ring + [9000.0, 0.0]], 30.0, closed=True)
+    return Simulation(network, MeanderParams(spacing=25.0, ring_policy="both", taubin_passes=1), **options)
 
 
 MODELS = {
@@ -71,6 +106,10 @@ MODELS = {
     "tree": (tree, 250),
     "tree in parts": (tree_in_parts, 60),
     "single precision": (single_precision, 150),
+    "paths": (paths, 250),
+    "paths in parts": (paths_in_parts, 60),
+    "rings": (rings, 100),
+    "rings in two": (rings_in_two, 200),
 }
 
 
@@ -115,12 +154,14 @@ def references():
 def test_the_models_do_what_is_looked_for(references, name):
     """Else the tests below would compare runs in which nothing happens."""
     sim = references(name)
-    assert len(sim.history.cutoffs) > 0 or "hills" in name or "parts" in name
-    if "tree" in name:
+    assert len(sim.history.cutoffs) > 0 or name in ("on hills", "tree in parts", "rings in two")
+    if name == "rings in two":
+        assert sim.network.channel_count > 4
+    if "tree" in name or name == "paths in parts":
         assert len(sim.history.collisions) > 2
-    if name in ("varied", "on hills", "tree in parts"):
+    if name in ("varied", "on hills", "tree in parts", "paths in parts", "rings"):
         assert sim.substeps > 1
-    if name in ("on hills", "tree in parts"):
+    if name in ("on hills", "tree in parts", "paths in parts"):
         assert (sim.channels.parts.numpy()[: sim.network.channel_count] < sim.substeps).any(), "some rest now and then"
 
 
@@ -138,7 +179,7 @@ def test_slabs_and_threads_change_no_bit(references, monkeypatch, name, threads)
 
 @pytest.mark.parametrize("points", [70, 110, 1000])
 @pytest.mark.parametrize("options", [{"capture": False}, {"check": True}, {"threads": 2}], ids=str)
-@pytest.mark.parametrize("name", ["on hills", "tree"])
+@pytest.mark.parametrize("name", ["on hills", "tree", "paths in parts", "rings in two"])
 def test_any_slabs_plain_checked_or_replayed_are_equal_to_the_bit(references, monkeypatch, name, options, points):
     monkeypatch.setattr(buffers, "SLAB_POINTS", points)
     model, steps = MODELS[name]
@@ -147,9 +188,11 @@ def test_any_slabs_plain_checked_or_replayed_are_equal_to_the_bit(references, mo
     assert_same(sim, references(name))
 
 
-@pytest.mark.parametrize("name", ["plain", "tree in parts"])
+@pytest.mark.parametrize("name", ["plain", "tree in parts", "paths", "paths in parts", "rings in two"])
 def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name):
-    """Of points, cutoffs and oxbow points, in the middle of steps that several threads do."""
+    """Of points, cutoffs, oxbow points and shortcuts, in the middle of steps that several threads do."""
+    monkeypatch.setattr(shortcuts, "SHORTCUTS_PER_POINT", 0.0)
+    monkeypatch.setattr(shortcuts, "LEAST_SHORTCUTS", 1)
     monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
     model, steps = MODELS[name]
     sim = model(threads=3)
@@ -157,7 +200,9 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name)
     tight = sim.buffers
     sim.run(steps=steps, record_every=10_000)
     assert sim.buffers.oxbow_capacity > tight.oxbow_capacity
-    assert sim.buffers.point_capacity > tight.point_capacity or name != "plain"
+    assert sim.buffers.point_capacity > tight.point_capacity or name not in ("plain", "paths")
+    if "paths" in name:
+        assert sim.buffers.link_capacity > 1
     assert_same(sim, references(name))
 
 
@@ -212,13 +257,13 @@ def by_step(sim, steps):
     return [[step for k, step in sim.watched if k == number] for number in range(steps)]
 
 
-def mixed(*widths):
+def mixed(kind, *widths):
     """One river of each width side by side, each with points a width apart, about one origin."""
     lines = []
     for k, width in enumerate(widths):
         length = 60.0 * width
         lines.append(generate.noisy_line(length, width, width, k) + [-0.5 * length, 20_000.0 * k])
-    params = MeanderParams(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0)
+    params = kind(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0)
     return RiverNetwork.from_polylines(lines, width=list(widths)), params
 
 
@@ -237,11 +282,12 @@ def alone(network, c):
 
 @pytest.mark.parametrize("small", [False, True], ids=["one slab", "slabs"])
 @pytest.mark.parametrize("widths", [(90.0, 12.0), (12.0, 90.0), (10.0, 60.0, 25.0, 14.0)], ids=str)
-def test_channels_take_their_own_sub_steps(monkeypatch, widths, small):
+@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+def test_channels_take_their_own_sub_steps(monkeypatch, kind, widths, small):
     """A narrow river does not make a wide one work more: each is, to the bit, as it would be alone."""
     if small:
         monkeypatch.setattr(buffers, "SLAB_POINTS", 70)
-    network, params = mixed(*widths)
+    network, params = mixed(kind, *widths)
     sim = Watched(network, params)
     steps = 40
     sim.run(steps=steps, record_every=1000)
@@ -265,7 +311,7 @@ def test_channels_take_their_own_sub_steps(monkeypatch, widths, small):
 
 
 def test_a_step_of_one_part_is_every_channels_own():
-    network, params = mixed(90.0, 60.0)
+    network, params = mixed(MeanderParams, 90.0, 60.0)
     sim = Watched(network, params.replace(time_step=0.1))
     sim.run(steps=5)
     assert sim.substeps == 1 and all((step == 0.1).all() for _, step in sim.watched)
@@ -312,7 +358,7 @@ def test_a_held_channel_rests_beside_one_that_moves():
     assert moved.max() == 0.0, "flat ground is as no ground"
 
 
-@pytest.mark.parametrize("name", ["on hills", "tree in parts"])
+@pytest.mark.parametrize("name", ["on hills", "tree in parts", "paths in parts", "rings", "rings in two"])
 @pytest.mark.parametrize("stop", [7, 30])
 def test_a_run_resumed_is_equal_to_the_bit(references, monkeypatch, tmp_path, name, stop):
     """With ground and sub-steps, and dealt out otherwise after the stop than before."""
@@ -324,5 +370,5 @@ def test_a_run_resumed_is_equal_to_the_bit(references, monkeypatch, tmp_path, na
     rest = Simulation.resume(tmp_path / "run", terrain=whole.terrain, threads=2)
     rest.run(steps=steps - stop, record_every=10_000)
     assert_same(rest, whole)
-    if name == "tree in parts":
+    if name != "on hills" and "rings" not in name:
         assert_forest(rest.network)

@@ -1,5 +1,6 @@
 """The meander model against closed forms, symmetries and the literature; run with -s to see the figures measured."""
 
+import dataclasses
 import functools
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import phases
 import pytest
 
 import warpriver as wr
+from warpriver.meander import solvers
 from warpriver.meander.migration import explicit_dt, stable_dt
 from warpriver.network import bankfull_depth
 
@@ -219,14 +221,19 @@ CROSSING_ALLOWED, CROSSING_BEYOND = 0.03, 0.15
 END = 20.0
 
 
-def unlimited(width, *_):
-    """Limits of a step that never ask for parts."""
-    return np.full(len(width), np.inf), np.full(len(width), np.inf)
+def never_part(patch):
+    """Let a simulation do steps of any length in one."""
+
+    def unlimited(width, *_):
+        return np.full(len(width), np.inf), np.full(len(width), np.inf)
+
+    whole = dataclasses.replace(solvers.SOLVERS[wr.MeanderParams], limits=unlimited)
+    patch.setitem(solvers.SOLVERS, wr.MeanderParams, whole)
 
 
 def impulse_response(width, spacing, time_step, monkeypatch):
     """Wave numbers and the complex factors by which one unbroken step multiplies each wave of the grid."""
-    monkeypatch.setattr("warpriver.simulation.step_limits", unlimited)
+    never_part(monkeypatch)
     count = 1024
     xy = np.column_stack([spacing * np.arange(count + 1), np.zeros(count + 1)])
     xy[count // 4, 1] = 1e-4
@@ -269,7 +276,7 @@ def crossing_share(width, multiple, monkeypatch):
     spacing = 0.25 * width
     honest = float(stable_dt(width, bankfull_depth(width), DEFAULT))
     with monkeypatch.context() as patch:
-        patch.setattr("warpriver.simulation.step_limits", unlimited)
+        never_part(patch)
         sim = noisy_run(width, wr.MeanderParams(spacing=spacing, time_step=multiple * honest), 6, 150.0)
     crossing, bent = [], []
 

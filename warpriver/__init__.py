@@ -11,27 +11,39 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import generate, hydrology, metrics, viz
+    from warpriver.generate.eroded import ErodedTerrain
+    from warpriver.generate.leheny import erode, erode_ensemble
+    from warpriver.generate.valley import Valley, synthetic_valley
+    from warpriver.generate.valley_params import ValleyParams
     from warpriver.history import Collision, Cutoff, History, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_terrain, write_terrain
+    from warpriver.io.valleys import read_valley, write_breaklines, write_mesh, write_points, write_valley
     from warpriver.io.xarrays import from_xarray, to_xarray
     from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
-    from warpriver.params import MeanderParams
+    from warpriver.params import LehenyParams, MeanderParams, PathMeander
     from warpriver.simulation import Every, Simulation
     from warpriver.terrain import Terrain
 
 __all__ = [
     "Collision",
     "Cutoff",
+    "ErodedTerrain",
     "Every",
     "History",
+    "LehenyParams",
     "MeanderParams",
+    "PathMeander",
     "RiverNetwork",
     "Simulation",
     "StopReason",
     "Terrain",
+    "Valley",
+    "ValleyParams",
+    "erode",
+    "erode_ensemble",
     "extract_network",
     "from_xarray",
     "generate",
@@ -39,11 +51,17 @@ __all__ = [
     "metrics",
     "read_network",
     "read_terrain",
+    "read_valley",
+    "synthetic_valley",
     "taubin_smooth",
     "to_xarray",
     "viz",
+    "write_breaklines",
+    "write_mesh",
     "write_network",
+    "write_points",
     "write_terrain",
+    "write_valley",
 ]
 
 __version__ = "0.1.0"
@@ -52,21 +70,34 @@ __version__ = "0.1.0"
 _HOMES = {
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
+    "ErodedTerrain": "warpriver.generate.eroded",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
+    "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
+    "PathMeander": "warpriver.params",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "StopReason": "warpriver.history",
     "Terrain": "warpriver.terrain",
+    "erode": "warpriver.generate.leheny",
+    "erode_ensemble": "warpriver.generate.leheny",
+    "Valley": "warpriver.generate.valley",
+    "ValleyParams": "warpriver.generate.valley_params",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.xarrays",
     "read_network": "warpriver.io.lines",
     "read_terrain": "warpriver.io.rasters",
+    "read_valley": "warpriver.io.valleys",
+    "synthetic_valley": "warpriver.generate.valley",
     "taubin_smooth": "warpriver.meander.smoothing",
     "to_xarray": "warpriver.io.xarrays",
+    "write_breaklines": "warpriver.io.valleys",
+    "write_mesh": "warpriver.io.valleys",
     "write_network": "warpriver.io.lines",
+    "write_points": "warpriver.io.valleys",
     "write_terrain": "warpriver.io.rasters",
+    "write_valley": "warpriver.io.valleys",
 }
 _ROOMS = ("generate", "hydrology", "metrics", "viz")
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import importlib.util
 import os
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.params import DAYS_PER_YEAR, MeanderParams
+from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, LehenyParams, MeanderParams, PathMeander
 
 if TYPE_CHECKING:
+    from warpriver.generate.eroded import ErodedTerrain
+    from warpriver.generate.valley import Valley
     from warpriver.history import History
+    from warpriver.hydrology.routing import Flow
     from warpriver.network import RiverNetwork
     from warpriver.simulation import Simulation
     from warpriver.terrain import Terrain
@@ -30,7 +35,7 @@ EXTRAS = {
     "viz": ("matplotlib", "pyvista"),
     "movie": ("imageio_ffmpeg",),
     "gis": ("pyogrio", "geopandas", "shapely", "pyproj", "rasterio", "xarray"),
-    "bench": ("meanderpy", "h5py"),
+    "bench": ("meanderpy", "h5py", "numba"),
 }
 
 # Frames of the demo's movie; more make the file larger, not the film better.
@@ -41,7 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
     options = _parser().parse_args(arguments)
     try:
-        return options.command(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(
+                f"warpriver {options.name}: warning: {message}", file=sys.stderr
+            )
+            return options.command(options)
     except (ValueError, OSError, ImportError, RuntimeError) as error:
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
@@ -64,6 +73,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_network(commands)
     _add_simulate(commands)
+    _add_erode(commands)
+    _add_valley(commands)
     _add_render(commands)
     _add_info(commands)
     return parser
@@ -185,12 +196,14 @@ def _add_simulate(commands: Any) -> None:
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
         "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
         "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
+        "  warpriver simulate river.csv --solver path --search-radius 2 --years 300\n"
         "  warpriver simulate out/river/run --years 100",
     )
     parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
     parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
     parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
     parser.add_argument(
@@ -214,7 +227,7 @@ def _simulate(options: argparse.Namespace) -> int:
         terrain = read_terrain(options.terrain, to_crs=options.to_crs)
     if _is_run(source):
         run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
-        simulation = Simulation.resume(run, terrain=terrain, device=options.device)
+        simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = _fresh_folder(options.out or f"out/{run.stem}")
@@ -224,6 +237,7 @@ def _simulate(options: argparse.Namespace) -> int:
             width=options.width,
             depth=options.depth,
             layer=options.layer,
+            short=options.short,
             crs=options.crs,
             to_crs=options.to_crs,
             dtype=options.dtype,
@@ -244,12 +258,21 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
     run.add_argument("--record-every", type=int, default=10, metavar="STEPS", help="steps between records (default 10)")
     run.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
     run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    run.add_argument(
+        "--threads", type=int, metavar="N", help="threads on the CPU; results do not depend on it (default: all cores)"
+    )
     run.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
     run.add_argument("--check", action="store_true", help="check every phase of every step (slow)")
     run.add_argument("--no-progress", action="store_true", help="no progress bar")
     where = out or "out/NAME"
     run.add_argument("-o", "--out", default=out, metavar="FOLDER", help=f"where results go (default {where})")
     model = parser.add_argument_group("model (Paris et al. 2023, Table 1)")
+    model.add_argument(
+        "--solver",
+        choices=tuple(SOLVER_PARAMS),
+        default="migration",
+        help="what moves the channels: migration by upstream curvature, or shortest paths (default migration)",
+    )
     model.add_argument("--step-days", type=float, metavar="DAYS", help="time step in days (default 106)")
     model.add_argument(
         "--spacing",
@@ -257,34 +280,55 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
         metavar="M",
         help="distance between points in m (default 50, at most a channel's width)",
     )
+    shared = {field.name for field in dataclasses.fields(MeanderParams)}
     for field in dataclasses.fields(MeanderParams):
-        if field.name in ("time_step", "spacing"):
-            continue
-        meta = field.metadata
-        kind = str if meta["choices"] else float
-        unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
-        model.add_argument(
-            "--" + field.name.replace("_", "-"),
-            type=kind,
-            choices=meta["choices"] or None,
-            metavar=None if meta["choices"] else "X",
-            help=f"{meta['doc']}{unit} (default {field.default})",
-        )
+        if field.name not in ("time_step", "spacing"):
+            _add_model_flag(model, field)
+    path = parser.add_argument_group("model of --solver path, which shares the flags above that it has a use for")
+    for field in dataclasses.fields(PathMeander):
+        if field.name not in shared:
+            _add_model_flag(path, field)
+
+
+def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
+    """Add the flag of one constant."""
+    meta = field.metadata
+    unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
+    group.add_argument(
+        _flag(field.name),
+        type=str if meta["choices"] else float,
+        choices=meta["choices"] or None,
+        metavar=None if meta["choices"] else "X",
+        help=f"{meta['doc']}{unit} (default {field.default})",
+    )
+
+
+def _flag(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def _simulation(network: RiverNetwork, options: argparse.Namespace, terrain: Terrain | None = None) -> Simulation:
     from warpriver.simulation import Simulation
 
-    given = {
-        field.name: getattr(options, field.name)
-        for field in dataclasses.fields(MeanderParams)
-        if getattr(options, field.name, None) is not None
-    }
+    kind = SOLVER_PARAMS[options.solver]
+    own = {field.name for field in dataclasses.fields(kind)}
+    every = {field.name for params in SOLVER_PARAMS.values() for field in dataclasses.fields(params)}
+    given = {name: getattr(options, name) for name in every if getattr(options, name, None) is not None}
+    strange = sorted(set(given) - own)
+    if strange:
+        raise ValueError(f"{_flag(strange[0])} means nothing to --solver {options.solver}; leave it out")
     if options.spacing is None and options.spacing_in_widths is None:
         given["spacing_in_widths"] = 1.0
     if options.step_days is not None:
         given["time_step"] = options.step_days / DAYS_PER_YEAR
-    return Simulation(network, MeanderParams(**given), terrain=terrain, seed=options.seed, check=options.check)
+    return Simulation(
+        network,
+        kind(**given),
+        terrain=terrain,
+        seed=options.seed,
+        check=options.check,
+        threads=options.threads,
+    )
 
 
 def _run(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
@@ -352,6 +396,296 @@ def _draw_results(
         print(f"  movie    {folder / 'belt.gif'}")
 
 
+# ---- erode
+
+
+def _add_erode(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "erode",
+        _erode,
+        help="let rain carve a river network into a plane, a peak or a terrain",
+        description="Leheny's erosion: units of rain fall on random cells, walk downhill by chance, take a constant\n"
+        "depth off every cell of their way, and what gets too steep slides. Writes the terrain, its rivers as lines,\n"
+        "and pictures: the terrain by elevation, the drainage, the ordered network.",
+        epilog="examples:\n"
+        "  warpriver erode --size 300x200 --events 10000 --start plane -o out/erode\n"
+        "  warpriver erode --size 401x401 --start peak --events 40000 --movie growth.gif\n"
+        "  warpriver erode --start dem.tif --fill --depth 0.5 --slide-threshold 40 --flow-bias 1 --rivers 500",
+    )
+    start = parser.add_argument_group("start")
+    start.add_argument(
+        "--start",
+        default="plane",
+        metavar="plane|peak|FILE",
+        help="plane: falls south, its east and west sides are joined; peak: falls to all sides; or heights from a "
+        "file: GeoTIFF, ESRI ASCII, npz ... (default plane)",
+    )
+    start.add_argument("--size", metavar="COLUMNSxROWS", help="cells of a plane or peak (default 300x200)")
+    start.add_argument("--cell-size", type=float, metavar="M", help="cell of a plane or peak in m (default 1)")
+    start.add_argument("--slope", type=float, metavar="S", help="slope of a plane or peak in m/m (default 1)")
+    start.add_argument(
+        "--edges",
+        metavar="RULES",
+        help="open, closed or periodic for all sides, or four in the order north,south,east,west (default: the "
+        "start's; of a file, open)",
+    )
+    start.add_argument("--fill", action="store_true", help="raise ground that water cannot leave until it can")
+    start.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    start.add_argument("--to-crs", help='reproject a file, e.g. EPSG:32619, or "utm" for the zone of the data')
+    model = parser.add_argument_group("model (Leheny 1995)")
+    model.add_argument("--events", type=int, default=10_000, metavar="N", help="units of rain (default 10000)")
+    for field in dataclasses.fields(LehenyParams):
+        meta = field.metadata
+        unit = "" if meta["unit"] == "-" else f"{meta['unit']}, "
+        model.add_argument(
+            "--" + field.name.replace("_", "-"),
+            type=int if meta["choices"] else float,
+            choices=meta["choices"] or None,
+            default=field.default,
+            metavar=None if meta["choices"] else "X",
+            help=f"{meta['doc']} ({unit}default {field.default:g})",
+        )
+    model.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
+    model.add_argument(
+        "--batch", type=int, default=1, metavar="B", help="units of rain that walk at a time (default 1, one by one)"
+    )
+    model.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
+    model.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    out = parser.add_argument_group("output")
+    out.add_argument("-o", "--out", default="out/erode", metavar="FOLDER", help="where results go (default out/erode)")
+    out.add_argument(
+        "--rivers", type=float, default=50.0, metavar="R", help="least cells that a river drains (default 50)"
+    )
+    out.add_argument("--movie", metavar="FILE", help="also a movie of the network growing, .gif or .mp4, in FOLDER")
+    out.add_argument("--frames", type=int, default=50, help="frames of the movie, about (default 50)")
+    out.add_argument("--no-progress", action="store_true", help="no progress bar")
+
+
+def _erode(options: argparse.Namespace) -> int:
+    from warpriver import generate, hydrology
+    from warpriver.io.lines import write_network
+    from warpriver.io.rasters import write_terrain
+
+    _quiet_warp()
+    if options.movie is not None and Path(options.movie).suffix.lower() not in (".gif", ".mp4"):
+        raise ValueError(f"--movie {options.movie}: the ending says the format; use .gif or .mp4")
+    if options.frames < 2:
+        raise ValueError(f"--frames {options.frames}: give 2 or more")
+    start = _erosion_start(options)
+    edges = options.edges.split(",") if options.edges and "," in options.edges else options.edges
+    begin = time.perf_counter()
+    eroded = generate.erode(
+        start,
+        LehenyParams(**{f.name: getattr(options, f.name) for f in dataclasses.fields(LehenyParams)}),
+        events=options.events,
+        seed=options.seed,
+        edges=edges,
+        batch=options.batch,
+        fill=options.fill,
+        record_every=max(1, options.events // (options.frames - 1)) if options.movie else None,
+        dtype=options.dtype,
+        progress=not options.no_progress,
+    )
+    print(f"{eroded!r}\n  {time.perf_counter() - begin:.2f} s")
+    flow, threshold = eroded.flow(), options.rivers * eroded.cell_size**2
+    network = hydrology.extract_network(eroded, flow=flow, min_drainage_area=threshold)
+    laws = hydrology.network_laws(flow, threshold)
+    print(network)
+    print(
+        f"  {len(laws.streams)} orders, {', '.join(map(str, laws.streams))} streams; bifurcation ratio "
+        f"{laws.bifurcation_ratio:.3g}, area {laws.area_ratio:.3g}, length {laws.length_ratio:.3g}; Hack's exponent "
+        f"{laws.hack_exponent:.3g}; P(A > a) ~ a^-{laws.area_exponent:.3g}"
+    )
+    folder = Path(options.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_terrain(eroded, folder / "terrain.npz")
+    write_network(network, folder / "rivers.csv")
+    print(f"  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'rivers.csv'}")
+    _draw_erosion(eroded, flow, network, threshold, folder, options.movie)
+    return OK
+
+
+def _erosion_start(options: argparse.Namespace) -> Terrain:
+    """Make or read the terrain that rain is to fall on."""
+    from warpriver import generate
+    from warpriver.io.rasters import read_terrain
+
+    made = {"plane": generate.erosion_plane, "peak": generate.erosion_peak}
+    if options.start not in made:
+        for flag in ("size", "cell_size", "slope"):
+            if getattr(options, flag) is not None:
+                raise ValueError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
+        return read_terrain(options.start, crs=options.crs, to_crs=options.to_crs, device=options.device)
+    try:
+        columns, rows = (int(n) for n in (options.size or "300x200").lower().split("x"))
+    except ValueError:
+        raise ValueError(f"--size {options.size}: give columns and rows, such as 300x200") from None
+    size = 1.0 if options.cell_size is None else options.cell_size
+    slope = 1.0 if options.slope is None else options.slope
+    return made[options.start]((rows, columns), size, slope, device=options.device)
+
+
+def _draw_erosion(
+    eroded: ErodedTerrain, flow: Flow, network: RiverNetwork, threshold: float, folder: Path, movie: str | None
+) -> None:
+    """Draw the terrain, its drainage and its rivers, and the movie if there is to be one."""
+    if importlib.util.find_spec("matplotlib") is None:
+        print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+        return
+    from warpriver import viz
+
+    viz.draw_elevation(eroded, folder / "elevation.png", title=f"{eroded.events:,} events")
+    viz.draw_drainage(flow, folder / "drainage.png", min_drainage_area=threshold)
+    viz.draw_ordered_network(eroded, network, folder / "network.png")
+    print(f"  pictures {folder / 'elevation.png'}, drainage.png, network.png")
+    if movie is not None:
+        viz.erosion_movie(eroded, folder / movie, min_drainage_area=threshold)
+        print(f"  movie    {folder / movie}")
+
+
+# ---- valley
+
+
+def _add_valley(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "valley",
+        _valley,
+        help="make a river valley of prescribed form, from an example or a TOML file",
+        description="Make a synthetic river valley (Brown et al. 2014): S1 to S6, the paper's examples, or a TOML\n"
+        "file of your own. Into a folder go its terrain, channel lines, points, mesh, breaklines, parameters and\n"
+        "pictures; into a file what its ending says: terrain (.tif .asc .npz .r16 ...), points (.xyz .csv), mesh\n"
+        "(.obj .ply .stl .vtp), breaklines (.geojson), channel (.gpkg), parameters (.toml) or picture (.png .pdf).",
+        epilog="examples:\n"
+        "  warpriver valley S3 -o out/S3\n"
+        "  warpriver valley S5 --cell-size 0.5 -o s5.tif\n"
+        "  warpriver valley S1 -o mine.toml                      # parameters to start from\n"
+        "  warpriver valley mine.toml --set slope=0.004 --set sharp_bends=blend -o out/mine\n"
+        "  warpriver valley --schema                             # every key of a valley file",
+    )
+    parser.add_argument("valley", nargs="?", metavar="S1..S6|FILE.toml", help="an example, or a valley file")
+    parser.add_argument("-o", "--out", metavar="PATH", help="folder or file to write (default folder out/NAME)")
+    parser.add_argument(
+        "--cell-size", type=float, metavar="M", help="cells of the terrain in m (default: bankfull width / 20)"
+    )
+    parser.add_argument(
+        "--spacing",
+        type=float,
+        metavar="M",
+        help="distance of points and mesh across the channel in m (default: bankfull width / 20; the paper's is 0.1)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a constant of the valley, as width=40; may be given again",
+    )
+    parser.add_argument("--crs", help="coordinate reference system of the outputs, e.g. EPSG:32619 (default: none)")
+    parser.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=("X", "Y"),
+        help="place of the upstream end of the valley axis in m (default 0 0); moves a valley with a line of its own",
+    )
+    parser.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    parser.add_argument("--schema", action="store_true", help="print the keys of a valley file and stop")
+
+
+def _valley(options: argparse.Namespace) -> int:
+    from warpriver.generate.valley import synthetic_valley
+    from warpriver.io.valleys import read_valley, valley_schema
+
+    if options.schema:
+        print(valley_schema())
+        return OK
+    if options.valley is None:
+        raise ValueError("name an example, S1 to S6, or a TOML file")
+    _quiet_warp()
+    is_file = Path(options.valley).suffix.lower() == ".toml"
+    params = read_valley(options.valley) if is_file else options.valley
+    valley = synthetic_valley(
+        params,
+        cell_size=options.cell_size,
+        origin=options.origin,
+        crs=options.crs,
+        device=options.device,
+        **_settings(options.set),
+    )
+    print(valley)
+    width, depth = valley.network.point_widths()[0], valley.network.point_depths()[0]
+    print(f"width {width.min():.2f} to {width.max():.2f} m, bankfull depth {depth.min():.3f} to {depth.max():.3f} m")
+    print(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
+    found = valley.covariance
+    print(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
+    out = Path(options.out or f"out/{valley.params.name}")
+    if out.suffix:
+        _write_valley(valley, out, options.spacing)
+        print(out)
+        return OK
+    out.mkdir(parents=True, exist_ok=True)
+    terrain = "terrain.tif" if importlib.util.find_spec("rasterio") is not None else "terrain.npz"
+    for name in (terrain, "channel.csv", "points.csv", "mesh.obj", "breaklines.geojson", "valley.toml"):
+        _write_valley(valley, out / name, options.spacing)
+        print(out / name)
+    if importlib.util.find_spec("matplotlib") is None:
+        print('no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+        return OK
+    from warpriver import viz
+
+    viz.draw_valley(valley, out / "valley.png")
+    viz.draw_valley_sections(valley, out / "sections.png")
+    print(out / "valley.png", out / "sections.png", sep="\n")
+    return OK
+
+
+def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
+    """Write what the name of a file says: breaklines, channel, parameters, picture, mesh, points, else terrain."""
+    from warpriver.io import valleys
+    from warpriver.io.lines import line_formats, write_network
+    from warpriver.io.rasters import terrain_formats, write_terrain
+
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        valleys.write_valley(valley.params, path)
+    elif suffix in (".geojson", ".json"):
+        valleys.write_breaklines(valley.breaklines(), path, crs=valley.crs)
+    elif path.name == "channel.csv":
+        write_network(valley.network, path)
+    elif suffix in valleys.POINTS and suffix != ".npz":
+        valleys.write_points(valley.grid(spacing), path)
+    elif suffix in valleys.MESHES:
+        valleys.write_mesh(valley.grid(spacing), path)
+    elif suffix in (".pdf", ".svg", ".png", ".jpg"):
+        from warpriver import viz
+
+        viz.draw_valley(valley, path)
+    elif suffix in terrain_formats():
+        write_terrain(valley.terrain, path)
+    elif suffix in line_formats():
+        write_network(valley.network, path)
+    else:
+        raise ValueError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
+
+
+def _settings(texts: Sequence[str]) -> dict[str, Any]:
+    """Constants from KEY=VALUE, numbers where they are numbers."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, sign, word = text.partition("=")
+        if not sign or not key.strip() or not word.strip():
+            raise ValueError(f"--set {text}: give KEY=VALUE, as --set width=40")
+        value: Any = word.strip()
+        for kind in (float, int):
+            with contextlib.suppress(ValueError):
+                value = kind(word)
+        found[key.strip()] = value
+    return found
+
+
 # ---- render
 
 
@@ -382,6 +716,7 @@ def _add_render(commands: Any) -> None:
     parser.add_argument("--title", help="title of a map or movie")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -389,7 +724,6 @@ def _add_render(commands: Any) -> None:
 def _render(options: argparse.Namespace) -> int:
     from warpriver import viz
     from warpriver.history import History
-    from warpriver.io.lines import read_network
 
     _quiet_warp()
     source, out = Path(options.input), Path(options.out)
@@ -404,7 +738,7 @@ def _render(options: argparse.Namespace) -> int:
     if not _is_run(source):
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
-        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+        network = _read_lines(source, options)
         if options.scene:
             viz.render_scene(network, out, window=window, terrain=terrain)
         else:
@@ -444,6 +778,7 @@ def _add_info(commands: Any) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
+    _add_short(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -476,7 +811,6 @@ def _info(options: argparse.Namespace) -> int:
 def _info_file(options: argparse.Namespace) -> int:
     from warpriver import metrics
     from warpriver.history import History
-    from warpriver.io.lines import read_network
 
     source = Path(options.file)
     if _is_run(source):
@@ -484,10 +818,11 @@ def _info_file(options: argparse.Namespace) -> int:
         print(history)
         network = history.networks[-1]
     else:
-        network = read_network(source, width=options.width, layer=options.layer, crs=options.crs, to_crs=options.to_crs)
+        network = _read_lines(source, options)
     print(network)
     west, south, east, north = network.bounds()
     print(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
+    print(_attribute_summary(network))
     lines, lengths = network.polylines(), network.channel_lengths()
     for c in lengths.argsort()[::-1][:10]:
         sinuosity = metrics.sinuosity(lines[c])
@@ -500,7 +835,57 @@ def _info_file(options: argparse.Namespace) -> int:
     return OK
 
 
+def _attribute_summary(network: RiverNetwork) -> str:
+    """Say from where to where the attributes of the channels go, of those that are known."""
+    import numpy as np
+
+    from warpriver import hydrology
+
+    def span(values: np.ndarray, unit: str) -> str:
+        low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+        return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+    outlets = int((~np.isin(network.channel_to, network.channel_from)).sum())
+    parts = [f"{outlets} outlet{'s' * (outlets != 1)}"]
+    try:
+        order = hydrology.strahler_order(network.channel_from, network.channel_to)
+        parts.append(f"Strahler order 1 to {order.max()}")
+    except ValueError as error:
+        parts.append(f"no stream orders ({error})")
+    parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
+    if network.channel_drainage_area is not None:
+        parts.append(f"drainage area {span(network.channel_drainage_area / 1e6, 'km2')}")
+    known = network.channel_slope[np.isfinite(network.channel_slope)]
+    if len(known):
+        some = "" if len(known) == network.channel_count else f" in {len(known)} channels"
+        parts.append(f"slope {span(known, 'm/m')}{some}")
+    return ", ".join(parts)
+
+
 # ---- shared
+
+
+def _read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
+    from warpriver.io.lines import read_network
+
+    return read_network(
+        source,
+        width=options.width,
+        layer=options.layer,
+        short=options.short,
+        crs=options.crs,
+        to_crs=options.to_crs,
+    )
+
+
+def _add_short(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--short",
+        default="error",
+        choices=("error", "drop", "narrow", "keep"),
+        help="lines shorter than they are wide, as linework has at junctions: refuse the file, drop them, narrow them "
+        "to their length, or keep them (default error)",
+    )
 
 
 def _is_run(source: Path) -> bool:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 
 __all__ = ["Collision", "Cutoff", "History", "Record", "StopReason"]
 
@@ -65,7 +65,8 @@ class Cutoff:
         time: Time of the cutoff, yr.
         channel: Index of the channel.
         width: Bankfull width there, m.
-        xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included.
+        xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included. Shortest paths
+            leave closed loops: the first point is repeated at the end.
     """
 
     time: float
@@ -124,6 +125,7 @@ class Record:
         channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
         channel_pace: (C,) greatest speed of the channel's points in the step, m/yr; None in runs stored without it.
+        channel_slope: (C,) m/m, NaN where it is not known; None in runs stored before slopes were.
         channel_closed: (C,) True for rings; None where there are none.
     """
 
@@ -145,6 +147,7 @@ class Record:
     node_xy: np.ndarray
     channel_fixed: np.ndarray
     channel_pace: np.ndarray | None = None
+    channel_slope: np.ndarray | None = None
     channel_closed: np.ndarray | None = None
 
     @property
@@ -156,7 +159,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed", "channel_pace", "channel_closed",
+    "channel_fixed", "channel_pace", "channel_slope", "channel_closed",
 )  # fmt: skip
 
 
@@ -193,7 +196,7 @@ class History:
 
     def __init__(
         self,
-        params: MeanderParams,
+        params: MeanderParams | PathMeander,
         *,
         seed: int = 0,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
@@ -261,6 +264,7 @@ class History:
             channel_depth=record.channel_depth,
             channel_discharge=record.channel_discharge,
             channel_drainage_area=record.channel_drainage_area,
+            channel_slope=record.channel_slope,
             channel_id=record.channel_id,
             channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
             channel_closed=record.channel_closed,
@@ -405,6 +409,7 @@ class History:
     def _header(self) -> str:
         values = {
             "format": FORMAT,
+            "solver": next(name for name, kind in SOLVER_PARAMS.items() if isinstance(self.params, kind)),
             "params": dataclasses.asdict(self.params),
             "seed": self.seed,
             "origin": self.origin.tolist(),
@@ -427,7 +432,7 @@ class History:
             if values["format"] != FORMAT:
                 raise ValueError(f"{source} has format {values['format']!r}; this version reads {FORMAT!r}")
             history = cls(
-                MeanderParams(**values["params"]),
+                SOLVER_PARAMS[values.get("solver", "migration")](**values["params"]),
                 seed=values["seed"],
                 origin=values["origin"],
                 crs=values["crs"],

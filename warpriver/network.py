@@ -57,6 +57,10 @@ class RiverNetwork:
         channel_depth: (C,) float64, bankfull depth in m.
         channel_discharge: (C,) float64, bankfull discharge in m3/s at the downstream end.
         channel_drainage_area: (C,) float64, drainage area in m2 at the downstream end, or None where it is not known.
+        channel_slope: (C,) float64, drop of the channel from its upstream to its downstream end over its length, m/m;
+            NaN where it is not known. It is that of the channel as it was found: migration and cutoffs leave it, a
+            collision hands it on (each part keeps the slope of the channel it was cut from, and parts that become one
+            channel get the drop of all over their length).
         channel_id: (C,) int64, identity that a channel keeps when others come and go.
         channel_from: (C,) int32, node at the upstream end.
         channel_to: (C,) int32, node at the downstream end.
@@ -82,6 +86,7 @@ class RiverNetwork:
         channel_depth: np.ndarray,
         channel_discharge: np.ndarray,
         channel_drainage_area: np.ndarray | None = None,
+        channel_slope: np.ndarray | None = None,
         channel_id: np.ndarray | None = None,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
         channel_closed: np.ndarray | None = None,
@@ -91,7 +96,10 @@ class RiverNetwork:
         dtype: str = "float64",
         device: Any = "cpu",
     ):
-        """Wrap packed arrays that are known to be sound; users call :meth:`from_polylines`, which checks.
+        """Wrap packed arrays; users call :meth:`from_polylines`, which checks the lines as well as the graph.
+
+        A channel that meets no other is a basin of its own. Rings, channels that part and channels that flow in a
+        circle can be held, read and written; a simulation and stream orders refuse them.
 
         Args:
             point_xy: (P, 2) points relative to ``origin``.
@@ -100,6 +108,7 @@ class RiverNetwork:
             channel_depth: (C,) m.
             channel_discharge: (C,) m3/s.
             channel_drainage_area: (C,) m2, or None where it is not known.
+            channel_slope: (C,) m/m, NaN where it is not known; None: nowhere.
             channel_id: (C,) identities; by default the indices.
             channel_nodes: (from, to, node_xy); by default ends that coincide are one node.
             channel_closed: (C,) True for rings; by default there are none.
@@ -108,6 +117,10 @@ class RiverNetwork:
             crs: Coordinate reference system.
             dtype: "float64" or "float32".
             device: Warp device name.
+
+        Raises:
+            ValueError: Arrays that do not fit together, a channel of fewer than 2 points or of no length, an identity
+                that stands twice, a node that is not there, or one that no channel touches.
         """
         if dtype not in PRECISIONS:
             raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
@@ -120,17 +133,22 @@ class RiverNetwork:
         self.channel_drainage_area: np.ndarray | None = None
         start = np.array(channel_start, np.int32)
         count = len(channel_width)
+        _check_packed(np.asarray(point_xy), start, count)
         closed = np.zeros(count, bool) if channel_closed is None else np.asarray(channel_closed, bool)
         if channel_nodes is None:
             tolerance = NODE_TOLERANCE * float(np.min(channel_width))
             channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, closed, tolerance, self.origin)
+        identity = np.arange(count) if channel_id is None else np.asarray(channel_id)
+        above, below, node_xy = map(np.asarray, channel_nodes)
+        _check_graph(count, identity, above, below, node_xy)
         self.replace_channels(
             start,
             channel_width=channel_width,
             channel_depth=channel_depth,
             channel_discharge=channel_discharge,
             channel_drainage_area=channel_drainage_area,
-            channel_id=np.arange(count) if channel_id is None else channel_id,
+            channel_slope=channel_slope,
+            channel_id=identity,
             channel_nodes=channel_nodes,
             channel_closed=closed,
         )
@@ -148,6 +166,11 @@ class RiverNetwork:
         discharge: Any = None,
         *,
         drainage_area: Any = None,
+        slope: Any = None,
+        channel_id: Any = None,
+        nodes: tuple[Any, Any, Any] | None = None,
+        origin: Any = None,
+        allow_short: bool = False,
         closed: Any = False,
         crs: str | None = None,
         dtype: str = "float64",
@@ -157,7 +180,8 @@ class RiverNetwork:
 
         A line marked ``closed`` is a ring, as a moat or a closed flume is: the water goes round, nothing flows in or
         out, and it never joins other channels. Its first point may be repeated at its end, or be up to three widths or
-        three of its longest segments away from it.
+        three of its longest segments away from it. A line that meets no other is a basin of its own. Other lines that
+        end where they begin, and circles of channels, are taken, and refused by a simulation.
 
         Args:
             polylines: One (n, 2) array of x, y in m per channel, upstream to downstream, n >= 3.
@@ -165,6 +189,12 @@ class RiverNetwork:
             depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
             drainage_area: Drainage area in m2 at the downstream end, one number a channel, where it is known.
+            slope: Drop over length of each channel in m/m, one number or one a channel, NaN where it is not known.
+            channel_id: Identities of the channels, whole numbers; by default 0, 1, 2 ...
+            nodes: (from, to, node_xy): node above and below each channel, as indices into node_xy, (N, 2) in m; by
+                default ends that meet are one node.
+            origin: Absolute position of the device coordinates' zero, m; by default the middle, in whole metres.
+            allow_short: Take channels shorter than they are wide, as collisions may leave them.
             closed: True where lines are rings: one word, or one a channel.
             crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
@@ -172,8 +202,9 @@ class RiverNetwork:
 
         Raises:
             ValueError: No line, a line of fewer than 3 points, a point that is not finite or stands twice in a row, a
-                width that is not positive or exceeds the line's length, a geographic CRS, or shapes that do not fit; a
-                ring of fewer than 8 points, whose ends do not meet, or that meets another channel.
+                width that is not positive or exceeds the line's length, a geographic CRS, shapes that do not fit, an
+                identity that stands twice, a node that is not there or that no line touches; a ring of fewer than 8
+                points, whose ends do not meet, or that meets another channel.
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
         if crs is not None and is_geographic(crs):
@@ -197,14 +228,15 @@ class RiverNetwork:
         _check_rings_apart(lines, rings, point_width)
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
-            if w.max() > length:
+            if w.max() > length and not allow_short:
                 raise ValueError(
                     f"channel {c}: its width, {w.max():g} m, exceeds its length, {length:g} m; "
                     "check the units of both, or drop the channel"
                 )
         packed = np.concatenate(lines)
         # A round origin keeps offsets exact in binary, so that moving a line by whole metres moves the result by them.
-        origin = np.round(0.5 * (packed.min(axis=0) + packed.max(axis=0)))
+        if origin is None:
+            origin = np.round(0.5 * (packed.min(axis=0) + packed.max(axis=0)))
         channel_width = np.array([_mean(w) for w in point_width])
         varies = any(np.ptp(w) > 0.0 for w in point_width) or any(np.ptp(d) > 0.0 for d in point_depth)
         section = np.stack([np.concatenate(point_width), np.concatenate(point_depth)], axis=1) if varies else None
@@ -215,12 +247,15 @@ class RiverNetwork:
             area = _per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
             drainage_area = np.array([a[0] for a in area])
         return cls(
-            packed - origin,
+            packed - np.asarray(origin, np.float64),
             np.concatenate([[0], np.cumsum(counts)]),
             channel_width=channel_width,
             channel_depth=np.array([_mean(d) for d in point_depth]),
             channel_discharge=flow,
             channel_drainage_area=drainage_area,
+            channel_slope=None if slope is None else _checked_slope(slope, len(lines)),
+            channel_id=channel_id,
+            channel_nodes=nodes,
             channel_closed=rings,
             point_section=section,
             origin=origin,
@@ -250,6 +285,7 @@ class RiverNetwork:
         channel_id: np.ndarray,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray],
         channel_closed: np.ndarray,
+        channel_slope: np.ndarray | None = None,
     ) -> None:
         """Replace what belongs to whole channels; the caller brings the points into the same order.
 
@@ -262,6 +298,7 @@ class RiverNetwork:
             channel_id: (C,) identities.
             channel_nodes: (from, to, node_xy), node_xy in m, absolute.
             channel_closed: (C,) True for rings.
+            channel_slope: (C,) m/m, or None: known nowhere.
         """
         start = np.array(channel_start, np.int32)
         self.point_count = int(start[-1])
@@ -271,6 +308,8 @@ class RiverNetwork:
         self.channel_discharge = np.array(channel_discharge, np.float64)
         area = channel_drainage_area
         self.channel_drainage_area = None if area is None else np.array(area, np.float64)
+        unknown = np.full(len(self.channel_width), np.nan)
+        self.channel_slope = unknown if channel_slope is None else np.array(channel_slope, np.float64)
         self.channel_id = np.array(channel_id, np.int64)
         self.channel_from, self.channel_to = (np.array(n, np.int32) for n in channel_nodes[:2])
         self.node_xy = np.array(channel_nodes[2], np.float64)
@@ -344,6 +383,7 @@ class RiverNetwork:
             channel_depth=self.channel_depth,
             channel_discharge=self.channel_discharge,
             channel_drainage_area=self.channel_drainage_area,
+            channel_slope=self.channel_slope,
             channel_id=self.channel_id,
             channel_nodes=(self.channel_from, self.channel_to, self.node_xy),
             channel_closed=self.channel_closed,
@@ -436,6 +476,63 @@ def _check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[
             f"channel {ring} is a ring and meets channel {other} at ({x:.6g}, {y:.6g}); rings join no other channel: "
             "open it there with closed=False, or move them apart"
         )
+
+
+def _check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
+    """Raise ``ValueError`` unless points and offsets are those of so many channels, none of them without length."""
+    if len(start) != count + 1 or count == 0 or start[0] != 0 or start[-1] > len(xy):
+        raise ValueError(
+            f"channel_start is {len(start)} offsets, from {start[0] if len(start) else '-'} to "
+            f"{start[-1] if len(start) else '-'}, for {count} channels and {len(xy)} points; it runs from 0 to the "
+            "number of points, one more than channels, of which a network has at least one"
+        )
+    short = np.diff(start) < 2
+    if short.any():
+        c = int(short.argmax())
+        raise ValueError(f"channel {c} has {start[c + 1] - start[c]} point(s); a channel needs at least 2, drop it")
+    # A channel has length if any of its points differs from its first one.
+    used = xy[: start[-1]]
+    apart = (used != np.repeat(used[start[:-1]], np.diff(start), axis=0)).any(axis=1)
+    empty = ~np.logical_or.reduceat(apart, start[:-1])
+    if empty.any():
+        raise ValueError(f"channel {int(empty.argmax())} has no length: all its points are in one place; drop it")
+
+
+def _check_graph(count: int, identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray) -> None:
+    """Raise ``ValueError`` unless identities differ, and nodes and channels belong to one another."""
+    for name, array in (("channel_id", identity), ("channel_nodes' from", above), ("channel_nodes' to", below)):
+        if array.shape != (count,):
+            raise ValueError(f"{name} has shape {array.shape} for {count} channels; give one whole number a channel")
+        if array.dtype.kind not in "iu" and not np.array_equal(array, np.round(array)):
+            raise ValueError(f"{name} is {array.dtype}; give one whole number a channel")
+    order = np.argsort(identity, kind="stable")
+    twice = np.flatnonzero(identity[order][1:] == identity[order][:-1])
+    if len(twice):
+        first, second = order[twice[0] : twice[0] + 2]
+        raise ValueError(
+            f"channel_id {identity[first]} stands twice, at channels {first} and {second} ({len(twice)} such pairs in "
+            "all); identities must differ"
+        )
+    if node_xy.ndim != 2 or node_xy.shape[1] != 2:
+        raise ValueError(f"node_xy has shape {node_xy.shape}; give (N, 2) x, y in metres")
+    ends = np.concatenate([above, below])
+    if ends.min() < 0 or ends.max() >= len(node_xy):
+        c = int(np.flatnonzero((ends < 0) | (ends >= len(node_xy)))[0]) % count
+        raise ValueError(f"channel {c} runs from node {above[c]} to {below[c]}, but there are {len(node_xy)} nodes")
+    free = np.bincount(ends, minlength=len(node_xy)) == 0
+    if free.any():
+        raise ValueError(f"node {int(free.argmax())} belongs to no channel ({int(free.sum())} such in all); remove it")
+
+
+def _checked_slope(slope: Any, count: int) -> np.ndarray:
+    """Return one slope a channel, NaN where it is not known, or raise ``ValueError``."""
+    array = np.array(slope, np.float64)
+    if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
+        raise ValueError(f"slope: shape {array.shape} for {count} channels; give one number or one a channel")
+    array = np.broadcast_to(array, (count,)).copy()
+    if np.isinf(array).any():
+        raise ValueError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
+    return array
 
 
 def _mean(values: np.ndarray) -> float:

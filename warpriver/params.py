@@ -6,7 +6,15 @@ import dataclasses
 import math
 from typing import Any
 
-__all__ = ["DAYS_PER_YEAR", "MeanderParams", "describe", "parameter"]
+__all__ = [
+    "DAYS_PER_YEAR",
+    "SOLVER_PARAMS",
+    "LehenyParams",
+    "MeanderParams",
+    "PathMeander",
+    "describe",
+    "parameter",
+]
 
 DAYS_PER_YEAR = 365.25
 
@@ -18,7 +26,7 @@ def parameter(
     low: float = -math.inf,
     high: float = math.inf,
     low_open: bool = False,
-    choices: tuple[str, ...] = (),
+    choices: tuple[Any, ...] = (),
     source: str,
     doc: str,
 ) -> Any:
@@ -30,7 +38,7 @@ def parameter(
         low: Least value allowed.
         high: Greatest value allowed.
         low_open: True when ``low`` itself is refused.
-        choices: Allowed words, for a field that holds text.
+        choices: Allowed values, for a field that takes one of a few.
         source: Key in ``references.bib``, or ``"warpriver"`` for a choice of ours.
         doc: One sentence for help texts.
     """
@@ -59,6 +67,8 @@ def check_ranges(params: Any) -> None:
     kind = type(params).__name__
     for field in dataclasses.fields(params):
         value, meta = getattr(params, field.name), field.metadata
+        if not meta:  # a field that is no single constant
+            continue
         if meta["choices"]:
             if value not in meta["choices"]:
                 words = ", ".join(repr(c) for c in meta["choices"])
@@ -213,6 +223,16 @@ class MeanderParams:
         doc="two points that lie together within this arc of a node that their channels share never collide",
     )
 
+    junction_drift: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="part of the migration rate with which junctions wander down the channel below them; 0: they stay, as in "
+        "[Paris2023]",
+    )
+
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.taubin_passes != int(self.taubin_passes):
@@ -231,3 +251,208 @@ class MeanderParams:
     def replace(self, **changes: Any) -> MeanderParams:
         """Return a copy with some fields changed (and checked again)."""
         return dataclasses.replace(self, **changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class LehenyParams:
+    """Constants of Leheny's erosion by rain [Leheny1995], in the values that are in use for it on unit cells.
+
+    The model knows no metres: it has one unit of height, in which the constants are given, and cells. On a terrain the
+    unit is a metre; :meth:`scaled` makes it another length.
+    """
+
+    flow_bias: float = parameter(
+        0.05,
+        "1/m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="E: how much water prefers steep ways; a neighbour lower by another 1 / E is e times as likely",
+    )
+    depth: float = parameter(
+        10.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="D: what each visit of a unit of rain takes off a cell",
+    )
+    slide_threshold: float = parameter(
+        2000.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Leheny1995",
+        doc="M: neighbours that differ by more than this slide; the taller loses a quarter of the difference",
+    )
+    neighbors: int = parameter(
+        8,
+        "-",
+        choices=(8, 4),
+        source="warpriver",
+        doc="neighbours of a cell, for water and for slides; with 4 nothing slides until ways are deep",
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def scaled(self, unit: float) -> LehenyParams:
+        """Return the constants for a model whose unit of height is ``unit`` m: E / unit, D unit, M unit."""
+        if not (math.isfinite(unit) and unit > 0.0):
+            raise ValueError(f"unit is {unit}; give a positive length in m")
+        return self.replace(
+            flow_bias=self.flow_bias / unit, depth=self.depth * unit, slide_threshold=self.slide_threshold * unit
+        )
+
+    def replace(self, **changes: Any) -> LehenyParams:
+        """Return a copy with some fields changed (and checked again)."""
+        return dataclasses.replace(self, **changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class PathMeander:
+    """Constants of meandering by shortest paths [PathStudy2026]: give them to ``Simulation`` in place of migration.
+
+    Each point is pushed by its signed curvature C, outward by k w C and downstream by a share of it; the push is
+    blurred along the channel and the line smoothed. Where strands lie within the search radius and run along each
+    other, or cross, they are joined by shortcuts; the shortest path from the head to the foot is the new channel, and
+    what it bypasses stays behind as a closed loop. Small waves of wavenumber q grow at the rate
+
+        k w q^2 (1 / (1 + (b w)^2 q^2) - S),
+
+    k the displacement rate, b the blur length and S the smoothing: fastest at the wavelength
+    2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
+    """
+
+    time_step: float = parameter(
+        106.0 / DAYS_PER_YEAR,
+        "yr",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="time between two recorded states; done in equal sub-steps where stability asks for it",
+    )
+    spacing: float = parameter(
+        50.0,
+        "m",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="distance between the points of a channel; at most the channel width",
+    )
+    spacing_in_widths: float = parameter(
+        0.0,
+        "widths",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer",
+    )
+    displacement_rate: float = parameter(
+        60.0,
+        "m/yr",
+        low=0.0,
+        source="warpriver",
+        doc="k, strength of the displacement: lateral push per unit of width times curvature",
+    )
+    downstream_share: float = parameter(
+        0.9,
+        "-",
+        low=0.0,
+        high=2.0,
+        source="PathStudy2026",
+        doc="phi: part of the lateral push that is added along the channel, downstream; with little of it bends stand "
+        "still, and ever longer loops carry the belt away",
+    )
+    blur_length: float = parameter(
+        1.5,
+        "widths",
+        low=0.5,
+        source="warpriver",
+        doc="b: length along the channel over which the push is blurred; bends grow in proportion to it",
+    )
+    smoothing: float = parameter(
+        0.35,
+        "-",
+        low=0.01,
+        high=10.0,
+        source="warpriver",
+        doc="S, strength of the smoothing: diffusivity of the line over k w; from 1 on nothing meanders",
+    )
+    search_radius: float = parameter(
+        1.5,
+        "widths",
+        low=0.0,
+        low_open=True,
+        source="PathStudy2026",
+        doc="points of a channel closer than this may be joined by a shortcut",
+    )
+    cone_angle: float = parameter(
+        45.0,
+        "deg",
+        low=0.0,
+        high=90.0,
+        low_open=True,
+        source="PathStudy2026",
+        doc="greatest angle between the lines of two strands that a shortcut joins; 90: any",
+    )
+    cutoff_min_arc: float = parameter(
+        5.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="points closer than this along the channel are neighbours, never joined",
+    )
+    end_damping: float = parameter(
+        5.0,
+        "widths",
+        low=0.0,
+        source="PathStudy2026",
+        doc="reach at both ends of a channel over which the push fades to nothing; 0: only the end points are held",
+    )
+    slope_threshold: float = parameter(
+        0.15,
+        "m/m",
+        low=0.0,
+        low_open=True,
+        source="Paris2023",
+        doc="on a terrain, the push and the smoothing fade with the slope and stop where it is this steep",
+    )
+    collision_distance: float = parameter(
+        1.0,
+        "mean widths",
+        low=0.0,
+        source="Paris2023",
+        doc="two channels closer than this join where they touch; 0: never",
+    )
+    junction_reach: float = parameter(
+        10.0,
+        "widths",
+        low=0.0,
+        source="warpriver",
+        doc="two points that lie together within this arc of a node that their channels share never collide",
+    )
+    junction_drift: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.cutoff_min_arc <= self.search_radius:
+            raise ValueError(
+                f"PathMeander.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above search_radius "
+                f"({self.search_radius:g} widths): a straight line would be cut"
+            )
+
+    def replace(self, **changes: Any) -> PathMeander:
+        """Return a copy with some fields changed (and checked again)."""
+        return dataclasses.replace(self, **changes)
+
+
+# The parameters of each solver that a simulation knows, by the name that files and the command line use.
+SOLVER_PARAMS: dict[str, type] = {"migration": MeanderParams, "path": PathMeander}

@@ -20,7 +20,13 @@ from warpriver import progress as progress_bar
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, StopReason
 from warpriver.meander import checks
-from warpriver.meander.buffers import FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, StepBuffers, StepChannels
+from warpriver.meander.buffers import (
+    FAULT_NOT_FINITE,
+    FAULT_OXBOWS_FULL,
+    FAULT_SHORTCUTS_FULL,
+    StepBuffers,
+    StepChannels,
+)
 from warpriver.meander.collisions import (
     COARSEST_SPACING,
     collision_law,
@@ -30,15 +36,16 @@ from warpriver.meander.collisions import (
     join_channels,
     list_contacts,
 )
-from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law, plan_steps, schedule_channels, step_limits
+from warpriver.meander.junctions import drift_junctions
+from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
 from warpriver.meander.rings import split_rings
-from warpriver.meander.smoothing import smooth
+from warpriver.meander.shortcuts import PathBuffers
+from warpriver.meander.solvers import Solver, solver_of
 from warpriver.meander.stages import Replay, Stage, run_stages
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
@@ -87,7 +94,7 @@ class Simulation:
 
     Attributes:
         network: The network as it is now; the one given to the constructor is left as it was.
-        params: Constants.
+        params: Constants; their kind says which solver moves the channels.
         history: What has been recorded so far.
         step_count: Steps done.
         substeps: Equal parts in which the last step was done. A channel takes as many of them as its width, its depth
@@ -101,10 +108,11 @@ class Simulation:
     """
 
     network: RiverNetwork
-    params: MeanderParams
+    params: MeanderParams | PathMeander
     history: History
     buffers: StepBuffers
     channels: StepChannels
+    _solver: Solver
     _law: Any
     _fixed: np.ndarray
     _replay: Replay | None
@@ -113,7 +121,7 @@ class Simulation:
     def __init__(
         self,
         network: RiverNetwork,
-        params: MeanderParams | None = None,
+        params: MeanderParams | PathMeander | None = None,
         *,
         terrain: Terrain | None = None,
         seed: int = 0,
@@ -127,7 +135,7 @@ class Simulation:
 
         Args:
             network: Where to start from.
-            params: Constants; by default those of [Paris2023].
+            params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
                 and where it has no data. It is not copied: brush it between steps and the channels feel it.
             seed: Seed of random events.
@@ -143,6 +151,7 @@ class Simulation:
                 proportion.
         """
         self.params = params if params is not None else MeanderParams()
+        self._solver = solver_of(self.params)
         self._check_network(network)
         _check_ground(network, terrain)
         self.terrain = terrain
@@ -188,6 +197,7 @@ class Simulation:
             raise ValueError("the history holds no record to go on from")
         self = cls.__new__(cls)
         self.params = history.params
+        self._solver = solver_of(self.params)
         record = history.record(-1)
         network = history.network(-1).to(device)
         _check_ground(network, terrain)
@@ -277,34 +287,44 @@ class Simulation:
         if store is not None:
             self.history.store_in(store)
         self.history.stop_reason = None
-        reason = StopReason.COMPLETED
         with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
             try:
-                for _ in range(count):
-                    if interrupted.is_set():
-                        reason = StopReason.INTERRUPTED
-                        break
-                    self.step()
-                    if schedule.due(self.step_count, self.params.time_step):
-                        self._record()
-                    advance(1)
-                    due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
-                    if any([hook(self) is True for hook in due]):
-                        reason = StopReason.CALLBACK
-                        break
+                reason = self._run_steps(count, schedule, hooks, interrupted, advance)
                 self._record_end()
-                self.history.close(reason)
-            except FloatingPointError:
-                self._record_end()
-                self.history.close(StopReason.NOT_FINITE)
+                with _storing():
+                    self.history.close(reason)
             except checks.PhaseError:
                 self.history.close(StopReason.CHECK_FAILED)
                 raise
-            except OSError:
+            except _StoreError:
                 self.history.stop_reason = StopReason.STORE_FAILED
         return self.history
 
     # ---- inside
+
+    def _run_steps(
+        self,
+        count: int,
+        schedule: Every,
+        hooks: list[tuple[Every, Callable[[Simulation], Any]]],
+        interrupted: threading.Event,
+        advance: Callable[[int], None],
+    ) -> StopReason:
+        """Do so many steps, or fewer; return why they ended."""
+        for _ in range(count):
+            if interrupted.is_set():
+                return StopReason.INTERRUPTED
+            try:
+                self.step()
+            except FloatingPointError:
+                return StopReason.NOT_FINITE
+            if schedule.due(self.step_count, self.params.time_step):
+                self._record()
+            advance(1)
+            due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
+            if any([hook(self) is True for hook in due]):
+                return StopReason.CALLBACK
+        return StopReason.COMPLETED
 
     def _check_network(self, network: RiverNetwork) -> None:
         looped = (network.channel_from == network.channel_to) & ~network.channel_closed
@@ -313,16 +333,23 @@ class Simulation:
                 f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
                 "closed=True), or open it"
             )
-        if self.params.collision_distance > 0.0:
+        if network.channel_closed.any() and not self._solver.rings:
+            raise ValueError(
+                f"channel {int(network.channel_closed.argmax())} is a ring, which {type(self.params).__name__} cannot "
+                "move yet; use MeanderParams, or open it with closed=False"
+            )
+        self._solver.check(network, self.params)
+        if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
             check_forest(network)
         if self.params.spacing_in_widths > 0.0:
             return
         narrow = [float(w.min()) for w in network.point_widths()]
         c = int(np.argmin(narrow))
         if self.params.spacing > narrow[c]:
+            kind = type(self.params).__name__
             raise ValueError(
                 f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
-                f"be missed; set MeanderParams(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
+                f"be missed; set {kind}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
             )
 
     def _prepare(
@@ -345,7 +372,7 @@ class Simulation:
         if self.terrain is not None and self.terrain.device != network.device:
             self.terrain = self.terrain.to(network.device)
         self.network = network
-        self._law = migration_law(self.params, network.dtype)
+        self._law = self._solver.law(self.params, network.dtype)
         length = network.channel_lengths()
         fixed = self._fix_channels(length) if record is None else record.channel_fixed
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
@@ -393,9 +420,8 @@ class Simulation:
             mobility: (C,) how the ground lets them move.
         """
         network, self._fixed = self.network, fixed
-        limit = np.column_stack(
-            [*step_limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, NARROWEST]]
-        )
+        limits = self._solver.limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        limit = np.column_stack([*limits, fixed[:, NARROWEST]])
         self.stable_dt = float(np.min(limit[:, :2]))
         needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
@@ -410,9 +436,10 @@ class Simulation:
             self.channels.deal_out(network, self.buffers, anew=True)
             self._replay = None
         form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
+        drift = self.params.junction_drift * self._solver.rate(network.channel_width, self.params)
         self.channels.fill(
-            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], pace=pace, parts=parts,
-            mobility=mobility,
+            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], drift=drift, pace=pace,
+            parts=parts, mobility=mobility,
         )  # fmt: skip
         law = collision_law(network, self.params, form, self._collisions)
         if law is not self._collisions:
@@ -423,14 +450,14 @@ class Simulation:
         """Choose the parts in which a step is done, as the channels and the ground are now."""
         # On a plain a step that is stable for any bend needs no plan but the first.
         if not self._planned or self.terrain is not None or self.params.time_step > self.stable_dt:
-            self.substeps = max(1, plan_steps(self.network, self.channels, self.terrain, self._law))
+            self.substeps = max(1, plan_steps(self.network, self.channels, self.terrain, self.params))
             self.channels.substep.assign(np.array([0, self.substeps], np.int32))
             self._planned = True
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
         network = self.network
-        self.buffers = StepBuffers(network, points, cuts, oxbow_points, smoothing=self.params.taubin_passes > 0)
+        self.buffers = self._solver.buffers(network, points, cuts, oxbow_points)
         self.channels.deal_out(network, self.buffers, anew=True)
         self._replay = None
         if points == network.point_xy.shape[0]:
@@ -453,7 +480,7 @@ class Simulation:
     def _measure_pace(self) -> None:
         """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
         self._plan_substeps()
-        self._run(migrate(self.network, self.channels, self.buffers, self.terrain, self._law))
+        self._run(self._move_stages())
         self._planned = False
 
     def _resample_moved(self) -> None:
@@ -472,13 +499,22 @@ class Simulation:
             if buffers.section_moved is not None and self.buffers.section_moved is not None:
                 wp.copy(self.buffers.section_moved, buffers.section_moved, count=buffers.point_capacity)
 
+    def _move_stages(self) -> list[Stage]:
+        """What moves the points in one (sub-)step."""
+        network, channels = self.network, self.channels
+        return [
+            schedule(network, channels, self.params.time_step),
+            *self._solver.move(network, channels, self.buffers, self.terrain, self._law),
+        ]
+
     def _stages(self) -> list[Stage]:
         """The verbs of one (sub-)step, in order."""
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
-            *migrate(network, channels, buffers, self.terrain, self._law),
-            *smooth(network, channels, buffers, int(self.params.taubin_passes)),
-            *cut_off(network, channels, buffers, self.params),
+            *self._move_stages(),
+            *self._solver.smooth(network, channels, buffers, self.params),
+            *drift_junctions(network, channels, buffers, self.params),
+            *self._solver.cut(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
             *find_contacts(network, channels, buffers, self._collisions),
         ]
@@ -493,7 +529,7 @@ class Simulation:
         if self.check:
             for phase, group in itertools.groupby(stages, lambda stage: stage.phase):
                 self._run(group)
-                checks.check_phase(phase, self.network, self.channels, self.buffers)
+                checks.check_phase(phase, self.network, self.channels, self.buffers, self.params.junction_drift == 0.0)
         elif not self._capture:
             self._run(stages)
         else:
@@ -512,7 +548,11 @@ class Simulation:
                     f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
                 )
             needed = int(channels.start_next.numpy()[-1])
-            if fault == FAULT_OXBOWS_FULL:
+            if fault == FAULT_SHORTCUTS_FULL:
+                assert isinstance(buffers, PathBuffers)
+                buffers.make_room_for_shortcuts()
+                self._replay = None
+            elif fault == FAULT_OXBOWS_FULL:
                 cuts = int(channels.cuts_sum.numpy()[-1])
                 loop_points = int(channels.cut_points_sum.numpy()[-1])
                 self._allocate(
@@ -535,10 +575,11 @@ class Simulation:
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        split = network.channel_closed[cut[:, 0]] & (self.params.ring_policy == "both")
+        both = isinstance(self.params, MeanderParams) and self.params.ring_policy == "both"
+        split = network.channel_closed[cut[:, 0]] & both
         for channel, begin, length, _ in cut[~split]:
             width = network.channel_width[channel] if section is None else section[begin, 0]
-            loop = xy[begin : begin + length].copy()
+            loop = self._solver.oxbow(xy[begin : begin + length])
             self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
         if split.any():
             self._adopt(split_rings(network, cut[split, :3], xy))
@@ -552,6 +593,7 @@ class Simulation:
             if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
                 return
             contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
+            self._place_nodes()
             joined = join_channels(self.network, contacts)
             if joined is None:
                 return
@@ -592,6 +634,7 @@ class Simulation:
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
             channel_closed=network.channel_closed[edited.channel_old],
+            channel_slope=edited.channel_slope,
         )
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
@@ -610,34 +653,47 @@ class Simulation:
         self._resample_moved()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         start: wp.array = wp.array([0, self.substeps], dtype=wp.int32, device=self.device)
-        schedule_channels(network, self.channels, self._law, start)
+        schedule_channels(network, self.channels, self.params.time_step, start)
+
+    def _place_nodes(self) -> None:
+        """Bring the nodes to where junctions have wandered."""
+        if self.params.junction_drift > 0.0:
+            network, start = self.network, self.network.starts()
+            xy = network.point_xy.numpy()
+            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
+                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
 
     def _record(self) -> None:
+        self._place_nodes()
+        with _storing():
+            self.history.append(self._as_record())
+
+    def _as_record(self) -> Record:
+        """The state as it is stored."""
         network, count = self.network, self.network.point_count
         section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
         area = network.channel_drainage_area
-        self.history.append(
-            Record(
-                step=self.step_count,
-                time=self.time,
-                cutoffs_before=len(self.history.cutoffs),
-                collisions_before=len(self.history.collisions),
-                point_xy=network.point_xy.numpy()[:count].copy(),
-                point_section=section,
-                channel_start=network.starts(),
-                channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
-                channel_width=network.channel_width.copy(),
-                channel_depth=network.channel_depth.copy(),
-                channel_discharge=network.channel_discharge.copy(),
-                channel_drainage_area=None if area is None else area.copy(),
-                channel_id=network.channel_id.copy(),
-                channel_from=network.channel_from.copy(),
-                channel_to=network.channel_to.copy(),
-                node_xy=network.node_xy.copy(),
-                channel_fixed=self._fixed.copy(),
-                channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
-                channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
-            )
+        return Record(
+            step=self.step_count,
+            time=self.time,
+            cutoffs_before=len(self.history.cutoffs),
+            collisions_before=len(self.history.collisions),
+            point_xy=network.point_xy.numpy()[:count].copy(),
+            point_section=section,
+            channel_start=network.starts(),
+            channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
+            channel_width=network.channel_width.copy(),
+            channel_depth=network.channel_depth.copy(),
+            channel_discharge=network.channel_discharge.copy(),
+            channel_drainage_area=None if area is None else area.copy(),
+            channel_id=network.channel_id.copy(),
+            channel_from=network.channel_from.copy(),
+            channel_to=network.channel_to.copy(),
+            node_xy=network.node_xy.copy(),
+            channel_fixed=self._fixed.copy(),
+            channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
+            channel_slope=network.channel_slope.copy(),
+            channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
         )
 
     def _record_end(self) -> None:
@@ -689,6 +745,19 @@ def _check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
             f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
             f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
         )
+
+
+class _StoreError(Exception):
+    """The history could not be stored."""
+
+
+@contextmanager
+def _storing() -> Iterator[None]:
+    """Tell the failure to store a history from that of a callback, which is its caller's affair."""
+    try:
+        yield
+    except OSError as error:
+        raise _StoreError from error
 
 
 @contextmanager

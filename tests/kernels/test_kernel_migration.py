@@ -84,7 +84,8 @@ def device_law(kernel, law):
     """The struct that the kernels read."""
     struct = kernel.MigrationLaw()
     for name, value in dataclasses.asdict(law).items():
-        setattr(struct, name, value)
+        if name != "time_step":  # each channel has its own
+            setattr(struct, name, value)
     return struct
 
 
@@ -212,7 +213,7 @@ class Case:
     def mobility(self, law, height, deal=64):
         """How the ground lets each channel move, (C,) of the case's precision."""
         out = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        inputs = [self.point_xy, self.channel_start, self.form, *self.ground(height), device_law(self.kernel, law), ...]
+        inputs = [self.point_xy, self.channel_start, self.form, *self.ground(height), law.slope_threshold, ...]
         self.launch(self.kernel.measure_mobility, deal, inputs, [out])
         return out.numpy()
 
@@ -518,7 +519,9 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
         buffers = StepBuffers(network, network.point_count, 1, 1)
         channels.deal_out(network, buffers, anew=True)
         law = launcher.migration_law(params, dtype)
-        run_stages(launcher.migrate(network, channels, buffers, None, law), channels.whole, channels.slabs)
+        move = launcher.migrate(network, channels, buffers, None, law)
+        begin = launcher.schedule(network, channels, params.time_step)
+        run_stages([begin, *move], channels.whole, channels.slabs)
         results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()
@@ -552,9 +555,8 @@ def device_roots(time_steps, width, spacing, law, factor, device="cpu"):
         root_out[i] = smoothing_root(width, spacing, factor, step[i], law)
 
     out = unwritten(len(time_steps), wp.float64, device)
-    # The step that counts is the channel's, not the law's.
-    law = device_law(kernel, dataclasses.replace(law, time_step=math.nan))
-    inputs = [to_device(np.array(time_steps, np.float64), wp.float64, device), law, width, spacing, factor]
+    inputs = [to_device(np.array(time_steps, np.float64), wp.float64, device), device_law(kernel, law)]
+    inputs += [width, spacing, factor]
     wp.launch(evaluate, dim=len(time_steps), inputs=inputs, outputs=[out], device=device)
     return out.numpy()
 
@@ -822,7 +824,7 @@ def planned(limit, pace, mobility, time_step, dtype, device, before=0):
     )
     limits = to_device(np.array(limit, np.float64), kernel.vec3, device)
     parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
-    inputs = [limits, device_law(kernel, Law(time_step=time_step)), mobility, pace]
+    inputs = [limits, time_step, mobility, pace]
     wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
     return parts.numpy().tolist(), int(most.numpy()[0])
 
@@ -835,7 +837,7 @@ def scheduled(parts, time_step, total, dtype, device):
     for k in range(total):
         out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
         number = to_device([k, total], wp.int32, device)
-        inputs = [to_device(parts, wp.int32, device), device_law(kernel, Law(time_step=time_step)), number]
+        inputs = [to_device(parts, wp.int32, device), time_step, number]
         wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace], device=device)
         assert (pace.numpy() == (k > 0)).all()
         steps.append(out.numpy())

@@ -32,10 +32,10 @@ def random_receiver(seed, largest=9):
     return reference.receivers(random_case(seed, largest)[1])
 
 
-def received(case):
+def received(case, four=0, ties=0, seed=0):
     """Receivers of a case by the kernel."""
     out = wp.zeros(case.shape, dtype=int, device=case.device)
-    inputs = [case.rows, case.stride, case.height, case.state]
+    inputs = [case.rows, case.stride, four, ties, seed, case.height, case.state]
     case.launch(routing.build(case.scalar).find_receivers, inputs, [out], dim=case.rows)
     return out.numpy()
 
@@ -103,6 +103,30 @@ def test_equal_slopes_go_clockwise_from_the_north(device, dtype):
 def test_receivers_equal_the_reference(seed):
     case, raster, _ = random_case(seed)
     assert np.array_equal(received(case), reference.receivers(raster))
+
+
+@settings(max_examples=100, derandomize=True, deadline=None)
+@given(seed=SEEDS)
+def test_receivers_by_hash_and_among_four_equal_the_reference(seed):
+    """Heights are whole numbers, so that many slopes are equal."""
+    rng = np.random.default_rng(seed)
+    height, edges = np.rint(reference.random_heights(rng, 9) / 4.0), reference.random_rules(rng)
+    case, raster = Case(height, edges=edges), reference.Raster(height, edges)
+    lot = int(rng.integers(2**31))
+    for four in (False, True):
+        assert np.array_equal(received(case, int(four), 1, lot), reference.receivers(raster, four, lot))
+        assert np.array_equal(received(case, int(four)), reference.receivers(raster, four))
+
+
+def test_ties_are_broken_evenly(device):
+    """On a ridge that falls to both sides, by steps of one column: half of the cells drain west, each by itself."""
+    height = np.repeat(-np.abs(np.arange(3) - 1.0)[None, :], 4001, axis=0)
+    case = Case(height, edges={"north": "closed", "south": "closed", "east": "open", "west": "open"}, device=device)
+    west = received(case, 0, 1, 5)[:, 1] == 3 * np.arange(4001)
+    # Four standard deviations; runs would be longer or shorter if neighbours were not independent.
+    assert abs(west.sum() - 2000.5) < 4.0 * np.sqrt(4001) / 2.0
+    assert abs((west[1:] == west[:-1]).sum() - 2000) < 4.0 * np.sqrt(4000) / 2.0
+    assert (received(case, 0, 1, 6)[:, 1] != received(case, 0, 1, 5)[:, 1]).mean() > 0.4
 
 
 # ---- order_cells, sum_upstream, measure_downstream, measure_upstream, carry_upstream

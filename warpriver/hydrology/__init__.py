@@ -6,6 +6,7 @@ It says where water goes on a surface. It is not for water depth and velocity, g
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.geometry import channel_width, discharge, width_of_discharge
+from warpriver.hydrology.laws import NetworkLaws, network_laws
 from warpriver.hydrology.orders import (
     exceedance,
     hack_exponent,
@@ -21,6 +22,7 @@ from warpriver.hydrology.routing import Flow, drainage_area, flow_directions, fl
 
 __all__ = [
     "Flow",
+    "NetworkLaws",
     "carve_depressions",
     "channel_width",
     "discharge",
@@ -36,6 +38,7 @@ __all__ = [
     "horton_ratios",
     "main_stem",
     "main_stem_length",
+    "network_laws",
     "route",
     "shreve_magnitude",
     "strahler_order",

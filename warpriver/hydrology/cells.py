@@ -14,7 +14,7 @@ import warp as wp
 from warpriver.kernels import cells as kernels
 from warpriver.terrain import Terrain, require_memory
 
-__all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain"]
+__all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules"]
 
 Rule = Literal["open", "closed", "periodic"]
 Edges = Rule | Mapping[str, Rule] | tuple[Rule, Rule, Rule, Rule]
@@ -58,6 +58,10 @@ class PaddedCells:
         """Copy the terrain's own cells out of a padded array."""
         return padded.reshape(self.height.shape)[1:-1, 1:-1].copy()
 
+    def outlets(self) -> np.ndarray:
+        """Which of the terrain's own cells water leaves at, (rows, columns) bool."""
+        return self.interior(self.state) == kernels.OUTLET
+
 
 def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: int) -> PaddedCells:
     """Copy a terrain to the host with its padding, and find its outlets.
@@ -73,7 +77,7 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
         ValueError: An unknown rule, a periodic side without its opposite, or more than 2^31 cells.
         MemoryError: There is no room for the copy and the scratch.
     """
-    rules = _side_rules(edges)
+    rules = side_rules(edges)
     if nodata not in ("outlet", "wall"):
         raise ValueError(f"nodata is {nodata!r}; use 'outlet' or 'wall'")
     rows, columns = terrain.shape
@@ -107,7 +111,7 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
     return cells
 
 
-def _side_rules(edges: Any) -> dict[str, str]:
+def side_rules(edges: Any) -> dict[str, str]:
     """Return the rule of each side, or raise ``ValueError``."""
     hint = f"use {', '.join(map(repr, RULES))}, or one for each of {', '.join(SIDES)}"
     if isinstance(edges, str):

@@ -34,7 +34,7 @@ class _Stems:
     The cells of all stems lie end to end, each stem from its source down.
 
     Attributes:
-        cell: (n,) index of the cell in the raster.
+        place: (n, 2) row and column of the cell; beyond the raster for what lies across a periodic side from its mouth.
         area: (n,) drainage area in cells.
         supply: (n,) the part of it that comes from no channel cell, in cells.
         start: (S + 1,) offsets of the stems.
@@ -42,10 +42,9 @@ class _Stems:
         joint: (S,) place, among all stems' cells, where it flows into its parent; -1 at an outlet.
         room: (n,) how many channels of the least length fit between the stem's source and the cell.
         alive: (S,) False for stems that are left out.
-        columns: Columns of the raster.
     """
 
-    cell: IndexArray
+    place: IndexArray
     area: FloatArray
     supply: FloatArray
     start: IndexArray
@@ -53,7 +52,6 @@ class _Stems:
     joint: IndexArray
     room: FloatArray
     alive: NDArray[np.bool_]
-    columns: int
 
     @property
     def end(self) -> IndexArray:
@@ -75,9 +73,7 @@ class _Stems:
 
     def _between(self, a: IndexArray, b: IndexArray) -> FloatArray:
         """Rows and columns from the cells at some places to those at others."""
-        from_row, from_column = np.divmod(self.cell[a], self.columns)
-        to_row, to_column = np.divmod(self.cell[b], self.columns)
-        return np.column_stack([to_row - from_row, to_column - from_column]).astype(np.float64)
+        return (self.place[b] - self.place[a]).astype(np.float64)
 
 
 def extract_network(
@@ -91,6 +87,7 @@ def extract_network(
     edges: Edges = "open",
     nodata: NoData = "outlet",
     carve: bool = True,
+    unroll: bool = False,
     area: Any = None,
     flow: Flow | None = None,
     dtype: str = "float64",
@@ -110,7 +107,8 @@ def extract_network(
     shorter than that is left out; so is the smallest tributary where a stream is too short for all of them. Drainage
     areas stay true: what is left out still drains through the channel below.
 
-    Where a side is periodic, channels end there and begin anew on the opposite side.
+    Where a side is periodic, channels end there and begin anew on the opposite side; with ``unroll`` they run on beyond
+    the map, so that each river is in one piece from its mouth, which lies on the map.
 
     Args:
         terrain: The ground; it is not changed.
@@ -123,6 +121,7 @@ def extract_network(
         edges: What the four sides are, as in :func:`warpriver.hydrology.fill_depressions`.
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
         carve: Whether depressions are opened by carving, or filled.
+        unroll: Whether rivers run on across periodic sides.
         area: (rows, columns) drainage area by "d8" in m2, if it is known.
         flow: The terrain's flow, if it is known: routed after filling or carving. It has its own edges, and
             ``carve`` is not used.
@@ -131,7 +130,11 @@ def extract_network(
 
     Returns:
         The network, in the terrain's CRS. ``channel_drainage_area`` is that just above the node at the downstream end,
-        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`.
+        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`. ``channel_slope`` is the drop
+        from the cell at the channel's upper end to the one at its lower end, over the length of its line. Heights are
+        those of the surface that water was routed on, carved or filled: the raw terrain rises along a course wherever
+        it crosses a pit or noise. So it is never below 0, 0 (or nearly) across a filled lake, and near an outlet of a
+        carved pit that of the cut.
 
     Raises:
         ValueError: A threshold or another number out of range, a threshold that leaves no channel, an area that shrinks
@@ -150,7 +153,7 @@ def extract_network(
         raise ValueError(f"flow is that of another terrain: {flow!r} beside {terrain.shape[0]} x {terrain.shape[1]}")
     cell_area = terrain.cell_size**2
     cells = _cells_drained(flow, area, cell_area)
-    stems = _find_stems(flow.receiver, cells, threshold / cell_area, coefficient)
+    stems = _find_stems(flow.receiver, cells, threshold / cell_area, coefficient, unroll)
     largest = float(np.nanmax(cells)) * cell_area
     if len(stems.start) > 1:
         _make_room(stems)
@@ -163,9 +166,21 @@ def extract_network(
     _drop_dead(stems)
     junction = _place_junctions(stems)
     total = _settle_areas(stems, junction)
-    xy = _smooth(_centers(stems.cell, terrain), stems, junction, int(smoothing))
+    xy = _smooth(_centers(stems.place, terrain), stems, junction, int(smoothing))
     return _build(
-        stems, junction, total * cell_area, xy, cell_area, coefficient, step, varying, terrain.crs, dtype, device
+        stems,
+        junction,
+        total * cell_area,
+        xy,
+        # Places across a periodic side lie beyond the raster.
+        flow.terrain.to_numpy()[tuple((stems.place % flow.receiver.shape).T)].astype(np.float64),
+        cell_area,
+        coefficient,
+        step,
+        varying,
+        terrain.crs,
+        dtype,
+        device,
     )
 
 
@@ -195,7 +210,9 @@ def _cells_drained(flow: Flow, area: Any, cell_area: float) -> FloatArray:
     return cells
 
 
-def _find_stems(receiver: NDArray[np.int32], cells: FloatArray, threshold: float, coefficient: float) -> _Stems:
+def _find_stems(
+    receiver: NDArray[np.int32], cells: FloatArray, threshold: float, coefficient: float, unroll: bool
+) -> _Stems:
     """Split the channel cells into stems."""
     columns = receiver.shape[1]
     flat = cells.reshape(-1)
@@ -205,22 +222,29 @@ def _find_stems(receiver: NDArray[np.int32], cells: FloatArray, threshold: float
     if n == 0:
         none = np.zeros(0, np.int64)
         nothing = np.zeros(0)
-        return _Stems(none, nothing, nothing, np.zeros(1, np.int64), none, none, nothing, np.zeros(0, bool), columns)
+        start = np.zeros(1, np.int64)
+        return _Stems(np.zeros((0, 2), np.int64), nothing, nothing, start, none, none, nothing, np.zeros(0, bool))
     area = flat[cell]
     to = receiver.reshape(-1)[cell].astype(np.int64)
-    # Across a periodic side the receiver is no neighbour on the map: the channel ends there.
-    far = (np.abs(to // columns - cell // columns) > 1) | (np.abs(to % columns - cell % columns) > 1)
+    place = np.column_stack(np.divmod(cell, columns))
+    step = np.column_stack(np.divmod(to, columns)) - place
+    # Across a periodic side the receiver is no neighbour on the map.
+    far = np.abs(step) > 1
     down = np.searchsorted(cell, to)
-    down[(to == cell) | far] = -1
+    down[to == cell] = -1
+    if unroll:
+        place += _sums_down(down, np.where(far, np.sign(step) * np.array(receiver.shape), 0))
+    else:
+        down[far.any(axis=1)] = -1
     inner = np.flatnonzero(down >= 0)
     supply = area - np.bincount(down[inner], weights=area[inner], minlength=n)
     # The largest donor of each cell continues its stem; of equal ones the last in the raster.
     main = np.full(n, -1)
     by_area = inner[np.argsort(area[inner], kind="stable")]
     main[down[by_area]] = by_area
-    head, place = _climb(main)
-    order = np.lexsort((place, head))
-    start = np.concatenate([np.flatnonzero(place[order] == 0), [n]])
+    head, rise = _climb(main)
+    order = np.lexsort((rise, head))
+    start = np.concatenate([np.flatnonzero(rise[order] == 0), [n]])
     rank = np.empty(n, np.int64)
     rank[order] = np.arange(n)
     stem = np.repeat(np.arange(len(start) - 1), np.diff(start))
@@ -231,7 +255,7 @@ def _find_stems(receiver: NDArray[np.int32], cells: FloatArray, threshold: float
     needed = np.maximum(LEAST_CELLS, LEAST_WIDTHS * coefficient * np.sqrt(area) + 1.0)
     fits = np.concatenate([[0.0], np.cumsum(1.0 / needed[1:])])
     return _Stems(
-        cell=cell[order],
+        place=place[order],
         area=area,
         supply=supply[order],
         start=start,
@@ -239,7 +263,6 @@ def _find_stems(receiver: NDArray[np.int32], cells: FloatArray, threshold: float
         joint=joint,
         room=fits - np.repeat(fits[start[:-1]], np.diff(start)),
         alive=np.ones(len(start) - 1, bool),
-        columns=columns,
     )
 
 
@@ -254,6 +277,15 @@ def _climb(above: IndexArray) -> tuple[IndexArray, IndexArray]:
             return last, steps
         steps = steps + further
         last = last[last]
+
+
+def _sums_down(down: IndexArray, own: IndexArray) -> IndexArray:
+    """Sum of each element's own values and those of all below it, along pointers to their ends (-1), by doubling."""
+    total, to = own.copy(), down.copy()
+    while (inner := np.flatnonzero(to >= 0)).size:
+        total[inner] += total[to[inner]]
+        to[inner] = to[to[inner]]
+    return total
 
 
 def _make_room(stems: _Stems) -> None:
@@ -326,7 +358,7 @@ def _drop_dead(stems: _Stems) -> None:
     joint = stems.joint[keep]
     joint[inner] += (start[number[parent[inner]]]) - stems.start[parent[inner]]
     parent[inner] = number[parent[inner]]
-    stems.cell, stems.area, stems.supply = stems.cell[source], stems.area[source], stems.supply[source]
+    stems.place, stems.area, stems.supply = stems.place[source], stems.area[source], stems.supply[source]
     stems.room, stems.start, stems.parent, stems.joint = stems.room[source], start, parent, joint
     stems.alive = np.ones(len(keep), bool)
 
@@ -367,12 +399,11 @@ def _settle_areas(stems: _Stems, junction: IndexArray) -> FloatArray:
     return total
 
 
-def _centers(cell: IndexArray, terrain: Terrain) -> FloatArray:
+def _centers(place: IndexArray, terrain: Terrain) -> FloatArray:
     """Centres of cells in m."""
-    columns = terrain.shape[1]
     west, north = terrain.origin
-    x = west + (cell % columns + 0.5) * terrain.cell_size
-    y = north - (cell // columns + 0.5) * terrain.cell_size
+    x = west + (place[:, 1] + 0.5) * terrain.cell_size
+    y = north - (place[:, 0] + 0.5) * terrain.cell_size
     return np.column_stack([x, y])
 
 
@@ -407,6 +438,7 @@ def _build(
     junction: IndexArray,
     total: FloatArray,
     line: FloatArray,
+    height: FloatArray,
     cell_area: float,
     coefficient: float,
     spacing: float,
@@ -429,6 +461,10 @@ def _build(
     below[stems.start[1:] + np.arange(len(count))] = total
     above = below.copy()
     above[onto[joined]] -= total[joined]
+    # Height in m at each point; a tributary ends at that of the cell it joins.
+    level = np.empty(len(line))
+    level[np.arange(len(stems.area)) + stem_of_cell] = height
+    level[stems.start[1:] + np.arange(len(count))] = height[np.where(joined, junction, stems.end)]
     # Channels: from each head or junction to the next junction or tail.
     node_point = np.sort(np.concatenate([head, onto[joined]]))
     first = node_point
@@ -451,6 +487,10 @@ def _build(
     mean = np.add.reduceat(width, start[:-1]) / points
     section = np.column_stack([width, bankfull_depth(width)]) if varying else None
     depth = np.add.reduceat(section[:, 1], start[:-1]) / points if section is not None else bankfull_depth(mean)
+    # Junctions that were led up their stream to leave room lie a little above the cell that the tributary ends at.
+    drop = np.maximum(level[first] - level[last], 0.0)
+    pace = np.append(np.hypot(*np.diff(xy, axis=0).T), 0.0)
+    pace[start[1:] - 1] = 0.0
     # A round origin keeps offsets exact in binary.
     origin = np.round(0.5 * (xy.min(axis=0) + xy.max(axis=0)))
     return RiverNetwork(
@@ -460,6 +500,7 @@ def _build(
         channel_depth=depth,
         channel_discharge=discharge(above[last]),
         channel_drainage_area=above[last],
+        channel_slope=drop / np.add.reduceat(pace, start[:-1]),
         channel_nodes=(number[first], number[last], line[node_at]),
         point_section=section,
         origin=origin,

@@ -77,27 +77,48 @@ class Flow:
         return f"Flow({rows} x {columns} cells, edges={self.edges!r}, nodata={self.nodata!r})"
 
 
-def route(terrain: Terrain, *, edges: Edges = "open", nodata: NoData = "outlet") -> Flow:
+def route(
+    terrain: Terrain,
+    *,
+    edges: Edges = "open",
+    nodata: NoData = "outlet",
+    neighbors: Literal[8, 4] = 8,
+    ties: Literal["first", "hash"] = "first",
+    seed: int = 0,
+) -> Flow:
     """Lead the water of each cell to the neighbour of steepest descent, (z - z_n) / distance [OCallaghan1984].
 
-    Of equal slopes the first clockwise from the north counts. The terrain is taken as it is: in a pit or on a flat
+    The terrain is taken as it is: in a pit or on a flat
     water stays, so fill or carve it first. Water that reaches an outlet leaves the terrain there.
 
     Args:
         terrain: The surface.
         edges: What the four sides are, as in :func:`warpriver.hydrology.fill_depressions`.
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
+        neighbors: 8, or 4 for no diagonals. Filled terrain may have pits among four neighbours.
+        ties: Which of equal slopes counts: the "first" clockwise from the north, or by "hash": one by chance, which
+            depends on seed, cell and neighbour alone. On a plane the first ones all run in parallel.
+        seed: Of the hash; 0 or more.
 
     Raises:
-        ValueError: An unknown edge rule, a periodic side without its opposite, or more than 2^31 cells.
+        ValueError: An unknown edge rule, a periodic side without its opposite, another number of neighbours, rule for
+            ties or seed, or more than 2^31 cells.
         MemoryError: There is no room, told before anything is allocated.
     """
+    if neighbors not in (8, 4):
+        raise ValueError(f"neighbors is {neighbors!r}; use 8 or 4")
+    if ties not in ("first", "hash"):
+        raise ValueError(f"ties is {ties!r}; use 'first' or 'hash'")
+    if seed != int(seed) or seed < 0:
+        raise ValueError(f"seed is {seed}; give a whole number, 0 or more")
     cells = pad_terrain(terrain, edges, nodata, D8_BYTES)
     receiver = np.empty(terrain.shape, np.int32)
+    mixed = int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
+    rules = [int(neighbors == 4), int(ties == "hash"), mixed]
     wp.launch(
         kernels.build(wp.float64).find_receivers,
         dim=cells.rows,
-        inputs=[cells.rows, cells.stride, flat(cells.height), flat(cells.state)],
+        inputs=[cells.rows, cells.stride, *rules, flat(cells.height), flat(cells.state)],
         outputs=[_table(receiver)],
         device="cpu",
     )

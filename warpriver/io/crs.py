@@ -100,6 +100,7 @@ def reproject(sources: list[Source], to_crs: str) -> str:
             parts = np.split(xy, np.cumsum([len(line.xy) for line in source.lines])[:-1])
             for line, part in zip(source.lines, parts, strict=True):
                 line.xy = part
+            source.origin, source.node_xy = None, {}
             log.info("%s: reprojected from %s to %s", source.path, source.crs, target)
         _check_metric(source.path, target, source.lines)
     return target

@@ -16,9 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.io.attributes import (
+    LISTS,
+    SHORT_NAMES,
+    Family,
+    family_of,
+    list_names,
+    read_role,
+    useful_names,
+    write_columns,
+)
 from warpriver.io.crs import crs_text, within_degrees
 from warpriver.io.files import decoded, need
-from warpriver.io.source import NAMES, Line, Source
+from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
 
 __all__ = [
@@ -45,6 +55,10 @@ NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopand
 # A .prj or an index that an older shapefile left behind would be taken for one of the new file.
 SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
 
+# The layer of nodes that belongs to a layer of channels in a GeoPackage; the key of what no attribute holds elsewhere.
+NODES = "_nodes"
+FRAME = "warpriver"
+
 # A feature is its kind of geometry, the (n, 2) arrays of its parts, and its attributes by lower-case name.
 _Feature = tuple[str, list[np.ndarray], dict[str, Any]]
 
@@ -64,12 +78,14 @@ def read_geojson(path: Path, wanted: Sequence[str]) -> Source:
         features = [{"geometry": root}] if kind is not None and "coordinates" in root else None
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
         raise ValueError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
-    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted)
+    family = family_of({n for f in features if isinstance(f.get("properties"), dict) for n in f["properties"]})
+    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted, family)
     member = root.get("crs")
     named = member.get("properties") if isinstance(member, dict) else None
     name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
     crs = crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
-    return Source(path, lines, crs, "crs" not in root and within_degrees(lines))
+    source = Source(path, lines, crs, "crs" not in root and within_degrees(lines), family)
+    return _take_frame(source, root.get(FRAME))
 
 
 def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) -> Source:
@@ -79,8 +95,10 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) 
     try:
         chosen = _line_layer(path, layer, pyogrio.list_layers(path))
         info = pyogrio.read_info(path, layer=chosen)
-        names = [name for name in info["fields"] if name.lower() in _useful(wanted)]
+        names = [name for name in info["fields"] if name in useful_names(info["fields"], wanted)]
         meta, _, wkb, data = raw.read(path, layer=chosen, columns=names, force_2d=True)
+        beside = [name for name, _ in pyogrio.list_layers(path) if name == chosen + NODES]
+        nodes = _read_nodes(shapely, raw, path, beside[0]) if beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: cannot be read as {OGR[suffix]} ({_reason(error)}); is it cut short?") from error
     if wkb is None or len(wkb) < info["features"]:
@@ -89,8 +107,12 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) 
     attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
     with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
-    return Source(path, lines, crs_text(meta["crs"], str(path)))
+    family = family_of(info["fields"])
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family)
+    source = Source(path, lines, crs_text(meta["crs"], str(path)), family=family)
+    _take_frame(source, (info.get("layer_metadata") or {}).get(FRAME))
+    source.node_xy.update(nodes)
+    return source
 
 
 def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
@@ -99,12 +121,14 @@ def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
     try:
         frame = geopandas.read_parquet(path)
         geometries = shapely.force_2d(frame.geometry.to_numpy())
-        useful = [name for name in frame.columns if str(name).lower() in _useful(wanted)]
+        texts = [str(name) for name in frame.columns]
+        useful = useful_names(texts, wanted)
         attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
         raise ValueError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted)
-    return Source(path, lines, crs_text(frame.crs, str(path)))
+    family = family_of(texts)
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family)
+    return _take_frame(Source(path, lines, crs_text(frame.crs, str(path)), family=family), frame.attrs.get(FRAME))
 
 
 def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
@@ -114,16 +138,16 @@ def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
         code = re.fullmatch(r"(\w+):(\w+)", network.crs)
         name = f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else network.crs
         crs = {"type": "name", "properties": {"name": name}}
-    columns = {name: c if isinstance(c, list) else c.tolist() for name, c in _columns(network).items()}
+    columns = {name: _plain(c) for name, c in write_columns(network).items()}
     features = [
         {
             "type": "Feature",
             "properties": {name: column[c] for name, column in columns.items()},
             "geometry": {"type": "LineString", "coordinates": xy.tolist()},
         }
-        for c, xy in enumerate(network.polylines())
+        for c, xy in enumerate(network.polylines(close=True))
     ]
-    head = {"type": "FeatureCollection", "name": layer, "crs": crs}
+    head = {"type": "FeatureCollection", "name": layer, "crs": crs, FRAME: _frame_of(network)}
     # One feature a line, so that versions of a file can be compared.
     body = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
     data = f'{json.dumps(head)[:-1]}, "features": [\n{body}\n]}}\n'.encode()
@@ -134,10 +158,17 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
     """Write through GDAL; the layers of an existing GeoPackage at ``path`` are taken over."""
     _, shapely, raw = need(f"writing {suffix}", *NEEDS[suffix], "pyogrio.raw")
     columns = _text_columns(network)
+    if suffix == ".shp":
+        columns = {SHORT_NAMES[name]: column for name, column in columns.items()}
     if suffix == ".gpkg" and path.exists():
         shutil.copyfile(path, temporary)
     # A FlatGeobuf with an index would have its channels in another order.
-    options = {"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}
+    options: dict[str, Any] = {"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}
+    if suffix != ".shp":
+        frame = _frame_of(network)
+        if suffix == ".gpkg":
+            del frame["node_xy"]  # they are a layer of their own
+        options["layer_metadata"] = {FRAME: json.dumps(frame)}
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="'crs' was not provided")
@@ -152,6 +183,8 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
                 layer=layer if suffix == ".gpkg" else None,
                 **options,
             )
+            if suffix == ".gpkg":
+                _write_nodes(shapely, raw, network, temporary, layer)
     except RuntimeError as error:
         raise ValueError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
 
@@ -163,6 +196,7 @@ def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
         frame = geopandas.GeoDataFrame(
             _text_columns(network), geometry=_line_strings(shapely, network), crs=network.crs
         )
+        frame.attrs[FRAME] = _frame_of(network)
         frame.to_parquet(temporary, index=False)
     except RuntimeError as error:
         raise ValueError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
@@ -171,7 +205,7 @@ def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
 # ---- reading
 
 
-def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str]) -> list[Line]:
+def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str], family: Family) -> list[Line]:
     """Turn features into channels, or raise ``ValueError`` if none is a line."""
     lines: list[Line] = []
     others: Counter[str] = Counter()
@@ -184,10 +218,13 @@ def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str]) -
             if not np.isfinite(xy).all():
                 point = int((~np.isfinite(xy)).any(axis=1).argmax())
                 raise ValueError(f"{where}: point {point} is not finite; remove or repair it")
-            line = Line(xy, where)
-            for name in wanted:
-                value = _point_list(attributes.get(f"point_{name}"), name, len(xy), where)
-                setattr(line, name, _attribute(attributes, name, where) if value is None else value)
+            line = Line(xy, where, feature=k)
+            for role in wanted:
+                value = _point_list(attributes, role, len(xy), where) if role in LISTS else None
+                whole = read_role(attributes, family, role, where)
+                setattr(line, role, whole if value is None else value)
+                if value is not None:
+                    setattr(line, f"mean_{role}", whole)
             lines.append(line)
     found = ", ".join(f"{count} {kind}" for kind, count in others.items())
     if not lines:
@@ -218,39 +255,20 @@ def _chained(parts: list[np.ndarray]) -> list[np.ndarray]:
     return [xy for _, xy in sorted(chains, key=lambda item: item[0])]
 
 
-def _attribute(attributes: dict[str, Any], role: str, where: str) -> float | None:
-    """Return the number that plays a role, None if there is none, or raise ``ValueError``."""
-    for name in NAMES[role]:
+def _point_list(attributes: dict[str, Any], role: str, count: int, where: str) -> np.ndarray | None:
+    """Return a list of one number a point, None if there is none, or raise ``ValueError``."""
+    for name in list_names(role):
         value = attributes.get(name)
-        if value is None or value == "":
+        if value is None or isinstance(value, float):  # a NaN stands for none in some tables
             continue
         try:
-            number = float(value)
+            array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{where}: {name} is {value!r}, not a number") from error
-        if not math.isnan(number):
-            return number
+            raise ValueError(f"{where}: {name} is not a list of numbers ({error})") from error
+        if array.shape != (count,):
+            raise ValueError(f"{where}: {name} has {array.size} numbers for {count} points; remove it, or pass {role}=")
+        return array
     return None
-
-
-def _point_list(value: Any, role: str, count: int, where: str) -> np.ndarray | None:
-    """Return a list of one number a point, None if there is none, or raise ``ValueError``."""
-    if value is None or isinstance(value, float):  # a NaN stands for none in some tables
-        return None
-    try:
-        array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: point_{role} is not a list of numbers ({error})") from error
-    if array.shape != (count,):
-        raise ValueError(
-            f"{where}: point_{role} has {array.size} numbers for {count} points; remove it, or pass {role}="
-        )
-    return array
-
-
-def _useful(wanted: Sequence[str]) -> set[str]:
-    """Return the attribute names that may be read, lower case."""
-    return {alias for role in wanted for alias in (*NAMES[role], f"point_{role}")}
 
 
 def _geojson_feature(path: Path, k: int, feature: dict[str, Any]) -> _Feature:
@@ -322,45 +340,67 @@ def _reason(error: Exception) -> str:
 # ---- writing
 
 
-def _columns(network: RiverNetwork) -> dict[str, Any]:
-    """Return the attributes of the channels; lists a point stay lists."""
-    columns: dict[str, Any] = {
-        "seg_id": np.arange(network.channel_count, dtype=np.int32),
-        "down_id": _down_ids(network),
-        "from_node": network.channel_from,
-        "to_node": network.channel_to,
-        "width": network.channel_width,
-        "depth": network.channel_depth,
-        "discharge": network.channel_discharge,
-        "length": network.channel_lengths(),
-    }
-    if network.point_section is not None:
-        for name, arrays in (("point_width", network.point_widths()), ("point_depth", network.point_depths())):
-            columns[name] = [None if np.ptp(a) == 0.0 else a.tolist() for a in arrays]
-    return columns
-
-
 def _text_columns(network: RiverNetwork) -> dict[str, np.ndarray]:
     """Return the attributes of the channels, lists as JSON text."""
     return {
         name: np.array([None if v is None else json.dumps(v) for v in c], object) if isinstance(c, list) else c
-        for name, c in _columns(network).items()
+        for name, c in write_columns(network).items()
     }
 
 
-def _down_ids(network: RiverNetwork) -> np.ndarray:
-    """Return for each channel the one that it flows into, -1 for none; (C,) int32."""
-    heir: dict[int, int] = {}
-    # The last entry stays: the one with most discharge, of equals the first.
-    order = sorted(range(network.channel_count), key=lambda c: (network.channel_discharge[c], -c))
-    for c in order:
-        if network.channel_from[c] != network.channel_to[c]:
-            heir[int(network.channel_from[c])] = c
-    down = [heir.get(int(node), -1) for node in network.channel_to]
-    return np.array([-1 if d == c else d for c, d in enumerate(down)], np.int32)
+def _plain(values: Any) -> list[Any]:
+    """Return a column as JSON has it: null for what is not known."""
+    plain = values if isinstance(values, list) else values.tolist()
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in plain]
+
+
+def _frame_of(network: RiverNetwork) -> dict[str, Any]:
+    """Return what no attribute holds: the zero of the device coordinates, and the nodes in order of their numbers."""
+    return {"origin": network.origin.tolist(), "node_xy": network.node_xy.tolist()}
+
+
+def _take_frame(source: Source, frame: Any) -> Source:
+    """Give a source what :func:`_frame_of` wrote; what is damaged is left out, since the lines have it as well."""
+    try:
+        frame = json.loads(frame) if isinstance(frame, str) else frame
+        x, y = map(float, frame["origin"])
+        if math.isfinite(x) and math.isfinite(y):
+            source.origin = (x, y)
+        source.node_xy = {k: (float(x), float(y)) for k, (x, y) in enumerate(frame.get("node_xy", ()))}
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return source
+    return source
+
+
+def _write_nodes(shapely: Any, raw: Any, network: RiverNetwork, path: Path, layer: str) -> None:
+    """Add the nodes as a layer of points beside that of the channels."""
+    arriving = np.bincount(network.channel_to, minlength=network.node_count)
+    leaving = np.bincount(network.channel_from, minlength=network.node_count)
+    kind = np.where(arriving == 0, "source", np.where(leaving == 0, "outlet", "junction"))
+    raw.write(
+        path,
+        geometry=shapely.to_wkb(shapely.points(network.node_xy)),
+        field_data=[np.arange(network.node_count), kind.astype(object)],
+        fields=np.array(["node_id", "kind"]),
+        geometry_type="Point",
+        crs=network.crs,
+        driver="GPKG",
+        layer=layer + NODES,
+    )
+
+
+def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tuple[float, float]]:
+    """Return the positions of the nodes by their numbers."""
+    meta, _, wkb, data = raw.read(path, layer=layer, columns=["node_id"], force_2d=True)
+    if "node_id" not in meta["fields"]:
+        return {}
+    points = shapely.from_wkb(wkb, on_invalid="ignore")
+    known = [p is not None and p.geom_type == "Point" and not p.is_empty for p in points]
+    return {int(k): (p.x, p.y) for k, p, there in zip(data[0], points, known, strict=True) if there and k == k}
 
 
 def _line_strings(shapely: Any, network: RiverNetwork) -> np.ndarray:
     """Return the channels as shapely LineStrings."""
-    owner = np.repeat(np.arange(network.channel_count), np.diff(network.starts()))
-    return shapely.linestrings(network.points(), indices=owner)
+    lines = network.polylines(close=True)
+    owner = np.repeat(np.arange(network.channel_count), [len(xy) for xy in lines])
+    return shapely.linestrings(np.concatenate(lines), indices=owner)

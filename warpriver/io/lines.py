@@ -6,12 +6,16 @@ import importlib.util
 import logging
 import operator
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpriver.hydrology.geometry import channel_width, width_of_discharge
+from warpriver.io.attributes import ROLES
+from warpriver.io.connections import TOPOLOGIES, Connections, connect
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.features import (
     JSON,
@@ -40,7 +44,7 @@ SUFFIXES = (*PACKABLE, *OGR, PARQUET)
 KNOWN = ", ".join(SUFFIXES) + " (text and GeoJSON also with .gz)"
 
 REPEATED = ("drop", "error")
-SHORT = ("error", "drop", "narrow")
+SHORT = ("error", "drop", "narrow", "keep")
 # A channel narrowed to its length: a hair less, so that rounding in a file does not make it wider again.
 NARROWED = 1.0 - 1e-6
 
@@ -63,38 +67,79 @@ def read_network(
     device: Any = "cpu",
     repeated: str = "drop",
     short: str = "error",
+    topology: str = "file",
+    closed: bool | None = None,
 ) -> RiverNetwork:
     """Read channels that run downstream from a file, or from several files of one CRS.
 
     The suffix names the format. ``.csv``, ``.txt``, ``.dat``, ``.xy`` and ``.geojson``, ``.json`` (all also with
     ``.gz``) need nothing but NumPy; ``.gpkg``, ``.shp``, ``.fgb``, ``.parquet`` need ``warpriver[gis]``.
 
-    What is read, by name in any case; the first name that holds a value counts:
+    *Attributes* are found by name, in any case; the first name that holds a value counts. A file with ``HYRIV_ID`` is
+    one of HydroRIVERS, with ``COMID`` or ``NHDPlusID`` of NHDPlus, with ``reach_id`` and ``facc``, ``n_rch_up`` or
+    ``n_rch_dn`` of SWORD: its own names and units are then understood beside ours [Lehner2013, McKay2012,
+    Altenau2021]. -9998, -9999 and -999900 mean that nothing is known, as do a discharge and a drainage area that are
+    not positive.
 
-    =============== ================================================= ======================================
-    what            column (text, a point) or attribute (GIS, a line) if the file has none
-    =============== ================================================= ======================================
-    x, y            x, x_m, easting, east, x_coord, point_x;          the first two columns, if none has a
-                    y likewise (text only)                            name; further ones are ignored
-    longitude,      lon, longitude, long, lng; lat, latitude          (these need ``to_crs``)
-    latitude        (text only)
-    channel         channel, channel_id, seg_id, id (text only)       blank lines part channels
-    width, m        width, width_m, width1, mean_width_m,             ``width`` must be passed
-                    median_width_m; point_width (GIS, a list)
-    depth, m        depth, depth_m; point_depth (GIS, a list)         from the width
-    discharge, m3/s discharge, discharge_m3s                          from the width
-    =============== ================================================= ======================================
+    =========== ================= ================================================================================
+    file        what              attribute or column, unit if it is another
+    =========== ================= ================================================================================
+    any file    width, m          width_m, width, width1, mean_width_m, median_width_m, point_width_m, point_width
+    any file    depth, m          depth_m, depth, point_depth_m, point_depth
+    any file    discharge, m3/s   discharge_m3s, discharge, dis_m3s
+    any file    drainage area, m2 drainage_area_m2, area_m2, drainage_area_km2 (km2), area_km2 (km2)
+    any file    slope, m/m        slope
+    any file    channel id        channel_id, seg_id
+    any file    next down         next_down, down_id
+    any file    from node         from_node
+    any file    to node           to_node
+    any file    closed            closed
+    HydroRIVERS discharge, m3/s   DIS_AV_CMS
+    HydroRIVERS drainage area, m2 UPLAND_SKM (km2)
+    HydroRIVERS channel id        HYRIV_ID
+    HydroRIVERS next down         NEXT_DOWN
+    NHDPlus     discharge, m3/s   QE_MA (ft3/s), QEMA (ft3/s), QA_MA (ft3/s), QAMA (ft3/s)
+    NHDPlus     drainage area, m2 TotDASqKm (km2), DivDASqKm (km2)
+    NHDPlus     slope, m/m        SLOPE
+    NHDPlus     channel id        COMID, NHDPlusID
+    NHDPlus     next down         ToCOMID
+    NHDPlus     from node         FromNode
+    NHDPlus     to node           ToNode
+    SWORD       width, m          width
+    SWORD       drainage area, m2 facc (km2)
+    SWORD       slope, m/m        slope (m/km)
+    SWORD       channel id        reach_id
+    SWORD       next down         rch_id_dn_main, rch_id_dn, rch_id_dn_1, rch_id_dn1
+    =========== ================= ================================================================================
+
+    Width: if neither argument nor file gives it, it follows from the discharge by w = 7.2 Q^0.5, or without one from
+    the drainage area by w = c A^0.5 (:func:`warpriver.hydrology.channel_width`), and a warning says so. Depth and
+    discharge follow from the width where the file has none; the discharges of HydroRIVERS, NHDPlus and SWORD are
+    long-term means and are taken as they are, so that widths inferred from them are on the low side. Drainage areas
+    are kept if all channels have one. Lengths and orders in a file are not read: they follow from the lines.
+
+    *Topology.* Channels are joined as the file says: by its nodes, if every line has both; else by the channel
+    downstream, if every line has an identity; else where ends meet. A line that its file shows to run upstream is
+    turned, as those of SWORD are. An end up to a width (and half its line) away from its node is brought there; one
+    further away is left free, with a warning. A channel downstream that the file does not hold (a clipped basin, or 0)
+    makes an outlet, a channel that is joined to none is a basin of its own. Where several lie downstream (SWORD), the
+    one that drains most counts. Channels downstream that form a circle, and identities that stand twice, are refused.
+    ``topology="ends"`` joins lines where their ends meet and nothing else; so it is for several files at once, and
+    where a feature is of several lines.
 
     *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces. ``#`` starts a
-    comment. One that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=`` takes the rest of the line), ``units=`` must
-    say metres or degrees, and ``order=upstream`` turns the lines round. Lines before the numbers that start with a word
-    and name no columns, like ``RMTEXT 350 2``, are passed over. The rows of a channel stand together. An ``id`` that
-    differs in every row numbers points, not channels. Width and depth may vary along a channel; discharge is averaged.
+    comment. Coordinates are the columns x, x_m, easting, east, x_coord or point_x, and y likewise, or longitude (lon,
+    longitude, long, lng) and latitude (lat, latitude), else the first two; channels are told by a column channel,
+    channel_id, seg_id or id, else by blank lines. A comment that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=``
+    takes the rest of the line), ``units=`` must say metres or degrees, and ``order=upstream`` turns the lines round.
+    Lines before the numbers that start with a word and name no columns, like ``RMTEXT 350 2``, are passed over. The
+    rows of a channel stand together. An ``id`` that differs in every row numbers points, not channels. Width and depth
+    may vary along a channel; discharge and slope are averaged, the drainage area is that of the last point.
 
     *GIS files.* LineString and MultiLineString; z and m are dropped, other geometries passed over. Parts of a
     MultiLineString that follow end to start become one channel, each other part is a channel of its own. Widths are in
-    metres, whatever the unit of the coordinates. ``point_width`` and ``point_depth`` are lists (JSON text), a number
-    a point, as ``write_network`` writes them where the section varies.
+    metres, whatever the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (JSON text), a
+    number a point, as ``write_network`` writes them where the section varies.
 
     *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
     lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on
@@ -118,8 +163,12 @@ def read_network(
         device: Warp device name, "cpu" or "cuda:0".
         repeated: What to do about points that stand twice in a row: "drop" (the count is logged) or "error".
         short: What to do about channels shorter than they are wide, as linework has at junctions: "error", "drop"
-            (leaves gaps in the network), or "narrow" (the width becomes the length; depth and discharge stay those of
-            the full width).
+            (leaves gaps in the network), "narrow" (the width becomes the length; depth and discharge stay those of the
+            full width), or "keep". For files that ``write_network`` wrote "error" is "keep" unless ``width`` is given,
+            since collisions leave such channels.
+        topology: "file": channels are joined as the file says; "ends": where their ends meet.
+        closed: Which channels are rings: those that the file marks (None), also every one whose first point is repeated
+            at its end (True), or none (False).
 
     Returns:
         The network; its ``crs`` is "EPSG:..." where the authority has a code for it, else WKT, or None.
@@ -128,17 +177,21 @@ def read_network(
         FileNotFoundError: There is no such file.
         ImportError: The format, or ``to_crs``, needs a module that is not installed.
         ValueError: The file is empty, cut short, not of its format, has no lines, no width, or points that are not
-            finite; several line layers and none named; a CRS unknown, not metric, or in conflict.
+            finite; several line layers and none named; a CRS unknown, not metric, or in conflict; identities that stand
+            twice, or channels downstream that form a circle.
     """
-    for name, value, choices in (("repeated", repeated, REPEATED), ("short", short, SHORT)):
+    settings = (("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES))
+    for name, value, choices in settings:
         if value not in choices:
             raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
     paths = [Path(path)] if isinstance(path, (str, os.PathLike)) else [Path(p) for p in path]
     if not paths:
         raise ValueError("no file to read: the list of paths is empty")
     given = {"width": width, "depth": depth, "discharge": discharge}
-    wanted = tuple(name for name, value in given.items() if value is None)
+    wanted = tuple(role for role in ROLES if given.get(role) is None)
     sources = [_read_source(p, layer, wanted) for p in paths]
+    if short == "error" and width is None and all(source.origin is not None for source in sources):  # our own files
+        short = "keep"
     for source in sources:
         source.crs = settled_crs(source, crs)
     found = one_crs(sources) if to_crs is None else reproject(sources, to_crs)
@@ -147,20 +200,16 @@ def read_network(
         if value is not None:
             _override(lines, name, value)
     label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
+    _infer_width(lines, label, any(source.family.mean_flow for source in sources))
     _check_width(lines, label)
     _clean(lines, repeated, label)
     _fill_by_laws(lines)
     lines = _settle_short(lines, short, found, label)
+    joined = connect(lines, sources, topology, label)
+    origin = sources[0].origin if len(sources) == 1 else None
+    place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
     try:
-        return RiverNetwork.from_polylines(
-            [line.xy for line in lines],
-            width=[line.width for line in lines],
-            depth=[line.depth for line in lines],
-            discharge=[line.discharge for line in lines],
-            crs=found,
-            dtype=dtype,
-            device=device,
-        )
+        return _build(lines, joined, closed, short == "keep", label, place)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
 
@@ -168,23 +217,46 @@ def read_network(
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
     """Write channels to a file whose suffix names the format; ``read_network`` reads it back.
 
-    Text formats hold a row a point: channel, x, y, width, depth, discharge, in digits that give back the same numbers,
-    under a comment line with CRS, units and order. GIS formats hold a LineString a channel with
+    GIS formats hold a LineString a channel with
 
-    =========== ============================================================================================
-    attribute   what
-    =========== ============================================================================================
-    seg_id      index of the channel, from 0
-    down_id     channel that starts where this one ends, the one with most discharge if several; else -1
-    from_node   node at the upstream end
-    to_node     node at the downstream end
-    width       m, the mean
-    depth       m, the mean
-    discharge   m3/s
-    length      m
-    point_width m, a list of one number a point (text; an array in GeoJSON), only where the width varies
-    point_depth m, likewise
-    =========== ============================================================================================
+    ================= ==== ===============================================================
+    attribute         unit what
+    ================= ==== ===============================================================
+    channel_id        -    identity of the channel
+    next_down         -    identity of the channel downstream; -1 for none
+    from_node         -    node at the upstream end
+    to_node           -    node at the downstream end
+    length_m          m    length of the line
+    sinuosity         -    length over the distance of the ends; empty for a ring
+    width_m           m    bankfull width, the mean
+    depth_m           m    bankfull depth, the mean
+    discharge_m3s     m3/s bankfull discharge at the downstream end
+    drainage_area_km2 km2  drainage area at the downstream end
+    drainage_area_m2  m2   the same to the last bit; read first
+    slope             m/m  drop over length; empty where it is not known
+    closed            -    1 for a ring, whose line ends at its first point; else 0
+    strahler          -    Strahler order
+    shreve            -    Shreve magnitude
+    horton            -    Horton order
+    main_stem         -    identity of the lowest channel of the stem (Hack) it belongs to
+    point_width_m     m    a list, a number a point; only where the width varies
+    point_depth_m     m    a list, a number a point; only where the depth varies
+    ================= ==== ===============================================================
+
+    Drainage areas, orders and lists are left out where there are none; a network in which channels part or flow in a
+    circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
+
+    All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities and
+    graph, to the bit; but in shapefiles numbers have 15 decimals, coordinates may differ in the last bit and short
+    channels need ``short="keep"``, and in text the width and depth of a channel are the means of its points'. A
+    GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind (source, junction,
+    outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in which a GeoPackage too
+    states the zero of the device coordinates (``origin``). In text and shapefiles nodes lie where the ends of their
+    channels do, to within rounding.
+
+    Text formats hold a row a point: channel_id, x, y, width_m, depth_m, discharge_m3s, drainage_area_m2 and slope where
+    known, from_node, to_node, in digits that give back the same numbers, under a comment line with CRS, units, order
+    and origin. Names in a shapefile have at most 10 characters: dis_m3s, area_km2 and area_m2.
 
     GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read (RFC 7946
     knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold lists, so a section
@@ -268,6 +340,29 @@ def _override(lines: list[Line], name: str, value: Any) -> None:
         setattr(line, name, array)
 
 
+def _infer_width(lines: list[Line], label: str, mean_flow: bool) -> None:
+    """Give lines without a width that of their discharge or drainage area, and say so."""
+    by_flow = [line for line in lines if line.width is None and line.discharge is not None]
+    by_area = [line for line in lines if line.width is None and line.discharge is None and line.drainage_area]
+    for line in by_flow:
+        line.width = float(width_of_discharge(line.discharge))
+    for line in by_area:
+        line.width = float(channel_width(line.drainage_area))
+    laws = []
+    if by_flow:
+        kind = "long-term mean" if mean_flow else "bankfull"
+        laws.append(f"{len(by_flow)} from the {kind} discharge by w = 7.2 Q^0.5")
+    if by_area:
+        laws.append(f"{len(by_area)} from the drainage area by w = c A^0.5")
+    if laws:
+        warnings.warn(
+            f"{label}: {len(by_flow) + len(by_area)} of {len(lines)} channels have no width; inferred "
+            f"{' and '.join(laws)}. Pass width= if you know better",
+            UserWarning,
+            stacklevel=3,
+        )
+
+
 def _check_width(lines: list[Line], label: str) -> None:
     """Raise ``ValueError`` where neither file nor argument gives a width."""
     missing = [line for line in lines if line.width is None]
@@ -314,12 +409,54 @@ def _fill_by_laws(lines: list[Line]) -> None:
                 line.discharge = flow
 
 
+def _build(
+    lines: list[Line],
+    joined: Connections,
+    closed: bool | None,
+    allow_short: bool,
+    label: str,
+    place: dict[str, Any],
+) -> RiverNetwork:
+    """Make the network of lines that have all that one needs."""
+    areas = [line.drainage_area for line in lines]
+    missing = areas.count(None)
+    if 0 < missing < len(lines):
+        log.info("%s: %d of %d channels have no drainage area; none is kept", label, missing, len(lines))
+    network = RiverNetwork.from_polylines(
+        [line.xy for line in lines],
+        width=[line.width for line in lines],
+        depth=[line.depth for line in lines],
+        discharge=[line.discharge for line in lines],
+        drainage_area=None if missing else areas,
+        slope=[np.nan if line.slope is None else line.slope for line in lines],
+        channel_id=joined.channel_id,
+        nodes=joined.nodes,
+        closed=[_is_ring(line, closed) for line in lines],
+        allow_short=allow_short,
+        **place,
+    )
+    # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
+    for values, means in (
+        (network.channel_width, [line.mean_width for line in lines]),
+        (network.channel_depth, [line.mean_depth for line in lines]),
+    ):
+        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
+        values[stated] = [means[c] for c in stated]
+    return network
+
+
+def _is_ring(line: Line, closed: bool | None) -> bool:
+    """Tell whether a line is a ring, as the argument ``closed`` of ``read_network`` has it."""
+    marked = closed is not False and bool(line.closed)
+    return marked or (closed is True and bool((line.xy[0] == line.xy[-1]).all()))
+
+
 def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:
     """Deal with lines that are shorter than they are wide, as the argument ``short`` says."""
     lengths = [float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines]
     wide = [bool(np.max(line.width) > length) for line, length in zip(lines, lengths, strict=True)]
     count = sum(wide)
-    if not count:
+    if not count or short == "keep":
         return lines
     if crs is None and 2 * count >= len(lines) and within_degrees(lines):
         raise ValueError(
@@ -328,7 +465,7 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
         )
     if short == "error" or count == len(lines):
         first = wide.index(True)
-        advice = "" if count == len(lines) else ", or pass short='narrow' or short='drop'"
+        advice = "" if count == len(lines) else ", or pass short='narrow', 'drop' or 'keep'"
         raise ValueError(
             f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
             f"({count} of {len(lines)} lines are like that); check the units of both{advice}"
@@ -338,5 +475,5 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
         return [line for line, w in zip(lines, wide, strict=True) if not w]
     for line, w, length in zip(lines, wide, lengths, strict=True):
         if w:
-            line.width = np.minimum(line.width, NARROWED * length)
+            line.width, line.mean_width = np.minimum(line.width, NARROWED * length), None
     return lines

@@ -1,4 +1,4 @@
-"""What a file says of its channels, before any of it is checked, and the names under which files say it."""
+"""What a file says of its channels, before any of it is checked."""
 
 from __future__ import annotations
 
@@ -9,19 +9,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["NAMES", "Line", "Source"]
+from warpriver.io.attributes import GENERIC, Family
 
-# Columns and attributes by role, lower case; the first one that holds a value counts.
-NAMES = {
-    "x": ("x", "x_m", "easting", "east", "x_coord", "point_x"),
-    "y": ("y", "y_m", "northing", "north", "y_coord", "point_y"),
-    "lon": ("lon", "longitude", "long", "lng"),
-    "lat": ("lat", "latitude"),
-    "width": ("width", "width_m", "width1", "mean_width_m", "median_width_m"),
-    "depth": ("depth", "depth_m"),
-    "discharge": ("discharge", "discharge_m3s"),
-    "channel": ("channel", "channel_id", "seg_id", "id"),
-}
+__all__ = ["Line", "Source"]
 
 
 @dataclasses.dataclass
@@ -31,16 +21,34 @@ class Line:
     Attributes:
         xy: (n, 2) points, in the unit of the file.
         where: File and channel, for messages.
+        feature: Number of the feature it is, or is a part of.
         width: Bankfull width in m, one number or (n,).
         depth: Bankfull depth in m, one number or (n,).
         discharge: Bankfull discharge in m3/s.
+        mean_width, mean_depth: That of the channel as a whole, where it is stated beside those of the points.
+        drainage_area: Drainage area at the downstream end, m2.
+        slope: Drop over length, m/m.
+        channel_id: Identity.
+        next_down: Identities of the channels downstream; those that are none are left in.
+        from_node, to_node: Nodes above and below, as the file names them.
+        closed: Not 0 for a ring.
     """
 
     xy: np.ndarray
     where: str
+    feature: int = 0
     width: Any = None
     depth: Any = None
     discharge: Any = None
+    mean_width: float | None = None
+    mean_depth: float | None = None
+    drainage_area: float | None = None
+    slope: float | None = None
+    channel_id: int | None = None
+    next_down: tuple[int, ...] | None = None
+    from_node: int | None = None
+    to_node: int | None = None
+    closed: float | None = None
 
     def map_points(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Apply ``change`` to every array that has one entry a point."""
@@ -59,9 +67,15 @@ class Source:
         lines: Its channels.
         crs: Its CRS, as ``crs_text`` gives it, or None.
         lonlat: Whether the coordinates are longitude and latitude by format or name.
+        family: Whose attributes it has.
+        origin: (x, y) zero of the device coordinates, where the file states it.
+        node_xy: Positions of nodes by the names that the file gives them, where it states them.
     """
 
     path: Path
     lines: list[Line]
     crs: str | None
     lonlat: bool = False
+    family: Family = GENERIC
+    origin: tuple[float, float] | None = None
+    node_xy: dict[int, tuple[float, float]] = dataclasses.field(default_factory=dict)

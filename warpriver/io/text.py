@@ -6,6 +6,7 @@ import contextlib
 import csv
 import gzip
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -14,14 +15,28 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.io.attributes import GENERIC, read_names, write_columns
 from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded
-from warpriver.io.source import NAMES, Line, Source
+from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
 
 __all__ = ["TEXT", "read_text", "write_text"]
 
 TEXT = (".csv", ".txt", ".dat", ".xy")
+
+# Columns by what they hold, lower case; the first one that is there counts. Others: ``attributes.READ``, "any file".
+NAMES = {
+    "x": ("x", "x_m", "easting", "east", "x_coord", "point_x"),
+    "y": ("y", "y_m", "northing", "north", "y_coord", "point_y"),
+    "lon": ("lon", "longitude", "long", "lng"),
+    "lat": ("lat", "latitude"),
+    "channel": ("channel", "channel_id", "seg_id", "id"),
+}
+# What is the same in all rows of a channel; left alone where it is no number, as elsewhere a column may be anything.
+OPTIONAL = ("drainage_area", "slope", "from_node", "to_node")
+# The attributes that have a column in what is written; width and depth are those of the point.
+COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
 
 METRES = ("m", "metre", "metres", "meter", "meters")
 DEGREES = ("degree", "degrees", "deg")
@@ -29,6 +44,7 @@ DEGREES = ("degree", "degrees", "deg")
 
 def read_text(path: Path, wanted: Sequence[str]) -> Source:
     """Read points from columns of numbers; ``wanted`` are the roles to look for beyond the coordinates."""
+    wanted = [role for role in wanted if role not in ("channel_id", "next_down")]  # told by the column of channels
     rows = decoded(path).replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
     first, names, comments = _scan_head(path, rows)
     separator = _separator(rows[first].partition("#")[0])
@@ -39,6 +55,9 @@ def read_text(path: Path, wanted: Sequence[str]) -> Source:
     channel, fields = columns.get("channel"), _fields(rows[first])
     if channel is not None and channel < len(fields) and not _is_number(fields[channel]):
         del columns["channel"]
+    for role in OPTIONAL:
+        if role in columns and (columns[role] >= len(fields) or not _is_number(fields[columns[role]])):
+            del columns[role]
     table = dict(zip(columns, _load_columns(path, rows, first, separator, columns).T, strict=True))
     if channel is None:
         breaks = _breaks_by_blank(rows[first:])
@@ -46,20 +65,43 @@ def read_text(path: Path, wanted: Sequence[str]) -> Source:
     else:
         ids = table["channel"] if "channel" in table else _load_words(path, rows[first:], separator, channel)
         breaks, labels = _breaks_by_id(path, ids, names[channel])
-    lines = []
+    factors = {role: _factor(names[columns[role]], role) for role in wanted if role in table}
+    lines: list[Line] = []
     for begin, end, label in zip([0, *breaks], [*breaks, len(table["x"])], labels, strict=True):
         part = slice(begin, end)
         xy = np.stack([table["x"][part], table["y"][part]], axis=1)
         line = Line(xy, f"{path}, channel {label}" if len(labels) > 1 else str(path))
-        for name in wanted:
-            if name in table:
-                values = table[name][part]
-                along = values.mean() if name == "discharge" else values.copy()
-                setattr(line, name, values[0] if np.ptp(values) == 0.0 else along)
+        line.feature = len(lines)
+        for role, factor in factors.items():
+            _take_column(line, role, factor * table[role][part], upstream)
+        if channel is not None and isinstance(label, int):
+            line.channel_id = label
         if upstream:
             line.map_points(lambda a: a[::-1].copy())
         lines.append(line)
-    return Source(path, lines, crs, lonlat or degrees)
+    return Source(path, lines, crs, lonlat or degrees, origin=_stated_origin(comments))
+
+
+def _factor(name: str, role: str) -> float:
+    """Factor that brings a column into our unit."""
+    return next(n.factor for n in read_names(GENERIC, role) if n.name == name)
+
+
+def _take_column(line: Line, role: str, values: np.ndarray, upstream: bool) -> None:
+    """Give a channel what a column says of it."""
+    constant = bool((values == values[0]).all())
+    if role in ("from_node", "to_node"):
+        if constant and float(values[0]).is_integer():
+            setattr(line, role, int(values[0]))
+    elif role == "drainage_area":  # that of the downstream end
+        area = float(values[0] if upstream else values[-1])
+        line.drainage_area = area if area > 0.0 else None
+    elif constant:
+        setattr(line, role, values[0])
+    elif role in ("discharge", "slope"):
+        setattr(line, role, values.mean())
+    else:
+        setattr(line, role, values.copy())
 
 
 def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
@@ -68,17 +110,26 @@ def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
     if network.crs is not None:
         crs = " ".join(str(network.crs).split())
         facts = f"{facts} crs_wkt={crs}" if " " in crs or "[" in crs else f"crs={crs} {facts}"
-    names = separator.join(("channel", "x", "y", "width", "depth", "discharge"))
+    facts += " origin_x={!r} origin_y={!r}".format(*network.origin.tolist())
+    told = write_columns(network)
+    columns = {name: told[name] for name in COLUMNS if name in told}
+    if not np.isfinite(network.channel_slope).any():
+        del columns["slope"]
+    if not network.channel_closed.any():
+        del columns["closed"]
+    names = separator.join(("channel_id", "x", "y", "width_m", "depth_m", *columns))
+    constant = list(zip(*(column.tolist() for column in columns.values()), strict=True))
     packed = path.suffix.lower() == ".gz"
-    widths, depths = network.point_widths(), network.point_depths()
+    widths, depths = network.point_widths(close=True), network.point_depths(close=True)
     with path.open("wb") as raw, contextlib.ExitStack() as stack:
         # No time in the gzip header: the same network gives the same bytes.
         out = stack.enter_context(gzip.GzipFile("", "wb", fileobj=raw, mtime=0)) if packed else raw
         out.write(f"# {facts}\n{names}\n".encode())
-        for c, xy in enumerate(network.polylines()):
-            flow = float(network.channel_discharge[c])
+        for c, xy in enumerate(network.polylines(close=True)):
+            head = str(network.channel_id[c])
+            tail = separator.join(map(repr, constant[c]))
             table = np.column_stack([xy, widths[c], depths[c]]).tolist()
-            rows = (separator.join((str(c), *map(repr, row), repr(flow))) for row in table)
+            rows = (separator.join((head, *map(repr, row), tail)) for row in table)
             out.write(("\n".join(rows) + "\n").encode())
 
 
@@ -130,6 +181,15 @@ def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bo
     return crs_text(facts.get("crs"), str(path)), order == "upstream", units in DEGREES
 
 
+def _stated_origin(comments: list[str]) -> tuple[float, float] | None:
+    """Return from comments the zero of the device coordinates, if they state one."""
+    found = dict(re.findall(r"\b(origin_[xy])=([^\s,;]+)", " ".join(comments)))
+    if len(found) < 2 or not all(map(_is_number, found.values())):
+        return None
+    x, y = float(found["origin_x"]), float(found["origin_y"])
+    return (x, y) if math.isfinite(x) and math.isfinite(y) else None
+
+
 def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], bool]:
     """Return the column of each role, and whether x and y are named longitude and latitude."""
     if not names:
@@ -142,7 +202,8 @@ def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], b
 
 def _find(names: Sequence[str], role: str) -> int | None:
     """Return the index of the first name that plays a role."""
-    return next((names.index(alias) for alias in NAMES[role] if alias in names), None)
+    known = NAMES.get(role) or tuple(name.name for name in read_names(GENERIC, role))
+    return next((names.index(alias) for alias in known if alias in names), None)
 
 
 def _has_xy(names: Sequence[str]) -> bool:
@@ -203,6 +264,8 @@ def _load_columns(
                     raise ValueError(f"{path}, line {number}: {text}") from error
         raise ValueError(f"{path}: its numbers cannot be read ({error})") from error
     bad = ~np.isfinite(table)
+    if "slope" in columns:  # NaN: not known
+        bad[:, list(columns).index("slope")] = False
     if bad.any():
         row, column = np.argwhere(bad)[0]
         number, _ = next(itertools.islice(_data_rows(rows, first), int(row), None))

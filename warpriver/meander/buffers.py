@@ -12,14 +12,22 @@ from warpriver.kernels.polyline import Work
 from warpriver.meander.stages import Share
 from warpriver.network import PRECISIONS, RiverNetwork
 
-__all__ = ["FAULT_NONE", "FAULT_NOT_FINITE", "FAULT_OXBOWS_FULL", "StepBuffers", "StepChannels"]
+__all__ = [
+    "FAULT_NONE",
+    "FAULT_NOT_FINITE",
+    "FAULT_OXBOWS_FULL",
+    "FAULT_SHORTCUTS_FULL",
+    "StepBuffers",
+    "StepChannels",
+]
 
 # Values of ``fault``; the kernels write the same numbers.
-FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL = 0, 1, 2
+FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL = 0, 1, 2, 3
 
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
-# Points of a slab on the CPU: what a phase leaves of so many points is still in the cache when the next one reads it.
+# Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
+# cache when the next one reads it.
 SLAB_POINTS = 16_384
 # Points of a chunk where a thread copies runs of points.
 CPU_COPY_CHUNK = 4096
@@ -31,7 +39,7 @@ class StepBuffers:
     Attributes:
         point_moved: (P,) vec2, points after the move and the cutoffs, m.
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
-        point_smoothed: (P,) vec2, room for a smoothing pass, or None where none is asked for.
+        point_smoothed: (P,) vec2, room for a smoothing pass, made by the first one.
         point_rate: (P,) migration rate, m/yr, positive to the right.
         point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
         point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list.
@@ -42,17 +50,10 @@ class StepBuffers:
             it as the lists' links and the blocks' channels.
         fault: one int32, 0 while all is well.
         chunk: Points that a thread takes, 0 where it takes whole channels.
+        share_count: Number of chunks, or of the slabs of whole channels.
     """
 
-    def __init__(
-        self,
-        network: RiverNetwork,
-        point_capacity: int,
-        cut_capacity: int,
-        oxbow_capacity: int,
-        *,
-        smoothing: bool = False,
-    ):
+    def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
         """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
         scalar, vec2, _ = PRECISIONS[network.dtype]
         device = network.device
@@ -61,6 +62,7 @@ class StepBuffers:
         self.cut_capacity = cut_capacity
         self.oxbow_capacity = oxbow_capacity
         self.chunk_count = math.ceil(point_capacity / self.chunk) if self.chunk else 1
+        self.share_count = self.chunk_count if self.chunk else math.ceil(point_capacity / SLAB_POINTS)
 
         def zeros(count: int, dtype: Any) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=device)
@@ -68,7 +70,7 @@ class StepBuffers:
         varies = network.point_section is not None
         self.point_moved = zeros(point_capacity, vec2)
         self.section_moved = zeros(point_capacity, vec2) if varies else None
-        self.point_smoothed = zeros(point_capacity, vec2) if smoothing else None
+        self.point_smoothed: wp.array | None = None
         self.point_rate = zeros(point_capacity, scalar)
         self.point_arc = zeros(point_capacity, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
@@ -104,6 +106,8 @@ class StepChannels:
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, area of each ring in the step, see ``measure_rings``; None likewise.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
+        drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch of its drift.
         pace: (C,) greatest speed of a point in the time step so far, m/yr.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
@@ -123,7 +127,7 @@ class StepChannels:
 
     def __init__(self, network: RiverNetwork, capacity: int, *, mobile: bool):
         """Allocate for ``network``; ``mobile``: with room for ``mobility``."""
-        scalar, _, _ = PRECISIONS[network.dtype]
+        scalar, vec2, _ = PRECISIONS[network.dtype]
 
         def zeros(count: int, dtype: Any = wp.int32) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=network.device)
@@ -135,6 +139,8 @@ class StepChannels:
         self.limit = zeros(capacity, wp.types.vector(3, scalar))
         self.pace, self.step = zeros(capacity, scalar), zeros(capacity, scalar)
         self.parts = zeros(capacity)
+        self.below, self.tributaries, self.awake = zeros(capacity), zeros(capacity), zeros(capacity)
+        self.drift, self.shift = zeros(capacity, scalar), zeros(capacity, vec2)
         self.mobility = zeros(capacity, scalar) if mobile else None
         self.nodes = zeros(capacity, wp.vec2i)
         rings = bool(network.channel_closed.any())
@@ -154,6 +160,7 @@ class StepChannels:
         spacing: np.ndarray,
         limit: np.ndarray,
         nodes: np.ndarray,
+        drift: np.ndarray | None = None,
         pace: np.ndarray | None = None,
         parts: np.ndarray | None = None,
         mobility: np.ndarray | None = None,
@@ -165,10 +172,17 @@ class StepChannels:
         network.channel_start = self.start[: count + 1]
         for array, values in (
             (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
-            (self.parts, parts), (self.mobility, mobility), (self.closed, network.channel_closed.astype(np.int32)),
+            (self.drift, drift), (self.parts, parts), (self.mobility, mobility),
+            (self.closed, network.channel_closed.astype(np.int32)),
         ):  # fmt: skip
             if array is not None:
                 _assign(array, np.zeros(0) if values is None else values)
+        leaving = np.full(network.node_count, -1)
+        leaving[network.channel_from] = np.arange(count)
+        below = np.where(network.channel_closed, -1, leaving[network.channel_to])
+        # Beyond the channels nothing flows on.
+        _assign(self.below, np.concatenate([below, np.full(self.capacity - count, -1)]))
+        _assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
         for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
             stale.zero_()
 
@@ -185,11 +199,11 @@ class StepChannels:
 
         Args:
             network: The network.
-            buffers: Its ``point_capacity`` says how many shares there may be.
+            buffers: Its ``share_count`` says how many shares there may be.
             anew: Make the shares; otherwise only what they hold changes.
         """
         by_slab = buffers.chunk == 0
-        threads = math.ceil(buffers.point_capacity / SLAB_POINTS) if by_slab else buffers.chunk_count
+        threads = buffers.share_count
         if anew:
             self._slab_channel = wp.zeros(threads + 1 if by_slab else 1, dtype=wp.int32, device=network.device)
             work = Work()
@@ -199,7 +213,9 @@ class StepChannels:
             self.share_contacts = wp.zeros(threads, dtype=wp.int32, device=network.device)
             self.share_contacts_sum = wp.zeros(threads, dtype=wp.int32, device=network.device)
         if by_slab:
-            first = np.unique(network.starts()[:-1] // SLAB_POINTS, return_index=True)[1]
+            # All slabs get a like number of points, so that threads that take as many slabs have as much to do.
+            start = network.starts().astype(np.int64)
+            first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, network.channel_count, np.int32)
             table[: len(first)] = first
             self._slab_channel.assign(table)

@@ -13,7 +13,7 @@ from warpriver.meander.buffers import CPU_COPY_CHUNK, StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.meander.topology import EditedChannels, NetworkEdit, Rejoin
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 
 __all__ = [
     "COARSEST_SPACING",
@@ -32,7 +32,9 @@ BLOCK_WIDTHS = 8.0
 COARSEST_SPACING = kernels.COARSEST_SPACING
 
 
-def collision_law(network: RiverNetwork, params: MeanderParams, form: np.ndarray, before: Any = None) -> Any:
+def collision_law(
+    network: RiverNetwork, params: MeanderParams | PathMeander, form: np.ndarray, before: Any = None
+) -> Any:
     """Pack the scalars of the search for a network; ``None`` where there is nothing to search: rings never join.
 
     Args:
@@ -67,7 +69,7 @@ def collision_law(network: RiverNetwork, params: MeanderParams, form: np.ndarray
     return law
 
 
-def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderParams) -> np.ndarray:
+def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderParams | PathMeander) -> np.ndarray:
     """Label the nodes for the search, (C, 2) int32 above and below each channel: near ones count as one.
 
     Channels that meet at neighbouring junctions lie as close there as those that share one. Nodes that a channel of

@@ -1,8 +1,8 @@
-"""Junction templates: the angle at which a tributary arrives, by how its flow compares with the other one's.
+"""Junctions: the angle at which a tributary arrives, by how its flow compares with the other one's; and their drift.
 
 Rivers of like size meet at a narrow angle; a small one meets a large one nearly at a right angle [Hooshyar2017,
-Paris2023, Sec. 6.1]. The templates shape the last reach of the tributaries for pictures and for carving; a simulation
-holds junctions where they are.
+Paris2023, Sec. 6.1]. The templates shape the last reach of the tributaries for pictures and for carving. A simulation
+holds junctions where they are [Paris2023], unless they are told to wander down the channel below.
 """
 
 from __future__ import annotations
@@ -10,11 +10,15 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import warp as wp
 
-from warpriver.network import RiverNetwork
-from warpriver.params import check_ranges, parameter
+from warpriver.kernels import junctions as kernels
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.stages import Share, Stage
+from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.params import MeanderParams, PathMeander, check_ranges, parameter
 
-__all__ = ["JunctionParams", "junction_angles", "shape_junctions"]
+__all__ = ["JunctionParams", "drift_junctions", "junction_angles", "shape_junctions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,3 +162,50 @@ def _directions_below(network: RiverNetwork, xy: np.ndarray, start: np.ndarray) 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     size = np.hypot(*vectors.T)[:, None]
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+
+
+def drift_junctions(
+    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams | PathMeander
+) -> list[Stage]:
+    """Return the stages that let junctions wander down the channel below them, in ``buffers.point_moved``.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels; ``drift`` is the speed of the junction above each, m/yr.
+        buffers: Holds the points.
+        params: ``junction_drift``, 0 for junctions that stay.
+    """
+    if params.junction_drift == 0.0:
+        return []
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+
+    def drift(_: Share) -> None:
+        channels.awake.zero_()
+        wp.launch(
+            kernel.count_awake,
+            dim=channels.capacity,
+            inputs=[channels.below, channels.step],
+            outputs=[channels.awake],
+            device=device,
+        )
+        wp.launch(
+            kernel.shift_heads,
+            dim=channels.capacity,
+            inputs=[
+                channels.start, channels.form, channels.spacing, channels.step, channels.tributaries, channels.drift,
+                params.time_step, channels.substep, channels.awake,
+            ],
+            outputs=[channels.shift, buffers.point_moved],
+            device=device,
+        )  # fmt: skip
+        wp.launch(
+            kernel.follow_heads,
+            dim=channels.capacity,
+            inputs=[
+                channels.start, channels.form, channels.spacing, channels.below, params.junction_reach, channels.shift,
+            ],
+            outputs=[buffers.point_moved],
+            device=device,
+        )  # fmt: skip
+
+    return [Stage("drift", drift, shared=False)]

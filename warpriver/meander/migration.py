@@ -11,10 +11,20 @@ from warpriver.kernels import migration as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["explicit_dt", "migrate", "migration_law", "plan_steps", "schedule_channels", "stable_dt", "step_limits"]
+__all__ = [
+    "explicit_dt",
+    "migrate",
+    "migration_law",
+    "plan_steps",
+    "rate_of",
+    "schedule",
+    "schedule_channels",
+    "stable_dt",
+    "step_limits",
+]
 
 
 def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any]:
@@ -38,7 +48,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
     """
     width, depth = np.asarray(width, np.float64), np.asarray(depth, np.float64)
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
-    rate = _rate(width, params)
+    rate = rate_of(width, params)
     with np.errstate(divide="ignore"):
         travel = width / (rate * weights)
         memory = 2.0 * params.friction / depth
@@ -62,8 +72,8 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
     return np.minimum(*step_limits(width, depth, params))
 
 
-def _rate(width: np.ndarray, params: MeanderParams) -> np.ndarray:
-    """The rate k of channels of some width, m/yr."""
+def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
+    """Return the rate k of channels of those widths in m, m/yr."""
     if params.reference_width > 0.0:
         return params.migration_rate * width / params.reference_width
     return np.full(width.shape, params.migration_rate)
@@ -77,7 +87,7 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
         params: Migration constants; ``spacing`` is h.
     """
     width = np.asarray(width, np.float64)
-    diffusivity = _rate(width, params) * width * -params.local_weight
+    diffusivity = rate_of(width, params) * width * -params.local_weight
     with np.errstate(divide="ignore"):
         return np.where(diffusivity > 0, 9.0 / 32.0 * params.spacing**2 / diffusivity, np.inf)
 
@@ -85,7 +95,6 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
 def migration_law(params: MeanderParams, dtype: str) -> Any:
     """Pack the scalars of migration for the kernels of that precision."""
     law = kernels.build(PRECISIONS[dtype][0]).MigrationLaw()
-    law.time_step = params.time_step
     law.migration_rate = params.migration_rate
     law.reference_width = params.reference_width
     law.friction = params.friction
@@ -98,7 +107,9 @@ def migration_law(params: MeanderParams, dtype: str) -> Any:
     return law
 
 
-def plan_steps(network: RiverNetwork, channels: StepChannels, terrain: Terrain | None, law: Any) -> int:
+def plan_steps(
+    network: RiverNetwork, channels: StepChannels, terrain: Terrain | None, params: MeanderParams | PathMeander
+) -> int:
     """Choose in how many equal parts each channel does a time step, ``channels.parts``; return the most of them.
 
     Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
@@ -108,7 +119,7 @@ def plan_steps(network: RiverNetwork, channels: StepChannels, terrain: Terrain |
         network: The network.
         channels: Its channels.
         terrain: Ground, on the network's device, or None.
-        law: From :func:`migration_law`.
+        params: ``time_step``, yr, and ``slope_threshold``.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     share = channels.whole
@@ -119,7 +130,7 @@ def plan_steps(network: RiverNetwork, channels: StepChannels, terrain: Terrain |
             dim=share.point_threads,
             inputs=[
                 network.point_xy, channels.start, channels.form, terrain.height,
-                terrain.grid(network.dtype, network.origin), law, share.work,
+                terrain.grid(network.dtype, network.origin), params.slope_threshold, share.work,
             ],
             outputs=[channels.mobility],
             device=device,
@@ -128,7 +139,7 @@ def plan_steps(network: RiverNetwork, channels: StepChannels, terrain: Terrain |
     wp.launch(
         kernel.plan_steps,
         dim=channels.capacity,
-        inputs=[channels.limit, law, channels.mobility, channels.pace],
+        inputs=[channels.limit, params.time_step, channels.mobility, channels.pace],
         outputs=[channels.parts, channels.most],
         device=device,
     )
@@ -136,30 +147,39 @@ def plan_steps(network: RiverNetwork, channels: StepChannels, terrain: Terrain |
 
 
 def schedule_channels(
-    network: RiverNetwork, channels: StepChannels, law: Any, substep: wp.array, pace: wp.array | None = None
+    network: RiverNetwork, channels: StepChannels, time_step: float, substep: wp.array, pace: wp.array | None = None
 ) -> None:
     """Set the time step of every channel in a sub-step, ``channels.step``: 0 where it rests.
 
     Args:
         network: The network.
         channels: Its channels.
-        law: From :func:`migration_law`.
+        time_step: The whole of it, yr.
         substep: Two int32, the number of the sub-step and how many there are.
         pace: ``channels.pace``, to be cleared in the first sub-step.
     """
     wp.launch(
         kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
         dim=channels.capacity,
-        inputs=[channels.parts, law, substep],
+        inputs=[channels.parts, time_step, substep],
         outputs=[channels.step, pace],
         device=network.device,
     )
 
 
+def schedule(network: RiverNetwork, channels: StepChannels, time_step: float) -> Stage:
+    """Return the stage that begins a sub-step of any solver: :func:`schedule_channels` for ``channels.substep``."""
+
+    def run(_: Share) -> None:
+        schedule_channels(network, channels, time_step, channels.substep, channels.pace)
+
+    return Stage("migrate", run, shared=False)
+
+
 def migrate(
     network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, terrain: Terrain | None, law: Any
 ) -> list[Stage]:
-    """Return the stages that move every point by its rate over a sub-step, into ``buffers.point_moved``.
+    """Return the stages that move every point by its rate over ``channels.step``, into ``buffers.point_moved``.
 
     Args:
         network: The network; its points are evenly spaced along each channel.
@@ -175,8 +195,7 @@ def migrate(
     shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing, channels.step]
     shape += [channels.closed, channels.area]
 
-    def schedule(_: Share) -> None:
-        schedule_channels(network, channels, law, channels.substep, channels.pace)
+    def clear(_: Share) -> None:
         if channels.area is not None:
             channels.area.zero_()
 
@@ -206,4 +225,5 @@ def migrate(
             device=device,
         )
 
-    return [Stage("migrate", schedule, shared=False), Stage("migrate", move)]
+    cleared = [] if channels.area is None else [Stage("migrate", clear, shared=False)]
+    return [*cleared, Stage("migrate", move)]

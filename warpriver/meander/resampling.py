@@ -9,7 +9,33 @@ from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 
-__all__ = ["resample"]
+__all__ = ["measure", "resample"]
+
+
+def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, phase: str) -> list[Stage]:
+    """Return the stages that measure the arc length of ``buffers.point_moved``, into ``point_arc``.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels.
+        buffers: Scratch and results; with chunks, ``chunk_offset`` is the running sum of their lengths.
+        phase: Name of the verb that asks for it.
+    """
+    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+
+    def measure_arcs(share: Share) -> None:
+        wp.launch(
+            kernel.measure_arcs,
+            dim=share.point_threads,
+            inputs=[channels.start, channels.step, share.work, buffers.point_moved],
+            outputs=[buffers.point_arc, buffers.chunk_length],
+            device=device,
+        )
+
+    def offset_chunks(_: Share) -> None:
+        wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
+
+    return [Stage(phase, measure_arcs), *([Stage(phase, offset_chunks, shared=False)] if buffers.chunk > 0 else [])]
 
 
 def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> list[Stage]:
@@ -27,18 +53,6 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     start, offset = channels.start, buffers.chunk_offset
-
-    def measure(share: Share) -> None:
-        wp.launch(
-            kernel.measure_arcs,
-            dim=share.point_threads,
-            inputs=[start, channels.step, share.work, buffers.point_moved],
-            outputs=[buffers.point_arc, buffers.chunk_length],
-            device=device,
-        )
-
-    def offset_chunks(_: Share) -> None:
-        wp.utils.array_scan(buffers.chunk_length, offset, inclusive=True)
 
     def count(share: Share) -> None:
         wp.launch(
@@ -77,8 +91,7 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
         )
 
     name = "resample"
-    between = [Stage(name, offset_chunks, shared=False)] if buffers.chunk > 0 else []
     return [
-        Stage(name, measure), *between, Stage(name, count), Stage(name, number, shared=False), Stage(name, sample),
-        Stage(name, commit, shared=False),
+        *measure(network, channels, buffers, name), Stage(name, count), Stage(name, number, shared=False),
+        Stage(name, sample), Stage(name, commit, shared=False),
     ]  # fmt: skip

@@ -38,6 +38,7 @@ def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> 
             np.concatenate([network.channel_to, node]),
             np.concatenate([network.node_xy, loop_xy[begin]]),
         ),
+        channel_slope=network.channel_slope[old],
         channel_changed=np.arange(len(old)) >= channels,
         run_begin=np.array([0]),
         run_start=np.array([0, points]),

@@ -13,6 +13,7 @@ from warpriver.kernels.polyline import Work
 from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.params import MeanderParams
 
 __all__ = ["smooth", "taubin_smooth"]
 
@@ -22,17 +23,20 @@ STRENGTH = 0.5
 LONGEST_WAVE = -1.0
 
 
-def smooth(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, passes: int) -> list[Stage]:
-    """Return the stages that smooth ``buffers.point_moved`` by so many pairs of passes; none for 0.
+def smooth(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams) -> list[Stage]:
+    """Return the stages that smooth ``buffers.point_moved``; none where no pass is asked for.
 
     Args:
         network: The network.
         channels: Its channels; those at rest are left as they are.
         buffers: ``point_moved`` is changed, ``point_smoothed`` is scratch.
-        passes: Pairs of passes.
+        params: ``taubin_passes``, pairs of passes.
     """
+    passes = int(params.taubin_passes)
     if passes == 0:
         return []
+    if buffers.point_smoothed is None:
+        buffers.point_smoothed = wp.empty_like(buffers.point_moved)
     there, back = buffers.point_moved, buffers.point_smoothed
 
     def run(share: Share) -> None:

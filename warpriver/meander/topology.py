@@ -72,8 +72,8 @@ class EditedChannels:
     Attributes:
         channel_old: (C,) index of the channel, before, that each goes by.
         channel_start: (C + 1,) offsets of their points.
-        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_nodes: As in
-            :class:`~warpriver.network.RiverNetwork`.
+        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_slope,
+            channel_nodes: As in :class:`~warpriver.network.RiverNetwork`.
         channel_changed: (C,) True where the points are not those of the channel before.
         run_begin: (R,) first point, before, of each run of consecutive points that the new order is made of.
         run_start: (R + 1,) offsets of the runs in the new order.
@@ -89,6 +89,7 @@ class EditedChannels:
     channel_discharge: np.ndarray
     channel_drainage_area: np.ndarray | None
     channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray]
+    channel_slope: np.ndarray
     channel_changed: np.ndarray
     run_begin: np.ndarray
     run_start: np.ndarray
@@ -321,6 +322,7 @@ class NetworkEdit:
             channel_depth=old.channel_depth[base] * gain ** (WIDTH_EXPONENT * DEPTH_EXPONENT),
             channel_discharge=old.channel_discharge[base] * (gain if area is None else gain**DISCHARGE_EXPONENT),
             channel_drainage_area=None if area is None else area[base] * gain,
+            channel_slope=self._slopes(heads, chains),
             channel_nodes=self._nodes(heads, last),
             channel_changed=changed,
             run_begin=runs[:, 0],
@@ -359,6 +361,17 @@ class NetworkEdit:
         rank = np.concatenate(ranks)
         order = np.argsort(rank, kind="stable")
         return np.concatenate(runs)[order], np.concatenate(parts)[order], rank[order]
+
+    def _slopes(self, heads: np.ndarray, chains: list[list[int]]) -> np.ndarray:
+        """Slope of each channel: that of the old one; where parts become one, the drop of all over their length."""
+        old = self.network.channel_slope
+        slope = old[self._old_of(heads)]
+        for chain in chains:
+            parts = [self._part(c) for c in chain]
+            xy = self.network.point_xy.numpy()
+            length = [np.hypot(*np.diff(xy[p.first : p.stop].astype(np.float64), axis=0).T).sum() for p in parts]
+            slope[np.searchsorted(heads, chain[0])] = np.average(old[[p.old for p in parts]], weights=length)
+        return slope
 
     def _nodes(self, heads: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes above and below each channel, numbered anew, and their positions."""

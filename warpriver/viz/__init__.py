@@ -2,9 +2,25 @@
 
 from warpriver.viz import gl
 from warpriver.viz.belt import draw_before_after, draw_belt
+from warpriver.viz.erosion import draw_drainage, draw_elevation, draw_ordered_network, erosion_movie
 from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
 from warpriver.viz.scene import render_scene
+from warpriver.viz.valleys import draw_valley, draw_valley_sections
 
-__all__ = ["draw_before_after", "draw_belt", "draw_network", "gl", "hillshade", "movie", "render_scene"]
+__all__ = [
+    "draw_before_after",
+    "draw_belt",
+    "draw_drainage",
+    "draw_elevation",
+    "draw_network",
+    "draw_ordered_network",
+    "draw_valley",
+    "draw_valley_sections",
+    "erosion_movie",
+    "gl",
+    "hillshade",
+    "movie",
+    "render_scene",
+]

@@ -337,7 +337,7 @@ class BeltPainter:
                 self._beds += 1
             self.network = self._history.networks[self._courses]
             self._courses += 1
-            self._fill(self.network.polylines(), self.network.point_widths(), self._courses)
+            self._fill(self.network.polylines(close=True), self.network.point_widths(close=True), self._courses)
 
     def _fill_bed(self, collision: Any) -> None:
         """Fill the course that was given up in a collision."""

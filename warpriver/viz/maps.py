@@ -25,7 +25,7 @@ from warpriver.viz.sheet import (
     style_bar,
 )
 
-__all__ = ["draw_network"]
+__all__ = ["add_value_bar", "draw_network"]
 
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
 # On a relief, whose own shades are as dark, even the least flow is a strong blue.
@@ -180,8 +180,9 @@ def _add_relief(sheet: Sheet, terrain: Any) -> None:
 
 def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: str, ramp: Any) -> None:
     """Draw channels coloured by a value, the greatest on top, with a colour bar."""
-    lines = network.polylines()
-    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, network.point_widths(), strict=True)])
+    lines = network.polylines(close=True)
+    widths = network.point_widths(close=True)
+    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
     if not inside.any():
         return
     norm = _norm(values[inside], whole=name == "order")
@@ -196,7 +197,7 @@ def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: s
         "area": "drainage area, km²",
         "order": "stream order",
     }[name]
-    _add_value_bar(sheet, norm, label, ramp)
+    add_value_bar(sheet, norm, label, ramp)
 
 
 def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
@@ -222,7 +223,7 @@ def _norm(values: np.ndarray, whole: bool = False) -> Any:
     return LogNorm(low, high) if high > 10.0 * low > 0.0 else Normalize(low, high)
 
 
-def _add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
+def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
     """Draw the colour bar of a value at the right of the strip."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
@@ -251,7 +252,7 @@ def _add_flow_arrow(sheet: Sheet, network: Any) -> None:
     from matplotlib import patheffects
 
     length = 0.45 * sheet.dpi * sheet.metres_per_pixel
-    lines, widths = select_inside(network.polylines(), network.point_widths(), sheet.window)
+    lines, widths = select_inside(network.polylines(close=True), network.point_widths(close=True), sheet.window)
     place = _arrow_place(lines, widths, sheet.window, length)
     if place is None:
         return
@@ -335,7 +336,7 @@ def add_channels(
     from matplotlib.path import Path
 
     axes = sheet.axes if axes is None else axes
-    lines, widths = network.polylines(), network.point_widths()
+    lines, widths = network.polylines(close=True), network.point_widths(close=True)
     drawn = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
     width = np.asarray(network.channel_width, np.float64)
     index = np.argsort(width if rank is None else rank, kind="stable")

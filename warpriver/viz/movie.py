@@ -69,14 +69,37 @@ def movie(
         "terrain": terrain,
         "bounds": history_bounds(history, last),
     }
+    # The last frame holds nearly every colour.
+    *_, sample = _frames(history, [last], layout, None)
+    ramps = (DEPOSIT_RAMP, OXBOW_RAMP)
+    write_frames(path, _frames(history, records, layout, progress), sample, fps=fps, hold=hold, ramps=ramps)
+
+
+def write_frames(
+    path: Any,
+    frames: Iterator[np.ndarray],
+    sample: np.ndarray,
+    *,
+    fps: float,
+    hold: float,
+    ramps: Sequence[Any] = (),
+) -> None:
+    """Write pictures of one size as a movie that appears whole, or not at all.
+
+    Args:
+        path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
+        frames: Pictures (rows, columns, 3) uint8; both even for .mp4.
+        sample: A picture that holds the colours of all: the palette of a .gif, so that nothing flickers.
+        fps: Frames a second.
+        hold: Time in s for which the last frame stays.
+        ramps: Ramps of colours that must not band in a .gif.
+    """
     with replacing(path, (".gif", ".mp4")) as temporary:
-        if suffix == ".mp4":
-            write = _mp4_writer()
-            write(temporary, _frames(history, records, layout, progress), fps, size, hold)
+        if pathlib.Path(path).suffix.lower() == ".mp4":
+            rows, columns = sample.shape[:2]
+            _mp4_writer()(temporary, frames, fps, (columns, rows), hold)
         else:
-            # The last frame holds nearly every colour: its palette serves all, so that nothing flickers.
-            *_, sample = _frames(history, [last], layout, None)
-            _write_gif(temporary, _frames(history, records, layout, progress), sample, fps, hold)
+            _write_gif(temporary, frames, sample, fps, hold, ramps)
 
 
 def _frames(
@@ -95,13 +118,15 @@ def _frames(
             progress(done, len(records))
 
 
-def _write_gif(path: str, frames: Iterator[np.ndarray], sample: np.ndarray, fps: float, hold: float) -> None:
+def _write_gif(
+    path: str, frames: Iterator[np.ndarray], sample: np.ndarray, fps: float, hold: float, ramps: Sequence[Any]
+) -> None:
     """Write a looping GIF with the palette of ``sample``."""
     from PIL import Image
 
     # The legend's colours are few but must not band: a patch of them gives them weight in the palette.
     ramp = np.linspace(0.0, 1.0, sample.shape[1])
-    patch = np.stack([color_ramp(stops, ramp) for stops in (DEPOSIT_RAMP, OXBOW_RAMP)])
+    patch = np.array([color_ramp(stops, ramp) for stops in ramps]).reshape(-1, *sample.shape[1:])
     patch = np.repeat(np.round(255.0 * patch).astype(np.uint8), max(1, sample.shape[0] // 6), axis=0)
     palette = Image.fromarray(np.concatenate([sample, patch])).quantize(256, method=Image.Quantize.MEDIANCUT)
     pictures = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]

@@ -1,0 +1,185 @@
+"""What a step by shortest paths costs: beside migration on the same rivers, and its search beside scipy's."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+import time
+from pathlib import Path
+
+# First: it sets the libraries to one core before NumPy is loaded.
+import step
+
+# isort: split
+import numpy as np
+import warp as wp
+from machine import machine
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+import warpriver as wr
+from warpriver.meander.cutoffs import cut_loops
+from warpriver.meander.shortcuts import PathBuffers, find_path, find_shortcuts
+
+SETTLE = 10  # steps before the measurement, so that each solver has cut what it cuts at once
+ROUNDS = 5
+
+
+def both(points: int, channel_points: int, device: str, dtype: str) -> tuple[wr.Simulation, wr.Simulation]:
+    """Migration and shortest paths on the same developed rivers, collisions off."""
+    migration = step.simulation(points, channel_points, device, dtype)
+    path = wr.Simulation(migration.network, wr.PathMeander(collision_distance=0.0))
+    for _ in range(SETTLE):
+        migration.step()
+        path.step()
+    return migration, path
+
+
+def least(sims: tuple[wr.Simulation, ...], steps: int) -> list[float]:
+    """Least seconds a step of each simulation, measured in turns."""
+    best = [np.inf] * len(sims)
+    for _ in range(ROUNDS):
+        for k, sim in enumerate(sims):
+            wp.synchronize_device(sim.device)
+            begin = time.perf_counter()
+            for _ in range(steps):
+                sim.step()
+            wp.synchronize_device(sim.device)
+            best[k] = min(best[k], (time.perf_counter() - begin) / steps)
+    return best
+
+
+def phase_costs(sim: wr.Simulation) -> dict[str, float]:
+    """Nanoseconds a point of each phase, launched one by one; the median over several steps."""
+    graphs = {}
+    for name, stages in itertools.groupby(sim._stages(), lambda stage: stage.phase):
+        with wp.ScopedCapture(device=sim.device) as recording:
+            sim._run(list(stages))
+        graphs[name] = recording.graph
+    costs: dict[str, list[float]] = {name: [] for name in graphs}
+    for _ in range(2 * ROUNDS):
+        sim.buffers.fault.zero_()
+        for name, graph in graphs.items():
+            wp.synchronize_device(sim.device)
+            begin = time.perf_counter()
+            wp.capture_launch(graph)
+            wp.synchronize_device(sim.device)
+            costs[name].append(time.perf_counter() - begin)
+    return {name: 1e9 * float(np.median(cost)) / sim.network.point_count for name, cost in costs.items()}
+
+
+def search_cost(network: wr.RiverNetwork) -> dict:
+    """Our sweep and scipy's search on the same graph, which a wide radius and no cone fill with shortcuts.
+
+    Beside the sweep stands what a step does around it: grid, list of edges, sweep, loops cut off.
+    """
+    sim = wr.Simulation(network, wr.PathMeander(collision_distance=0.0, search_radius=4.0, cone_angle=90.0))
+    buffers, channels, network, device = sim.buffers, sim.channels, sim.network, sim.device
+    assert isinstance(buffers, PathBuffers)
+    count, start = network.point_count, network.starts()
+    whole = sweep = np.inf
+    channels.set_step(np.ones(network.channel_count))  # none rests
+    for _ in range(ROUNDS + 1):
+        wp.copy(buffers.point_moved, network.point_xy)
+        wp.synchronize_device(device)
+        begin = time.perf_counter()
+        sim._run(find_shortcuts(network, channels, buffers, sim.params))
+        wp.synchronize_device(device)
+        middle = time.perf_counter()
+        sim._run(find_path(network, channels, buffers))
+        wp.synchronize_device(device)
+        after = time.perf_counter()
+        sim._run(cut_loops(network, channels, buffers))
+        wp.synchronize_device(device)
+        if buffers.link_count > buffers.link_capacity:
+            buffers.make_room_for_shortcuts()
+            continue
+        whole, sweep = min(whole, time.perf_counter() - begin), min(sweep, after - middle)
+    links = buffers.link_count
+    pairs = np.stack([buffers.link_from.numpy()[:links], buffers.link_to.numpy()[:links]], axis=1)
+    neighbours = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+    neighbours = np.delete(neighbours, start[1:-1] - 1, axis=0)
+    edges, xy = np.concatenate([neighbours, pairs]), network.points()
+    begin = time.perf_counter()
+    length = np.linalg.norm(xy[edges[:, 1]] - xy[edges[:, 0]], axis=1)
+    graph = coo_array((length, edges.T), shape=(count, count)).tocsr()
+    built, scipys = time.perf_counter() - begin, np.inf
+    for _ in range(3):
+        begin = time.perf_counter()
+        # All channels in one search: from each point the way to its own head.
+        distance = dijkstra(graph, indices=start[:-1], min_only=True)
+        scipys = min(scipys, time.perf_counter() - begin)
+    neck = buffers.point_neck.numpy()[:count]
+    i = np.flatnonzero(neck >= 0)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    saved = (arc[neck[i]] - arc[i] - np.hypot(*(xy[neck[i]] - xy[i]).T)).sum()
+    total = (arc[start[1:] - 1] - arc[start[:-1]]).sum()
+    return {
+        "points": count,
+        "channels": network.channel_count,
+        "shortcuts": links,
+        "sweep_ms": 1e3 * sweep,
+        "edges_sweep_and_cuts_ms": 1e3 * whole,
+        "scipy_search_ms": 1e3 * scipys,
+        "scipy_build_ms": 1e3 * built,
+        "ratio": scipys / sweep,
+        "length_difference": abs(total - saved - distance[start[1:] - 1].sum()) / total,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--dtype", default="float64", choices=("float64", "float32"))
+    parser.add_argument("--quick", action="store_true", help="sizes up to 100,000 points")
+    parser.add_argument("-o", "--out", help="JSON to write (default results/paths-DEVICE.json)")
+    options = parser.parse_args()
+    cases = [(n, step.CHANNEL_POINTS) for n in (10_000, 100_000)]
+    if not options.quick:
+        cases += [(1_000_000, step.CHANNEL_POINTS), (1_000_000, 1_000_000)]
+    heads = ("migration ns", "paths ns", "ratio", "shortcuts", "scipy/sweep")
+    print(f"{'points':>9} {'channels':>8} " + " ".join(f"{head:>12}" for head in heads))
+    rows = []
+    for points, channel_points in cases:
+        migration, path = both(points, channel_points, options.device, options.dtype)
+        cost = least((migration, path), max(3, 300_000 // points))
+        counts = [s.network.point_count for s in (migration, path)]
+        per_point = [1e9 * c / n for c, n in zip(cost, counts, strict=True)]
+        row = {
+            "points": counts[1],
+            "migration_points": counts[0],
+            "channels": path.network.channel_count,
+            "migration_ns_per_point": per_point[0],
+            "paths_ns_per_point": per_point[1],
+            "ratio": per_point[1] / per_point[0],
+            "bytes_per_point": path.buffers.nbytes / counts[1],
+            "search": search_cost(path.network),
+            "phases_ns_per_point": phase_costs(path),
+        }
+        rows.append(row)
+        print(
+            f"{row['points']:>9} {row['channels']:>8} {per_point[0]:>12.1f} {per_point[1]:>12.1f} "
+            f"{row['ratio']:>12.2f} {row['search']['shortcuts']:>12} {row['search']['ratio']:>12.1f}"
+        )
+        print("   ns a point by phase: " + ", ".join(f"{k} {v:.1f}" for k, v in row["phases_ns_per_point"].items()))
+    many = [r for r in rows if r["channels"] > 1]
+    sizes, costs = [r["points"] for r in many], [r["points"] * r["paths_ns_per_point"] for r in many]
+    slope = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+    print(f"cost grows as points^{slope:.3f}")
+    result = {
+        "benchmark": "paths",
+        "dtype": options.dtype,
+        "machine": machine(options.device, ("scipy",)),
+        "sizes": rows,
+        "exponent": slope,
+    }
+    target = Path(options.out) if options.out else step.RESULTS / f"paths-{options.device.split(':')[0]}.json"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(result, indent=2) + "\n")
+    print(f"written to {target}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

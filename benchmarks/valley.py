@@ -1,0 +1,171 @@
+"""What a synthetic valley costs: S1 to S6 at the paper's resolution, and a raster of S6 against its cells.
+
+The peer is what the paper does by hand, in the same run: its points, triangulated and interpolated onto the same raster
+(SciPy's LinearNDInterpolator).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+# One core: set before NumPy is loaded.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import numpy as np
+import warp as wp
+from machine import machine
+
+import warpriver as wr
+
+RESULTS = Path(__file__).parent / "results"
+NAMES = ("S1", "S2", "S3", "S4", "S5", "S6")
+# Spacing of the paper's points across the channel, m.
+SPACING = 0.1
+# The square of S6 that rasters cover, m.
+SQUARE = (0.0, -1000.0, 2000.0, 1000.0)
+ROUNDS = 5
+
+
+def seconds(call: Callable[[], object], rounds: int) -> float:
+    """Least time of one call."""
+    best = math.inf
+    for _ in range(rounds):
+        begin = time.perf_counter()
+        call()
+        wp.synchronize()
+        best = min(best, time.perf_counter() - begin)
+    return best
+
+
+def make(name: str, device: str) -> None:
+    """All that a valley has: layout, network, covariance, and its points at the paper's resolution."""
+    valley = wr.synthetic_valley(name, device=device)
+    valley.grid(SPACING), valley.network, valley.covariance
+
+
+def measure_examples(device: str) -> list[dict]:
+    """Points and seconds of each example, and of its default raster."""
+    rows = []
+    for name in NAMES:
+        valley = wr.synthetic_valley(name, device=device)
+        points, cells = len(valley.grid(SPACING).points()), math.prod(valley.terrain.shape)
+        rows.append(
+            {
+                "example": name,
+                "points": points,
+                "seconds": seconds(lambda name=name: make(name, device), ROUNDS),
+                "raster_cells": cells,
+                "raster_seconds": seconds(lambda v=valley: v.raster(v.cell_size), ROUNDS),
+            }
+        )
+        r = rows[-1]
+        print(
+            f"{name}: {points:>7} points {r['seconds']:.4f} s; raster {cells:>7} cells {r['raster_seconds']:.4f} s",
+            flush=True,
+        )
+    return rows
+
+
+def measure_rasters(sizes: list[int], device: str) -> list[dict]:
+    """Nanoseconds a cell of square rasters of S6."""
+    valley, rows = wr.synthetic_valley("S6", device=device), []
+    for size in sizes:
+        cell = (SQUARE[2] - SQUARE[0]) / size
+        spent = seconds(lambda cell=cell: valley.raster(cell, SQUARE), ROUNDS if size <= 2000 else 3)
+        rows.append({"size": size, "seconds": spent, "ns_per_cell": 1e9 * spent / size**2})
+        print(f"S6, {size} x {size} cells: {spent:.3f} s, {rows[-1]['ns_per_cell']:.1f} ns a cell", flush=True)
+    return rows
+
+
+def measure_peer() -> dict:
+    """S3 by triangulation of its points, against our raster of the same cells; and how far both lie apart."""
+    from scipy.interpolate import LinearNDInterpolator
+
+    valley = wr.synthetic_valley("S3")
+    points = valley.grid(0.5).points()
+    west, north = valley.terrain.origin
+    rows, columns = valley.terrain.shape
+    size = valley.terrain.cell_size
+    x, y = np.meshgrid(west + (np.arange(columns) + 0.5) * size, north - (np.arange(rows) + 0.5) * size)
+    begin = time.perf_counter()
+    height = LinearNDInterpolator(points[:, :2], points[:, 2])(x, y)
+    peer = time.perf_counter() - begin
+    own = seconds(lambda: valley.raster(size), ROUNDS)
+    difference = np.abs(height - valley.raster(size).to_numpy())
+    result = {
+        "points": len(points),
+        "cells": rows * columns,
+        "seconds": peer,
+        "ratio": peer / own,
+        "median_difference_m": float(np.nanmedian(difference)),
+    }
+    print(f"triangulation of {len(points)} points onto {rows * columns} cells: {peer:.2f} s, x {result['ratio']:.0f}")
+    return result
+
+
+def measure_memory(size: int) -> None:
+    """Print the peak of bytes a cell of a raster of S6; for a process of its own."""
+    valley = wr.synthetic_valley("S6")
+    valley.raster(40.0)
+    Path("/proc/self/clear_refs").write_text("5")  # sets the peak back
+    before = status("VmRSS")
+    valley.raster((SQUARE[2] - SQUARE[0]) / size, SQUARE)
+    print(json.dumps((status("VmHWM") - before) / size**2))
+
+
+def status(field: str) -> int:
+    """Bytes in a field of the process status of Linux."""
+    rows = Path("/proc/self/status").read_text().splitlines()
+    return next(1024 * int(row.split()[1]) for row in rows if row.startswith(field + ":"))
+
+
+def memory(sizes: list[int]) -> dict[int, float] | None:
+    """Peak bytes a cell by size; None where the system does not tell."""
+    found = {}
+    for size in sizes:
+        command = [sys.executable, __file__, "--measure-memory", str(size)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            return None
+        found[size] = json.loads(done.stdout.splitlines()[-1])
+    print("peak bytes a cell: " + ", ".join(f"{size}: {used:.1f}" for size, used in found.items()))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--quick", action="store_true", help="rasters up to 1000 x 1000")
+    parser.add_argument("-o", "--out", help="JSON to write (default results/valley-DEVICE.json)")
+    parser.add_argument("--measure-memory", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.measure_memory:
+        measure_memory(options.measure_memory)
+        return
+    sizes = [500, 1000] if options.quick else [500, 1000, 2000, 4000]
+    result = {
+        "benchmark": "valley",
+        "machine": machine(options.device, ("scipy",)),
+        "spacing_m": SPACING,
+        "examples": measure_examples(options.device),
+        "rasters": measure_rasters(sizes, options.device),
+        "triangulation": measure_peer(),
+        "peak_bytes_per_cell": memory(sizes[1:]),
+    }
+    target = Path(options.out) if options.out else RESULTS / f"valley-{options.device.replace(':', '')}.json"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(result, indent=2) + "\n")
+    print(f"written to {target}")
+
+
+if __name__ == "__main__":
+    main()

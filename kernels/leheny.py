@@ -1,0 +1,426 @@
+"""Leheny's erosion: rain that walks downhill by chance, digs where it has been, and slides that follow it."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels import cells
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the kernels of Leheny's model for one precision of the heights.
+
+    Heights are multiples of ``quantum``, a power of two so small that none of their sums is ever rounded: what several
+    threads take away adds up to the same in any order, and a cell that was lower stays lower.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.leheny_{scalar.__name__}"
+    raster = cells.build(scalar)
+    row_step, column_step = raster.row_step, raster.column_step
+    vec8 = wp.types.vector(8, scalar)
+    ZERO, QUARTER = scalar(0.0), scalar(0.25)
+    OUTLET = wp.uint8(cells.OUTLET)
+    NO, YES = wp.uint8(0), wp.uint8(1)
+    # A choice is kept as 16 times the batch it holds for, and the number of the neighbour; this one: none is lower.
+    NONE = 8
+
+    @wp.struct
+    class Law:
+        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m.
+
+        ``block`` is the length in cells of the parts of rows whose slides are looked for together.
+        """
+
+        rows: int
+        columns: int
+        wraps_rows: int
+        wraps_columns: int
+        four: int
+        block: int
+        bias: scalar
+        depth: scalar
+        threshold: scalar
+        quantum: scalar
+
+    @wp.func(module=name)
+    def neighbor(law: Law, cell: int, k: int) -> int:
+        """Neighbour k of a cell, 0 to 7 clockwise from the north; -1 beyond a wall, and on the diagonal of four."""
+        if law.four == 1 and (k & 1) == 1:
+            return -1
+        row = cell // law.columns + row_step(k)
+        column = cell % law.columns + column_step(k)
+        if row < 0 or row >= law.rows:
+            if law.wraps_rows == 0:
+                return -1
+            row = (row + law.rows) % law.rows
+        if column < 0 or column >= law.columns:
+            if law.wraps_columns == 0:
+                return -1
+            column = (column + law.columns) % law.columns
+        return row * law.columns + column
+
+    @wp.func(module=name)
+    def is_inner(law: Law, cell: int) -> bool:
+        """Whether all eight neighbours of a cell lie beside it in the raster."""
+        row = cell // law.columns
+        column = cell - row * law.columns
+        return row > 0 and row < law.rows - 1 and column > 0 and column < law.columns - 1
+
+    @wp.func(module=name)
+    def lower_neighbor(law: Law, base: int, cell: int, part: scalar, cell_height: wp.array[scalar]) -> int:
+        """Number k of the neighbour that water goes to, of those that are lower; ``NONE`` if none is [Leheny1995].
+
+        p_k = exp(E (h - h_k)) / N, where N sums over the lower neighbours only. Falls are taken from the steepest one,
+        so that no exponential exceeds 1. ``part``, in [0, 1), chooses along the cumulated probabilities.
+        """
+        height = cell_height[base + cell]
+        inner = is_inner(law, cell)
+        fall = vec8()
+        steepest = scalar(0.0)
+        for k in range(8):
+            n = cell + row_step(k) * law.columns + column_step(k)
+            if not inner or law.four == 1:
+                n = neighbor(law, cell, k)
+            if n >= 0:
+                fall[k] = height - cell_height[base + n]
+                # Beyond a wall within the terrain there is NaN, which is never lower.
+                if fall[k] > steepest:
+                    steepest = fall[k]
+        if steepest == ZERO:
+            return NONE
+        total = scalar(0.0)
+        for k in range(8):
+            if fall[k] > ZERO:
+                fall[k] = wp.exp(law.bias * (fall[k] - steepest))
+                total += fall[k]
+            else:
+                fall[k] = ZERO
+        rest = part * total
+        chosen = int(NONE)
+        for k in range(8):
+            # Rounding may leave a rest at the end: then it is the last that has a probability.
+            if fall[k] > ZERO and rest >= ZERO:
+                chosen = k
+                rest -= fall[k]
+        return chosen
+
+    @wp.func(module=name)
+    def slip(law: Law, difference: scalar) -> scalar:
+        """A quarter of a difference in height, down to a whole number of quanta."""
+        return wp.floor(QUARTER * difference / law.quantum) * law.quantum
+
+    @wp.func(module=name)
+    def pair_color(line: int, lines: int, wraps: int) -> int:
+        """Colour of the pairs that begin in a row or column: its parity, or 2 for the last one of an odd ring."""
+        if wraps == 1 and (lines & 1) == 1 and line == lines - 1:
+            return 2
+        return line & 1
+
+    @wp.func(module=name)
+    def settle_around(
+        law: Law,
+        base: int,
+        size: int,
+        cell_height_io: wp.array[scalar],
+        stack_io: wp.array[int],
+        cell_waiting_io: wp.array[wp.uint8],
+    ) -> int:
+        """Let slides come down to the cells on the stack, the last one first, until there is rest; counts the slides.
+
+        Around a cell the neighbours are dealt with clockwise from the north: each is lowered by a quarter of the
+        difference until that is no more than M, and then waits on the stack itself.
+        """
+        slides = int(0)
+        while size > 0:
+            size -= 1
+            cell = stack_io[base + size]
+            cell_waiting_io[base + cell] = NO
+            height = cell_height_io[base + cell]
+            inner = is_inner(law, cell)
+            for k in range(8):
+                n = cell + row_step(k) * law.columns + column_step(k)
+                if not inner or law.four == 1:
+                    n = neighbor(law, cell, k)
+                if n >= 0:
+                    difference = cell_height_io[base + n] - height
+                    if difference > law.threshold:
+                        while difference > law.threshold:
+                            difference -= slip(law, difference)
+                            slides += 1
+                        cell_height_io[base + n] = height + difference
+                        if cell_waiting_io[base + n] == NO:
+                            cell_waiting_io[base + n] = YES
+                            stack_io[base + size] = n
+                            size += 1
+        return slides
+
+    @wp.kernel(module=name, enable_backward=False)
+    def erode_serially(
+        # params
+        law: Law,
+        first: int,
+        count: int,
+        # in
+        grid_seed: wp.array[int],
+        ground: wp.array[int],
+        cell_state: wp.array[wp.uint8],
+        # out
+        cell_height_io: wp.array[scalar],
+        stack_io: wp.array[int],
+        cell_waiting_out: wp.array[wp.uint8],
+        grid_tally_io: wp.array[wp.int64],
+    ):
+        """Do the events first .. first + count - 1 of one grid, one after another [Leheny1995].
+
+        Rain falls on a random cell, walks down to an outlet, lowers each cell of its way by D; then slides come to
+        rest. The numbers of an event are those of a counter-based state made of the grid's seed and the event. The
+        tally gains visited cells, slides, and walks that ended elsewhere than at an outlet: three numbers a grid.
+        ``cell_waiting_out`` is 0 before and after.
+        """
+        grid = wp.tid()
+        base = grid * cell_state.shape[0]
+        visits = wp.int64(0)
+        slides = wp.int64(0)
+        stuck = wp.int64(0)
+        for event in range(first, first + count):
+            random = wp.rand_init(grid_seed[grid], event)
+            cell = ground[wp.randi(random, 0, ground.shape[0])]
+            size = int(0)
+            k = int(0)
+            while k != NONE:
+                stack_io[base + size] = cell
+                size += 1
+                k = NONE
+                if cell_state[cell] != OUTLET:
+                    k = lower_neighbor(law, base, cell, scalar(wp.randf(random)), cell_height_io)
+                    if k == NONE:
+                        stuck += wp.int64(1)
+                    else:
+                        cell = neighbor(law, cell, k)
+            for i in range(size):
+                visited = stack_io[base + i]
+                cell_height_io[base + visited] = cell_height_io[base + visited] - law.depth
+                cell_waiting_out[base + visited] = YES
+            visits += wp.int64(size)
+            slides += wp.int64(settle_around(law, base, size, cell_height_io, stack_io, cell_waiting_out))
+        grid_tally_io[3 * grid] += visits
+        grid_tally_io[3 * grid + 1] += slides
+        grid_tally_io[3 * grid + 2] += stuck
+
+    @wp.kernel(module=name, enable_backward=False)
+    def walk_together(
+        # params
+        law: Law,
+        seed: int,
+        turn_seed: int,
+        first: int,
+        batch: int,
+        # in
+        ground: wp.array[int],
+        cell_state: wp.array[wp.uint8],
+        cell_height: wp.array[scalar],
+        # out
+        cell_choice_io: wp.array[int],
+        cell_visits_io: wp.array[int],
+        tally_io: wp.array[wp.int64],
+    ):
+        """Walk of the event first + tid over heights that stay as they are; counts the visits of each cell.
+
+        All walks of a batch leave a cell by the same neighbour: its random number belongs to batch and cell. So no
+        cell loses more than the one that its water goes to, and no pit can come up. What a cell's first visitor has
+        worked out is kept for the others; any of them would write the same.
+        """
+        event = first + wp.tid()
+        random = wp.rand_init(seed, event)
+        cell = ground[wp.randi(random, 0, ground.shape[0])]
+        size = int(0)
+        k = int(0)
+        while k != NONE:
+            wp.atomic_add(cell_visits_io, cell, 1)
+            size += 1
+            k = NONE
+            if cell_state[cell] != OUTLET:
+                choice = cell_choice_io[cell]
+                k = choice & 15
+                if choice >> 4 != batch:
+                    turn = wp.rand_init(turn_seed, cell)
+                    k = lower_neighbor(law, 0, cell, scalar(wp.randf(turn)), cell_height)
+                    cell_choice_io[cell] = 16 * batch + k
+                if k == NONE:
+                    wp.atomic_add(tally_io, 2, wp.int64(1))
+                else:
+                    cell = neighbor(law, cell, k)
+        wp.atomic_add(tally_io, 0, wp.int64(size))
+
+    @wp.kernel(module=name, enable_backward=False)
+    def lower_visited(
+        # params
+        law: Law,
+        chunk: int,
+        # out
+        cell_height_io: wp.array2d[scalar],
+        cell_visits_io: wp.array2d[int],
+        block_active_io: wp.array[int],
+    ):
+        """Lower the cells of a part of a row by D a visit, count anew, and mark its block where that has changed some.
+
+        ``chunk``, the length of a part, divides that of a block.
+        """
+        row, part = wp.tid()
+        changed = int(0)
+        for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
+            visits = cell_visits_io[row, column]
+            if visits > 0:
+                cell_height_io[row, column] = cell_height_io[row, column] - scalar(visits) * law.depth
+                cell_visits_io[row, column] = 0
+                changed = 1
+        if changed == 1:
+            blocks = (law.columns + law.block - 1) // law.block
+            wp.atomic_max(block_active_io, row * blocks + part * chunk // law.block, 1)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def mark_unstable(
+        # params
+        law: Law,
+        chunk: int,
+        # in
+        listed: wp.array[int],
+        cell_height: wp.array[scalar],
+        # out
+        block_unstable_io: wp.array[int],
+    ):
+        """Mark those of the listed blocks in which a pair begins that differs by more than M.
+
+        ``chunk``, the length of a thread's part of a block, divides it.
+        """
+        place, part = wp.tid()
+        blocks = (law.columns + law.block - 1) // law.block
+        row = listed[place] // blocks
+        begin = (listed[place] % blocks) * law.block + part * chunk
+        found = int(0)
+        for column in range(begin, wp.min(begin + chunk, law.columns)):
+            cell = row * law.columns + column
+            height = cell_height[cell]
+            inner = is_inner(law, cell)
+            for k in range(2, 6):
+                n = cell + row_step(k) * law.columns + column_step(k)
+                if not inner or law.four == 1:
+                    n = neighbor(law, cell, k)
+                if n >= 0:
+                    if wp.abs(height - cell_height[n]) > law.threshold:
+                        found = 1
+        if found == 1:
+            wp.atomic_max(block_unstable_io, listed[place], 1)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def slide_pairs(
+        # params
+        law: Law,
+        k: int,
+        color: int,
+        chunk: int,
+        # in
+        listed: wp.array[int],
+        # out
+        cell_height_io: wp.array[scalar],
+        block_moved_io: wp.array[int],
+        tally_io: wp.array[wp.int64],
+    ):
+        """Bring the pairs of cells and their neighbours k, of one colour, to rest; k is 2, 3, 4 or 5.
+
+        Pairs are coloured by the parity of the column (k = 2) or row that they begin in; where that wraps around and is
+        odd in number, the last one has colour 2. No cell is in two pairs of a k and colour: the order does not matter.
+        Only pairs that begin in listed blocks are looked at; blocks are marked in which a cell was lowered. ``chunk``,
+        the length of a thread's part of a block, divides it.
+        """
+        place, part = wp.tid()
+        blocks = (law.columns + law.block - 1) // law.block
+        row = listed[place] // blocks
+        below = row
+        column = (listed[place] % blocks) * law.block + part * chunk
+        end = wp.min(column + chunk, law.columns)
+        step = int(1)
+        own = int(color)
+        aside = column_step(k)
+        threshold = law.threshold
+        if k == 2:
+            step = 2
+            column += (column + color) & 1
+            if color == 2:
+                column = law.columns - 1
+        else:
+            below = row + 1
+            own = pair_color(row, law.rows, law.wraps_rows)
+            if below == law.rows:
+                below = wp.where(law.wraps_rows == 1, 0, row)
+                own = wp.where(law.wraps_rows == 1, own, -1)
+        if own != color:
+            end = 0
+        slides = int(0)
+        while column < end:
+            beside = column + aside
+            if beside < 0 or beside >= law.columns:
+                # Only there may a pair not exist, or one to the east have colour 2.
+                beside = (beside + law.columns) % law.columns
+                if law.wraps_columns == 0:
+                    beside = -1
+                if k == 2 and pair_color(column, law.columns, law.wraps_columns) != color:
+                    beside = -1
+            if beside >= 0:
+                high = row * law.columns + column
+                low = below * law.columns + beside
+                difference = cell_height_io[high] - cell_height_io[low]
+                if wp.abs(difference) > threshold:
+                    if difference < ZERO:
+                        n = high
+                        high = low
+                        low = n
+                        difference = -difference
+                    while difference > threshold:
+                        difference -= slip(law, difference)
+                        slides += 1
+                    cell_height_io[high] = cell_height_io[low] + difference
+                    moved = (high // law.columns) * blocks + (high % law.columns) // law.block
+                    wp.atomic_max(block_moved_io, moved, 1)
+            column += step
+        if slides > 0:
+            wp.atomic_add(tally_io, 1, wp.int64(slides))
+
+    @wp.kernel(module=name, enable_backward=False)
+    def raise_courses(
+        # params
+        law: Law,
+        least: scalar,
+        # in
+        cell_below: wp.array[int],
+        order: wp.array[int],
+        # out
+        cell_height_io: wp.array[scalar],
+    ):
+        """Raise cells until each lies ``least`` or more above the one below it on its course; on one thread.
+
+        ``order`` has each cell after the one below it, which is -1 at outlets.
+        """
+        for i in range(order.shape[0]):
+            cell = order[i]
+            below = cell_below[cell]
+            if below >= 0:
+                floor = cell_height_io[below] + least
+                if cell_height_io[cell] < floor:
+                    cell_height_io[cell] = floor
+
+    return SimpleNamespace(
+        Law=Law,
+        erode_serially=erode_serially,
+        walk_together=walk_together,
+        lower_visited=lower_visited,
+        mark_unstable=mark_unstable,
+        slide_pairs=slide_pairs,
+        raise_courses=raise_courses,
+    )

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+import warp as wp
+from kernel_arrays import REALS, SCALARS, forms, starts_of, to_device, unwritten
+
+from warpriver.kernels import junctions
+
+SPACING, WIDTH, STEP, REACH = 20.0, 8.0, 0.4, 12.0
+# Sums of coordinates of some hundred metres.
+TOLERANCE = {"float64": 1e-12, "float32": 1e-4}
+
+
+def random_forest(rng, count):
+    """Lines that flow into each other: lines, the channel below each, and what it starts with, all by hand."""
+    below = np.full(count, -1)
+    arrivals = np.zeros(count, int)
+    for c in range(1, count):
+        d = int(rng.integers(0, c))
+        if arrivals[d] < 2 and rng.random() < 0.9:
+            below[c] = d
+            arrivals[d] += 1
+    lines = [None] * count
+    for c in range(count):
+        line = rng.uniform(-300.0, 300.0, 2) + np.cumsum(rng.normal(0.0, SPACING, (int(rng.integers(3, 30)), 2)), 0)
+        if below[c] >= 0:
+            line[-1] = lines[below[c]][0]
+        lines[c] = line
+    return lines, below, arrivals
+
+
+def twin(lines, below, arrivals, drift, step, number):
+    """The same lines after the drift."""
+    moved = [line.copy() for line in lines]
+    for c, line in enumerate(lines):
+        upper = np.flatnonzero(below == c)
+        long = (len(line) - 1) * SPACING > 10.0 * WIDTH
+        if number != 0 or not len(upper) or not long or step[c] == 0.0 or not (step[upper] > 0.0).all():
+            continue
+        along = line[1] - line[0]
+        size = np.hypot(*along)
+        moved[c][0] = line[0] + along / size * min(drift[c] * STEP, 0.5 * size)
+        shift = moved[c][0] - line[0]
+        for u in upper:
+            count = min(int(REACH * WIDTH / SPACING), (len(lines[u]) - 1) // 2)
+            t = np.clip(1.0 - np.arange(len(lines[u]))[::-1] / max(count, 1), 0.0, 1.0)
+            moved[u] = moved[u] + shift * (t * t * (3.0 - 2.0 * t))[:, None]
+            moved[u][-1] = moved[c][0]
+    return moved
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_drift_matches_the_twin(device, dtype, number):
+    rng, scalar = np.random.default_rng(5), SCALARS[dtype]
+    kernel, shifted = junctions.build(scalar), 0
+    for _ in range(20):
+        lines, below, arrivals = random_forest(rng, int(rng.integers(2, 25)))
+        count = len(lines)
+        drift, step = rng.uniform(0.0, 40.0, count), rng.choice([0.0, STEP, STEP, STEP, STEP], count)
+        points = to_device(np.concatenate(lines).astype(REALS[dtype]), kernel.vec2, device)
+        start = to_device(starts_of(lines), wp.int32, device)
+        arrays = {"below": below, "tributaries": arrivals, "awake": np.zeros(count)}
+        arrays = {key: to_device(value.astype(np.int32), wp.int32, device) for key, value in arrays.items()}
+        drifts, steps = (to_device(v, scalar, device) for v in (drift, step))
+        spacing = to_device(np.full(count, SPACING), scalar, device)
+        form = forms(WIDTH, 1.0, np.full(count, WIDTH), SPACING, scalar, device)
+        substep = to_device([number, 3], wp.int32, device)
+        wp.launch(kernel.count_awake, count, [arrays["below"], steps], [arrays["awake"]], device=device)
+        inputs = [start, form, spacing, steps, arrays["tributaries"], drifts, scalar(STEP), substep, arrays["awake"]]
+        shift = unwritten(count, kernel.vec2, device)
+        wp.launch(kernel.shift_heads, count, inputs, [shift, points], device=device)
+        inputs = [start, form, spacing, arrays["below"], scalar(REACH), shift]
+        wp.launch(kernel.follow_heads, count, inputs, [points], device=device)
+        moves = np.hypot(*shift.numpy().T) > 0.0
+        expected = np.concatenate(twin(lines, below, arrivals, drift, step, number))
+        np.testing.assert_allclose(points.numpy(), expected, atol=TOLERANCE[dtype], rtol=0.0)
+        shifted += int(moves.sum())
+        heads = starts_of(lines)
+        for c in np.flatnonzero(below >= 0):
+            if moves[below[c]]:
+                np.testing.assert_array_equal(points.numpy()[heads[c + 1] - 1], points.numpy()[heads[below[c]]])
+    assert shifted > 10 or number > 0

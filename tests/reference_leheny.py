@@ -1,0 +1,172 @@
+"""Float64 twin of Leheny's erosion: event by event on a NumPy raster, written from the rules."""
+
+import math
+
+import numpy as np
+from reference_terrain import pcg
+
+STEPS = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+
+
+class Lots:
+    """Counter-based random numbers: the state is made of two whole numbers, each draw is another round of the hash."""
+
+    def __init__(self, seed, counter):
+        self.state = pcg((seed + pcg(counter & 0xFFFFFFFF)) & 0xFFFFFFFF)
+
+    def draw(self):
+        self.state = pcg(self.state)
+        return self.state
+
+    def whole(self, count):
+        return self.draw() % count
+
+    def part(self):
+        return (self.draw() >> 8) / 2.0**24
+
+
+class Ground:
+    """Heights in whole quanta, which of them are outlets, and who is whose neighbour."""
+
+    def __init__(
+        self,
+        height,
+        outlet,
+        wraps=(False, False),
+        four=False,
+        bias=0.05,
+        depth=10.0,
+        threshold=2000.0,
+        quantum=2.0**-21,
+    ):
+        self.height, self.outlet, self.wraps, self.four = np.array(height, np.float64), outlet, wraps, four
+        self.bias, self.depth, self.threshold, self.quantum = bias, depth, threshold, quantum
+        self.cells = [tuple(int(v) for v in rc) for rc in np.argwhere(~np.isnan(self.height))]
+        self.slides = 0
+        self.block = 4
+
+    def neighbor(self, cell, k):
+        """Neighbour k, around periodic sides; None beyond the others, and where there is no data."""
+        if self.four and k % 2:
+            return None
+        found = []
+        for place, step, size, wraps in zip(cell, STEPS[k], self.height.shape, self.wraps, strict=True):
+            if not 0 <= place + step < size and not wraps:
+                return None
+            found.append((place + step) % size)
+        return None if np.isnan(self.height[tuple(found)]) else tuple(found)
+
+    def neighbors(self, cell):
+        return [n for n in (self.neighbor(cell, k) for k in range(8)) if n is not None]
+
+    def probabilities(self, cell):
+        """Lower neighbours and the part of the water that each gets in the mean."""
+        falls = [(n, self.height[cell] - self.height[n]) for n in self.neighbors(cell)]
+        falls = [(n, fall) for n, fall in falls if fall > 0.0]
+        steepest = max((fall for _, fall in falls), default=0.0)
+        weights = [math.exp(self.bias * (fall - steepest)) for _, fall in falls]
+        return [n for n, _ in falls], np.array(weights) / sum(weights) if weights else np.zeros(0)
+
+    def goes_to(self, cell, part):
+        lower, p = self.probabilities(cell)
+        return lower[min(int(np.searchsorted(np.cumsum(p), part, side="right")), len(lower) - 1)]
+
+    # ---- one after another
+
+    def event(self, seed, number):
+        """Rain, its way, what it takes, and the slides; returns the way."""
+        lots = Lots(seed, number)
+        way = [self.cells[lots.whole(len(self.cells))]]
+        while not self.outlet[way[-1]]:
+            way.append(self.goes_to(way[-1], lots.part()))
+        for cell in way:
+            self.height[cell] -= self.depth
+        waiting = list(way)
+        while waiting:
+            cell = waiting.pop()
+            for n in self.neighbors(cell):
+                if self.slide(n, cell) and n not in waiting:
+                    waiting.append(n)
+        return way
+
+    def slide(self, high, low):
+        """Lower one of two neighbours by quarters until they differ by no more than M; says whether it was."""
+        moved = False
+        while self.height[high] - self.height[low] > self.threshold:
+            quarter = (self.height[high] - self.height[low]) / 4.0
+            self.height[high] -= math.floor(quarter / self.quantum) * self.quantum
+            self.slides += 1
+            moved = True
+        return moved
+
+    # ---- in batches
+
+    def batch(self, seed, turn_seed, numbers):
+        """Ways over heights that stay, one turn a cell; then all they take, then slides; returns the ways."""
+        ways = []
+        for number in numbers:
+            way = [self.cells[Lots(seed, number).whole(len(self.cells))]]
+            while not self.outlet[way[-1]]:
+                index = way[-1][0] * self.height.shape[1] + way[-1][1]
+                way.append(self.goes_to(way[-1], Lots(turn_seed, index).part()))
+            ways.append(way)
+        for way in ways:
+            for cell in way:
+                self.height[cell] -= self.depth
+        self.rest({self.block_of(cell) for way in ways for cell in way})
+        return ways
+
+    def color(self, place, axis):
+        """Parity of a row or column; 2 for the last one of an odd number that wraps."""
+        size = self.height.shape[axis]
+        return 2 if self.wraps[axis] and size % 2 and place == size - 1 else place % 2
+
+    def pairs(self, k, color):
+        """Cells and their neighbours k of one colour."""
+        axis = 1 if k == 2 else 0
+        pairs = [(cell, self.neighbor(cell, k)) for cell in self.cells if self.color(cell[axis], axis) == color]
+        return [(a, b) for a, b in pairs if b is not None]
+
+    def block_of(self, cell):
+        """Row, and number of the part of it, that a cell lies in."""
+        return cell[0], cell[1] // self.block
+
+    def looked_at(self, a, active):
+        """Whether a pair that begins in a is in a sweep: blocks around a's, in its row or below, are active."""
+        blocks = -(-self.height.shape[1] // self.block)
+        around = [self.block_of(a)[1] + step for step in (-1, 0, 1)]
+        around = [n % blocks if self.wraps[1] else n for n in around]
+        below = (a[0] + 1) % self.height.shape[0] if self.wraps[0] else a[0] + 1
+        return any((row, n) in active for row in (a[0], below) for n in around)
+
+    def sweep(self, active, rng=None):
+        """Every group of pairs once, those in or beside active blocks, in any order; returns the blocks that moved."""
+        moved = set()
+        for k in (2, 3, 4, 5):
+            for color in range(3):
+                pairs = [(a, b) for a, b in self.pairs(k, color) if self.looked_at(a, active)]
+                if rng is not None:
+                    rng.shuffle(pairs)
+                for a, b in pairs:
+                    moved |= (
+                        {self.block_of(a)} if self.slide(a, b) else {self.block_of(b)} if self.slide(b, a) else set()
+                    )
+        return moved
+
+    def unstable(self, active):
+        """Blocks in which a pair begins that has to slide, in or beside active ones."""
+        pairs = [pair for k in (2, 3, 4, 5) for color in range(3) for pair in self.pairs(k, color)]
+        steep = [(a, b) for a, b in pairs if abs(self.height[a] - self.height[b]) > self.threshold]
+        return {self.block_of(a) for a, b in steep if self.looked_at(a, active)}
+
+    def rest(self, active):
+        while unstable := self.unstable(active):
+            active = self.sweep(unstable)
+
+    # ---- what must hold
+
+    def pits(self):
+        return [c for c in self.cells if not self.outlet[c] and not len(self.probabilities(c)[0])]
+
+    def largest_difference(self):
+        return max(abs(self.height[c] - self.height[n]) for c in self.cells for n in self.neighbors(c))

@@ -1,0 +1,477 @@
+"""Control functions of synthetic valleys: terms that are summed, each a function of the position along the reach.
+
+A term is a frozen dataclass that is called with positions ``u``, 0 at the upstream end of the reach and 1 at its
+downstream end, and returns values of the same shape. A control function is a tuple of terms, evaluated by
+:func:`evaluate`; large and small scales are terms of one sum. Frequencies count cycles over the reach. Beyond the ends
+the analytic terms go on as they are; those that are given or drawn at points keep their end values.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpriver.params import check_ranges, parameter
+
+__all__ = [
+    "TERMS",
+    "Autoregressive",
+    "Cnoidal",
+    "GradientNoise",
+    "Harmonic",
+    "Kinoshita",
+    "Series",
+    "SineGenerated",
+    "Spectral",
+    "Spline",
+    "Steps",
+    "Term",
+    "check_fields",
+    "cosine",
+    "evaluate",
+    "freeze_numbers",
+    "sine",
+    "strongest_harmonics",
+]
+
+FloatArray = NDArray[np.float64]
+# A term: any callable of the position along the reach.
+Term = Callable[[FloatArray], FloatArray]
+
+TURN = 2.0 * math.pi
+# Samples of one wavelength of a curve that is integrated from its direction, and those that its extremes are among.
+_PERIOD, _DENSE = 256, 8192
+# Largest angle of a sine-generated curve that still advances: the first zero of the Bessel function J0.
+_LARGEST_ANGLE = 2.404825557695773
+# Steps before the first of an autoregressive series, over which its arbitrary start is forgotten, in wavelengths.
+_SPIN_UP = 20.0
+
+
+def _amplitude() -> Any:
+    return parameter(1.0, "-", source="Brown2014", doc="size of the variation; in m for elements given in m")
+
+
+def _frequency() -> Any:
+    return parameter(1.0, "cycles a reach", low=0.0, source="Brown2014", doc="angular frequency, cycles over the reach")
+
+
+def _phase() -> Any:
+    return parameter(0.0, "rad", source="Brown2014", doc="phase shift")
+
+
+def _seed() -> Any:
+    return parameter(0, "-", low=0.0, source="warpriver", doc="seed of what is random, a whole number")
+
+
+def check_fields(thing: Any) -> None:
+    """Raise ``ValueError`` for the first constant out of its declared range, or not whole where it has to be."""
+    check_ranges(thing)
+    for f in dataclasses.fields(thing):
+        value = getattr(thing, f.name)
+        if f.type == "int" and (isinstance(value, bool) or value != int(value)):
+            raise ValueError(f"{type(thing).__name__}.{f.name} is {value!r}; give a whole number")
+        if f.type == "bool" and not isinstance(value, bool):
+            raise ValueError(f"{type(thing).__name__}.{f.name} is {value!r}; give true or false")
+
+
+class _Checked:
+    """Terms whose numbers are checked against the ranges that their fields declare."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class Harmonic(_Checked):
+    """One sinusoid, f = amplitude sin(2 pi frequency u + phase), or its cosine [Brown2014], eq. 5."""
+
+    amplitude: float = _amplitude()
+    frequency: float = _frequency()
+    phase: float = _phase()
+    wave: str = parameter("sin", "-", choices=("sin", "cos"), source="Brown2014", doc="sine or cosine")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        angle = TURN * self.frequency * u + self.phase
+        return self.amplitude * (np.sin(angle) if self.wave == "sin" else np.cos(angle))
+
+
+def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Harmonic:
+    """Return the term amplitude sin(2 pi frequency u + phase)."""
+    return Harmonic(amplitude, frequency, phase, "sin")
+
+
+def cosine(amplitude: float, frequency: float, phase: float = 0.0) -> Harmonic:
+    """Return the term amplitude cos(2 pi frequency u + phase)."""
+    return Harmonic(amplitude, frequency, phase, "cos")
+
+
+@dataclasses.dataclass(frozen=True)
+class Kinoshita(_Checked):
+    """Sideways offset of a Kinoshita curve along its length, scaled to reach ``amplitude`` [Kinoshita1961].
+
+    The direction is theta = angle sin p + angle^3 (skewness cos 3p - flatness sin 3p) with p = 2 pi frequency u +
+    phase, and the offset the integral of sin theta: round or pointed crests as the angle asks for. As a centreline in
+    plan, whose x is no longer even, take ``warpriver.generate.kinoshita``.
+    """
+
+    amplitude: float = _amplitude()
+    frequency: float = _frequency()
+    phase: float = _phase()
+    angle: float = parameter(
+        1.9, "rad", low=0.0, high=_LARGEST_ANGLE, low_open=True, source="Kinoshita1961", doc="largest direction angle"
+    )
+    skewness: float = parameter(1.0 / 32.0, "-", source="Kinoshita1961", doc="skewing of bends, > 0 upstream")
+    flatness: float = parameter(1.0 / 192.0, "-", source="Kinoshita1961", doc="flattening of bends")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        p = TURN * np.arange(_PERIOD) / _PERIOD
+        third = self.skewness * np.cos(3.0 * p) - self.flatness * np.sin(3.0 * p)
+        slope = np.fft.rfft(np.sin(self.angle * np.sin(p) + self.angle**3 * third)) / _PERIOD
+        order = np.arange(1, _PERIOD // 4)
+        # Integrated term by term; the spectrum of a smooth periodic function ends well below that many orders.
+        part = 2.0 * slope[order] / (1j * order)
+        one = np.fft.irfft(np.concatenate([[0.0], part]), _DENSE) * (0.5 * _DENSE)
+        middle, half = 0.5 * (one.max() + one.min()), 0.5 * np.ptp(one)
+        angle = np.ravel(TURN * self.frequency * u + self.phase)
+        value = np.zeros(angle.size)
+        for k in np.flatnonzero(np.abs(part) > 1e-15 * half):
+            value += part[k].real * np.cos(order[k] * angle) - part[k].imag * np.sin(order[k] * angle)
+        return (self.amplitude * (value - middle) / half).reshape(np.shape(u))
+
+
+@dataclasses.dataclass(frozen=True)
+class SineGenerated(_Checked):
+    """Sideways offset of a sine-generated curve along its length, scaled to reach ``amplitude`` [Langbein1966].
+
+    The direction is theta = angle sin(2 pi frequency u + phase) and the offset the integral of sin theta. As a
+    centreline in plan take ``warpriver.generate.sine_generated``.
+    """
+
+    amplitude: float = _amplitude()
+    frequency: float = _frequency()
+    phase: float = _phase()
+    angle: float = parameter(
+        1.9, "rad", low=0.0, high=_LARGEST_ANGLE, low_open=True, source="Langbein1966", doc="largest direction angle"
+    )
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        return Kinoshita(self.amplitude, self.frequency, self.phase, self.angle, 0.0, 0.0)(u)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cnoidal(_Checked):
+    """Cnoidal wave: crests narrower than troughs, f = amplitude (2 cn^2(K p / pi | modulus) - mean) [Korteweg1895].
+
+    p = 2 pi frequency u + phase and K the complete elliptic integral; crest to trough is twice the amplitude and the
+    mean over a wave is 0. Modulus 0 is a cosine, close to 1 a row of solitary crests.
+    """
+
+    amplitude: float = _amplitude()
+    frequency: float = _frequency()
+    phase: float = _phase()
+    modulus: float = parameter(0.9, "-", low=0.0, high=0.999999, source="Korteweg1895", doc="parameter m of cn")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        from scipy.special import ellipe, ellipj, ellipk
+
+        m, quarter = self.modulus, float(ellipk(self.modulus))
+        _, cn, _, _ = ellipj(quarter * (TURN * self.frequency * u + self.phase) / math.pi, m)
+        mean = 0.5 if m < 1e-8 else (float(ellipe(m)) / quarter - 1.0 + m) / m
+        return 2.0 * self.amplitude * (cn * cn - mean)
+
+
+@dataclasses.dataclass(frozen=True)
+class Autoregressive(_Checked):
+    """Second-order autoregressive series with a pseudo-period, normal noise and the damping h [Ferguson1976].
+
+    x_i = 2 exp(-k h) cos(k sqrt(1 - h^2)) x_(i-1) - exp(-2 k h) x_(i-2) + e_i, where k is 2 pi frequency over the
+    number of samples. ``amplitude`` is the standard deviation of the process; a short reach may have another.
+    """
+
+    amplitude: float = parameter(1.0, "-", low=0.0, source="Ferguson1976", doc="standard deviation of the process")
+    frequency: float = _frequency()
+    damping: float = parameter(
+        0.3, "-", low=0.0, low_open=True, high=0.999, source="Ferguson1976", doc="0 regular, 1 without a period"
+    )
+    samples: int = parameter(784, "-", low=8.0, source="warpriver", doc="steps of the series over the reach")
+    seed: int = _seed()
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        from scipy.signal import lfilter
+
+        count = int(self.samples)
+        k = TURN * max(self.frequency, 1e-3) / count
+        first = 2.0 * math.exp(-k * self.damping) * math.cos(k * math.sqrt(1.0 - self.damping**2))
+        second = -math.exp(-2.0 * k * self.damping)
+        variance = (1.0 - second) / ((1.0 + second) * ((1.0 - second) ** 2 - first**2))
+        before = min(math.ceil(_SPIN_UP / (k * self.damping)), 1_000_000)
+        # Drawn from the upstream end, the spin-up apart, so that the series does not depend on its length.
+        noise = np.random.default_rng(int(self.seed)).standard_normal(before + count + 1)
+        value = lfilter([1.0], [1.0, -first, -second], noise)[before:] / math.sqrt(variance)
+        return self.amplitude * _interpolated(u, np.linspace(0.0, 1.0, count + 1), value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spectral(_Checked):
+    """Sum of sines with power 1 / frequency^exponent and random phases [Newland1984].
+
+    Whole numbers of cycles from ``lowest`` to ``highest``; ``amplitude`` is the standard deviation over the reach.
+    """
+
+    amplitude: float = parameter(1.0, "-", low=0.0, source="Newland1984", doc="standard deviation over the reach")
+    exponent: float = parameter(1.0, "-", source="Newland1984", doc="power falls as frequency^-exponent; 1 is 1/f")
+    lowest: int = parameter(1, "cycles a reach", low=1.0, source="warpriver", doc="lowest frequency, a whole number")
+    highest: int = parameter(64, "cycles a reach", low=1.0, source="warpriver", doc="highest frequency")
+    seed: int = _seed()
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        if self.highest < self.lowest:
+            raise ValueError(f"Spectral.highest is {self.highest}, below lowest, {self.lowest}; give a band")
+        order = np.arange(int(self.lowest), int(self.highest) + 1, dtype=np.float64)
+        size = order ** (-0.5 * self.exponent)
+        size *= self.amplitude * math.sqrt(2.0 / float(size @ size))
+        phase = np.random.default_rng(int(self.seed)).uniform(0.0, TURN, len(order))
+        value = np.zeros(np.shape(u))
+        for k, a, p in zip(order, size, phase, strict=True):
+            value += a * np.sin(TURN * k * u + p)
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class GradientNoise(_Checked):
+    """Perlin's gradient noise along the reach, summed over octaves [Perlin2002].
+
+    Octave k has ``frequency`` 2^k lattice steps over the reach and ``roughness``^k of the height; the first one lies
+    within [-amplitude, amplitude].
+    """
+
+    amplitude: float = _amplitude()
+    frequency: float = parameter(
+        4.0, "steps a reach", low=0.0, low_open=True, source="Perlin2002", doc="lattice steps over the reach"
+    )
+    octaves: int = parameter(1, "-", low=1.0, high=16.0, source="Musgrave1989", doc="number of octaves")
+    roughness: float = parameter(0.5, "-", low=0.0, high=1.0, source="Musgrave1989", doc="height of octave to octave")
+    seed: int = _seed()
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        value = np.zeros(np.shape(u))
+        for k in range(int(self.octaves)):
+            # Gradients of an octave come from its own stream, by lattice point from the upstream end.
+            rng = np.random.default_rng([int(self.seed), k])
+            last = math.ceil(self.frequency * 2.0**k) + 1
+            gradient = np.concatenate([[0.0], rng.uniform(-1.0, 1.0, last + 1), [0.0]])
+            at = self.frequency * 2.0**k * np.clip(u, 0.0, 1.0)
+            i = np.floor(at).astype(int)
+            t = at - i
+            fade = t**3 * (t * (6.0 * t - 15.0) + 10.0)
+            low, high = gradient[i + 1] * t, gradient[i + 2] * (t - 1.0)
+            # A step between gradients 1 and -1 reaches 1/2: doubled, the noise reaches the amplitude.
+            value = value + self.amplitude * self.roughness**k * 2.0 * (low + fade * (high - low))
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps(_Checked):
+    """Level treads between risers, as of a step-pool reach or of terraces down the valley.
+
+    ``levels[0]`` holds upstream of ``positions[0]``, ``levels[k]`` from ``positions[k - 1]`` on.
+    """
+
+    positions: tuple[float, ...] = (0.5,)
+    levels: tuple[float, ...] = (0.0, -1.0)
+    riser: float = parameter(0.01, "reach", low=0.0, source="warpriver", doc="length of a riser, part of the reach")
+
+    def __post_init__(self) -> None:
+        freeze_numbers(self, "positions", "levels")
+        check_fields(self)
+        if len(self.levels) != len(self.positions) + 1:
+            raise ValueError(
+                f"Steps.levels has {len(self.levels)} values for {len(self.positions)} positions; give one more"
+            )
+        if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
+            raise ValueError("Steps.positions must rise")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        value = np.full(np.shape(u), self.levels[0])
+        for k, at in enumerate(self.positions):
+            part = np.clip((u - at) / max(self.riser, 1e-12) + 0.5, 0.0, 1.0)
+            value += (self.levels[k + 1] - self.levels[k]) * part * part * (3.0 - 2.0 * part)
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Spline(_Checked):
+    """Smooth curve through control points: a natural cubic, or one that does not overshoot (``monotone``)."""
+
+    positions: tuple[float, ...] = (0.0, 1.0)
+    values: tuple[float, ...] = (0.0, 0.0)
+    interpolation: str = parameter(
+        "cubic", "-", choices=("cubic", "monotone", "linear"), source="warpriver", doc="curve between the points"
+    )
+
+    def __post_init__(self) -> None:
+        freeze_numbers(self, "positions", "values")
+        check_fields(self)
+        if len(self.positions) != len(self.values) or len(self.values) < 2:
+            raise ValueError(
+                f"Spline has {len(self.positions)} positions and {len(self.values)} values; give as many, 2 or more"
+            )
+        if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
+            raise ValueError("Spline.positions must rise")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        return _interpolated(u, np.array(self.positions), np.array(self.values), self.interpolation)
+
+
+@dataclasses.dataclass(frozen=True)
+class Series(_Checked):
+    """A surveyed series, even along the reach unless ``positions`` are given.
+
+    With ``relative`` the values stand for their variation about their mean, v / mean - 1: what a scaled element takes.
+    With ``harmonics`` above 0 only that many of its strongest harmonics are kept.
+    """
+
+    values: tuple[float, ...] = (0.0, 0.0)
+    positions: tuple[float, ...] | None = None
+    amplitude: float = _amplitude()
+    relative: bool = False
+    harmonics: int = parameter(0, "-", low=0.0, source="Clarke1988", doc="strongest harmonics to keep, 0 for all")
+
+    def __post_init__(self) -> None:
+        freeze_numbers(self, "values")
+        if self.positions is not None:
+            freeze_numbers(self, "positions")
+            if len(self.positions) != len(self.values):
+                raise ValueError(
+                    f"Series has {len(self.positions)} positions for {len(self.values)} values; give as many"
+                )
+            if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
+                raise ValueError("Series.positions must rise")
+        check_fields(self)
+        if len(self.values) < 2:
+            raise ValueError(f"Series.values has {len(self.values)} value; give 2 or more")
+        if self.relative and not sum(self.values) / len(self.values) > 0.0:
+            raise ValueError("Series.relative asks for values whose mean is positive")
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values at positions u."""
+        value = np.array(self.values)
+        at = np.linspace(0.0, 1.0, len(value)) if self.positions is None else np.array(self.positions)
+        if self.relative:
+            value = value / value.mean() - 1.0
+        if not self.harmonics:
+            return self.amplitude * _interpolated(u, at, value, "monotone")
+        if self.positions is not None:
+            even = np.linspace(0.0, 1.0, len(value))
+            value = _interpolated(even, at, value, "monotone")
+        return self.amplitude * evaluate(strongest_harmonics(value, int(self.harmonics)), u)
+
+
+TERMS: dict[str, type] = {
+    "harmonic": Harmonic,
+    "sine-generated": SineGenerated,
+    "kinoshita": Kinoshita,
+    "autoregressive": Autoregressive,
+    "spectral": Spectral,
+    "perlin": GradientNoise,
+    "cnoidal": Cnoidal,
+    "steps": Steps,
+    "spline": Spline,
+    "series": Series,
+}
+
+
+def evaluate(terms: Sequence[Term], u: Any) -> FloatArray:
+    """Sum of terms at positions along the reach.
+
+    Args:
+        terms: Control function; an empty one is 0.
+        u: Positions, 0 upstream to 1 downstream.
+
+    Returns:
+        Array of the shape of ``u``.
+
+    Raises:
+        ValueError: A value is not finite.
+    """
+    u = np.asarray(u, np.float64)
+    value = np.zeros(u.shape)
+    for term in terms:
+        part = np.asarray(term(u), np.float64)
+        if part.shape != u.shape or not np.isfinite(part).all():
+            raise ValueError(f"{type(term).__name__} gives values that are not finite, or not one for each position")
+        value += part
+    return value
+
+
+def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
+    """Harmonics of a series by FFT, the strongest first, ready to be used as a control function [Clarke1988].
+
+    The series is taken as one whole reach: its last value belongs to the downstream end. What differs between both
+    ends appears as a jump, so a trend is better taken off first. The mean is left out.
+
+    Args:
+        values: (n,) series, even along the reach.
+        count: How many to keep; those of no amplitude are left out.
+
+    Returns:
+        Cosine terms; all of them together restore the series, the mean aside.
+
+    Raises:
+        ValueError: Fewer than 3 values, a value that is not finite, or a count below 1.
+    """
+    value = np.asarray(values, np.float64)
+    if value.ndim != 1 or len(value) < 3 or not np.isfinite(value).all():
+        raise ValueError("values must be a series of 3 or more finite numbers")
+    if count < 1:
+        raise ValueError(f"count is {count}; keep at least 1 harmonic")
+    samples = len(value)
+    spectrum = np.fft.rfft(value) / samples
+    size = 2.0 * np.abs(spectrum)
+    if samples % 2 == 0:
+        size[-1] *= 0.5
+    size[0] = 0.0
+    # The n samples of a period lie (n - 1) / n of it apart from first to last: cycles over the reach shrink with it.
+    stretch = (samples - 1) / samples
+    order = [k for k in np.argsort(-size, kind="stable")[:count] if size[k] > 0.0]
+    return tuple(cosine(float(size[k]), float(k * stretch), float(np.angle(spectrum[k]))) for k in order)
+
+
+def freeze_numbers(term: Any, *names: str) -> None:
+    """Turn fields of a frozen dataclass into tuples of finite floats; raises ValueError that names the field."""
+    for name in names:
+        try:
+            value = np.array(getattr(term, name), np.float64)
+        except (TypeError, ValueError):
+            value = np.array(np.nan)
+        if value.ndim != 1 or len(value) == 0:
+            raise ValueError(f"{type(term).__name__}.{name} must be a list of numbers")
+        if not np.isfinite(value).all():
+            at = int(np.flatnonzero(~np.isfinite(value))[0])
+            raise ValueError(f"{type(term).__name__}.{name}[{at}] is {value[at]}; give finite numbers")
+        object.__setattr__(term, name, tuple(float(v) for v in value))
+
+
+def _interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "cubic") -> FloatArray:
+    """Values at u of a curve through points; beyond the ends those of the ends."""
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    u = np.clip(u, at[0], at[-1])
+    if kind == "linear" or len(at) < 3:
+        return np.interp(u, at, value)
+    curve = PchipInterpolator(at, value) if kind == "monotone" else CubicSpline(at, value, bc_type="natural")
+    return np.asarray(curve(u))

@@ -1,0 +1,416 @@
+"""Valley files: parameters as TOML; points, meshes and breaklines of a valley's surface.
+
+A TOML valley file holds the fields of :class:`~warpriver.generate.valley_params.ValleyParams` under their names, and
+
+    [control]                      # for each element a list of terms, which are summed
+    thalweg = [{kind = "harmonic", amplitude = 0.25, frequency = 1}]
+    width = [{kind = "series", file = "widths.csv", column = "width", relative = true, harmonics = 5}]
+
+    [section]                      # CrossSection
+    [covariance]                   # CovarianceTarget, in place of control.thalweg
+    [[thread]]                     # Thread, one table each
+    [[objects]]                    # ObjectField, one table each
+    [line]                         # a given centreline: file = "river.csv", channel = 0; or points = [[x, y], ...]
+
+Files are sought beside the valley file. ``warpriver valley --schema`` lists every key with unit and default.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.generate.valley_controls import TERMS
+from warpriver.generate.valley_params import (
+    ELEMENTS,
+    CovarianceTarget,
+    CrossSection,
+    ObjectField,
+    Thread,
+    ValleyParams,
+)
+from warpriver.io.files import beside
+
+__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
+
+# Keys of the file, other than single constants, and what they hold.
+TABLES = {"section": CrossSection, "covariance": CovarianceTarget}
+LISTS = {"thread": ("threads", Thread), "objects": ("objects", ObjectField)}
+KINDS = {kind: name for name, kind in TERMS.items()}
+# Constants that may be left out altogether.
+OPTIONAL = {
+    "valley_slope": ("m/m", "slope of the valley floor; the reach slope where it is left out"),
+    "depth": ("m", "bankfull depth; by eq. 4 from grain size and Shields stress where it is left out"),
+}
+POINTS = (".xyz", ".csv", ".npz")
+MESHES = (".obj", ".ply", ".stl", ".vtp")
+
+
+# ---- parameters
+
+
+def read_valley(path: Any) -> ValleyParams:
+    """Read the parameters of a synthetic valley from a TOML file.
+
+    Args:
+        path: File; its keys are listed by :func:`valley_schema`.
+
+    Returns:
+        ValleyParams, for ``warpriver.synthetic_valley``.
+
+    Raises:
+        ValueError: The file is no TOML, or a key is unknown or its value wrong; file, key and value are named.
+        OSError: The file cannot be read.
+    """
+    path = Path(path)
+    try:
+        data = _toml().loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not UTF-8 text, so no TOML") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not TOML: {error}") from None
+    constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
+    known = {*constants, "control", "line", *TABLES, *LISTS}
+    for key in data:
+        if key not in known:
+            raise ValueError(f"{path}: {key} = {_shown(data[key])} is no key of a valley; {_nearest(key, known)}")
+    fields: dict[str, Any] = {key: data[key] for key in constants & set(data)}
+    if not isinstance(fields.setdefault("name", path.stem), str):
+        raise ValueError(f"{path}: name = {_shown(fields['name'])}; give text")
+    for key, value in fields.items():
+        if key in OPTIONAL and (isinstance(value, bool) or not isinstance(value, (int, float))):
+            raise ValueError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
+    fields["controls"] = _controls(path, data.get("control", {}))
+    for key, kind in TABLES.items():
+        if key in data:
+            fields[key] = _made(kind, data[key], f"{path}: {key}")
+    for key, (name, kind) in LISTS.items():
+        fields[name] = tuple(
+            _made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(_rows(path, key, data.get(key, [])))
+        )
+    if "line" in data:
+        fields["line"] = _line(path, data["line"])
+    return _raising(path, lambda: ValleyParams(**fields), {"ValleyParams.": ""})
+
+
+def write_valley(params: ValleyParams, path: Any) -> None:
+    """Write the parameters of a valley as TOML, so that :func:`read_valley` gives the same back.
+
+    Args:
+        params: The valley; its control functions may hold the terms of warpriver only.
+        path: File to write.
+
+    Raises:
+        ValueError: A term that a file cannot hold.
+        OSError: The file cannot be written.
+    """
+    rows = [f"name = {json.dumps(params.name)}"]
+    rows += [f"{f.name} = {_value(getattr(params, f.name))}" for f in dataclasses.fields(params) if f.metadata]
+    rows += [f"{key} = {_value(getattr(params, key))}" for key in OPTIONAL if getattr(params, key) is not None]
+    if params.controls:
+        rows += ["", "[control]"]
+    for name, terms in params.controls.items():
+        rows += [f"{name} = ["] + [f"  {_inline(term)}," for term in terms] + ["]"]
+    for key in TABLES:
+        if getattr(params, key) is not None:
+            rows += ["", f"[{key}]", *_table(getattr(params, key))]
+    for key, (name, _) in LISTS.items():
+        for entry in getattr(params, name):
+            rows += ["", f"[[{key}]]", *_table(entry)]
+    if params.line is not None:
+        line = params.line.polylines()[0] if hasattr(params.line, "polylines") else params.line
+        rows += ["", "[line]", "points = [", *(f"  [{x!r}, {y!r}]," for x, y in np.asarray(line).tolist()), "]"]
+    with beside(Path(path)) as temporary:
+        temporary.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def valley_schema() -> str:
+    """Return the keys of a valley file as text: name, default, unit and meaning, a line each."""
+    rows = ["# constants", *_described(ValleyParams)]
+    rows += [f"{key:<20} {'(none)':<14} {unit:<16} {doc}" for key, (unit, doc) in OPTIONAL.items()]
+    rows += ["", "# [control]: elements; each holds a list of terms, {kind = ..., ...}, which are summed"]
+    rows += [f"{name:<20} {'[]':<14} {unit:<16} {doc}" for name, (unit, doc) in ELEMENTS.items()]
+    for name, kind in TERMS.items():
+        rows += ["", f'# term of kind "{name}": {_summary(kind)}', *_described(kind)]
+    for key, kind in TABLES.items():
+        rows += ["", f"# [{key}]: {_summary(kind)}", *_described(kind)]
+    for key, (_, kind) in LISTS.items():
+        rows += ["", f"# [[{key}]]: {_summary(kind)}", *_described(kind)]
+    rows += ["", '# [line]: a given centreline, file = "river.csv" and channel = 0, or points = [[x, y], ...]']
+    return "\n".join(rows)
+
+
+def _toml() -> Any:
+    """The TOML reader of the standard library, or the package that it came from."""
+    if sys.version_info >= (3, 11):
+        import tomllib
+
+        return tomllib
+    import tomli
+
+    return tomli
+
+
+def _controls(path: Path, data: Any) -> dict[str, tuple[Any, ...]]:
+    """Control functions of a file."""
+    if not isinstance(data, Mapping):
+        raise ValueError(f"{path}: control = {_shown(data)}; give a table of elements")
+    made = {}
+    for name, rows in data.items():
+        if name not in ELEMENTS:
+            raise ValueError(f"{path}: control.{name} is no element; {_nearest(name, ELEMENTS)}")
+        made[name] = tuple(
+            _term(path, dict(row), f"control.{name}[{k}]") for k, row in enumerate(_rows(path, f"control.{name}", rows))
+        )
+    return made
+
+
+def _term(path: Path, row: dict[str, Any], where: str) -> Any:
+    """One term of a control function; a series may lie in a file of its own."""
+    kind = row.pop("kind", None)
+    if kind not in TERMS:
+        raise ValueError(f"{path}: {where}.kind = {_shown(kind)} is no function; {_nearest(str(kind), TERMS)}")
+    if kind == "series" and "file" in row:
+        row["values"] = _column(path, row.pop("file"), row.pop("column", None), where)
+    return _made(TERMS[kind], row, f"{path}: {where}")
+
+
+def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
+    """A column of numbers of a CSV beside the valley file: by its name, or the last one."""
+    if not isinstance(name, str):
+        raise ValueError(f"{path}: {where}.file = {_shown(name)}; give the name of a CSV")
+    source = path.parent / name
+    if not source.is_file():
+        raise ValueError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
+    with source.open(encoding="utf-8") as file:
+        names = [word.strip() for word in file.readline().split(",")]
+    heads = not all(_is_number(word) for word in names)
+    if column is not None and (not heads or column not in names):
+        raise ValueError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
+    at = names.index(column) if column is not None else len(names) - 1
+    try:
+        return np.loadtxt(source, delimiter=",", skiprows=int(heads), usecols=at, ndmin=1)
+    except ValueError as error:
+        raise ValueError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
+
+
+def _line(path: Path, data: Any) -> np.ndarray:
+    """Centreline of a file."""
+    keys = set(data) if isinstance(data, Mapping) else {"?"}
+    if not keys <= {"file", "channel", "points"} or ("file" in keys) == ("points" in keys):
+        raise ValueError(f"{path}: line = {_shown(data)}; give file, and channel, or points")
+    if "points" in data:
+        try:
+            return np.array(data["points"], np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"{path}: line.points is no list of [x, y]") from None
+    from warpriver.io.lines import read_network
+
+    lines = read_network(path.parent / data["file"], width=1.0).polylines()
+    channel = data.get("channel", 0)
+    if not isinstance(channel, int) or not 0 <= channel < len(lines):
+        raise ValueError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
+    return lines[channel]
+
+
+def _rows(path: Path, key: str, rows: Any) -> list[Mapping[str, Any]]:
+    """A list of tables."""
+    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+        raise ValueError(f"{path}: {key} = {_shown(rows)}; give a list of tables")
+    return rows
+
+
+def _made(kind: type, row: Any, where: str) -> Any:
+    """A dataclass from a table; raises ValueError with file, key and value."""
+    if not isinstance(row, Mapping):
+        raise ValueError(f"{where} = {_shown(row)}; give a table")
+    names = {f.name for f in dataclasses.fields(kind)}
+    for key in row:
+        if key not in names:
+            raise ValueError(f"{where}.{key} = {_shown(row[key])} is no key there; {_nearest(key, names)}")
+    values = {key: tuple(map(_frozen, v)) if isinstance(v, list) else v for key, v in row.items()}
+    return _raising(where, lambda: kind(**values), {f"{kind.__name__}.": ".", f"{kind.__name__} ": " "})
+
+
+def _raising(where: Any, make: Callable[[], Any], names: Mapping[str, str]) -> Any:
+    """Make something; its ValueError names the key as the file has it."""
+    try:
+        return make()
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        for name, instead in names.items():
+            if text.startswith(name):
+                joint = ": " if not instead else ""
+                raise ValueError(f"{where}{joint}{instead}{text.removeprefix(name)}") from None
+        raise ValueError(f"{where}: {text}") from None
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _shown(value: Any) -> str:
+    """A value for a message, cut short."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _nearest(word: str, known: Any) -> str:
+    """What a wrong word may have meant."""
+    import difflib
+
+    close = difflib.get_close_matches(word, list(known), 1)
+    return f"did you mean {close[0]}?" if close else f"use one of {', '.join(sorted(known))}"
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _summary(kind: type) -> str:
+    return (kind.__doc__ or "").strip().splitlines()[0]
+
+
+def _described(kind: type) -> list[str]:
+    """A line a field: name, default, unit and meaning."""
+    rows = []
+    for f in dataclasses.fields(kind):
+        if f.metadata:
+            doc = f.metadata["doc"]
+            if f.metadata["choices"]:
+                doc += ": " + ", ".join(f.metadata["choices"])
+            rows.append(f"{f.name:<20} {_value(f.default):<14} {f.metadata['unit']:<16} {doc}")
+        elif kind is not ValleyParams:
+            rows.append(f"{f.name:<20} {_shown(f.default):<14}")
+    return rows
+
+
+def _value(value: Any) -> str:
+    """A value as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value)
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if not math.isfinite(value):
+        raise ValueError(f"a valley file cannot hold {value}")
+    return repr(float(value))
+
+
+def _table(entry: Any) -> list[str]:
+    """Lines of a table."""
+    pairs = [(f.name, getattr(entry, f.name)) for f in dataclasses.fields(entry)]
+    return [f"{name} = {_value(value)}" for name, value in pairs if value is not None]
+
+
+def _inline(term: Any) -> str:
+    """A term as an inline table."""
+    if type(term) not in KINDS:
+        raise ValueError(f"a valley file cannot hold {term!r}; it knows {', '.join(TERMS)}")
+    return "{" + ", ".join([f'kind = "{KINDS[type(term)]}"', *_table(term)]) + "}"
+
+
+# ---- surfaces
+
+
+def write_points(grid: Any, path: Any) -> None:
+    """Write the points of a curvilinear grid: x, y and z in m, a section after the other, from left to right.
+
+    Args:
+        grid: ValleyGrid.
+        path: .xyz (blanks between), .csv (a head line and commas) or .npz (array ``xyz``, (sections, points, 3)).
+
+    Raises:
+        ValueError: Another suffix.
+        OSError: The file cannot be written.
+    """
+    target = _checked_suffix(path, POINTS)
+    with beside(target) as temporary:
+        if target.suffix.lower() == ".npz":
+            np.savez_compressed(temporary, xyz=grid.xyz)
+        elif target.suffix.lower() == ".csv":
+            np.savetxt(temporary, grid.points(), fmt="%.4f", delimiter=",", header="x,y,z", comments="")
+        else:
+            np.savetxt(temporary, grid.points(), fmt="%.4f")
+
+
+def write_mesh(grid: Any, path: Any) -> None:
+    """Write the triangles of a curvilinear grid.
+
+    Args:
+        grid: ValleyGrid.
+        path: .obj; or .ply, .stl or .vtp, which need pyvista. Coordinates are absolute m, z up.
+
+    Raises:
+        ImportError: pyvista is missing.
+        ValueError: Another suffix.
+        OSError: The file cannot be written.
+    """
+    target = _checked_suffix(path, MESHES)
+    with beside(target) as temporary:
+        if target.suffix.lower() == ".obj":
+            with temporary.open("w", encoding="ascii") as file:
+                np.savetxt(file, grid.points(), fmt="v %.4f %.4f %.4f")
+                np.savetxt(file, grid.triangles() + 1, fmt="f %d %d %d")
+            return
+        try:
+            import pyvista
+        except ImportError as error:
+            raise ImportError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
+        faces = np.insert(grid.triangles(), 0, 3, axis=1)
+        pyvista.PolyData(grid.points(), faces.ravel()).save(temporary)
+
+
+def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:
+    """Write breaklines with their heights.
+
+    Args:
+        lines: (n, 3) points in m by name, as ``Valley.breaklines()`` gives them.
+        path: .geojson (a LineString with z each) or .csv (name, x, y, z).
+        crs: Coordinate reference system, as "EPSG:32619".
+
+    Raises:
+        ValueError: Another suffix.
+        OSError: The file cannot be written.
+    """
+    target = _checked_suffix(path, (".geojson", ".json", ".csv"))
+    with beside(target) as temporary:
+        if target.suffix.lower() == ".csv":
+            rows = [f"{name},{x:.4f},{y:.4f},{z:.4f}" for name, xyz in lines.items() for x, y, z in np.asarray(xyz)]
+            temporary.write_text("\n".join(["name,x,y,z", *rows]) + "\n", encoding="utf-8")
+            return
+        head: dict[str, Any] = {"type": "FeatureCollection", "name": "breaklines"}
+        if crs is not None:
+            authority, _, code = crs.partition(":")
+            name = f"urn:ogc:def:crs:{authority}::{code}" if code.isdigit() else crs
+            head["crs"] = {"type": "name", "properties": {"name": name}}
+        head["features"] = [
+            {
+                "type": "Feature",
+                "properties": {"name": name},
+                "geometry": {"type": "LineString", "coordinates": np.round(xyz, 4).tolist()},
+            }
+            for name, xyz in lines.items()
+        ]
+        temporary.write_text(json.dumps(head, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _checked_suffix(path: Any, known: tuple[str, ...]) -> Path:
+    target = Path(path)
+    if target.suffix.lower() not in known:
+        raise ValueError(f"cannot write {target}: the name must end in {', '.join(known)}")
+    return target

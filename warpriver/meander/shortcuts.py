@@ -1,0 +1,191 @@
+"""Shortcuts join the near strands of a channel, and the shortest route over them is the new channel [PathStudy2026]."""
+
+from __future__ import annotations
+
+import math
+
+import warp as wp
+
+from warpriver.kernels import shortcuts as kernels
+from warpriver.meander.buffers import StepBuffers, StepChannels
+from warpriver.meander.cutoffs import cut_loops, link_points
+from warpriver.meander.resampling import measure
+from warpriver.meander.stages import Share, Stage
+from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.params import PathMeander
+
+__all__ = ["PathBuffers", "check_radius", "find_path", "find_shortcuts", "take_shortcuts"]
+
+# Shortcuts that there is room for at first, a point and in all: only where strands touch are there any.
+SHORTCUTS_PER_POINT, LEAST_SHORTCUTS = 0.125, 64
+
+
+class PathBuffers(StepBuffers):
+    """Scratch of one step by shortest paths.
+
+    Attributes:
+        point_push: (P,) vec4, push and smoothing of each point, half blurred, m.
+        point_links: (P,) int32, shortcuts that begin at each point.
+        point_link: (P,) int32, the first of them.
+        point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
+            channel itself.
+        point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
+        link_from, link_to: (E,) int32, the shortcuts, in ascending order.
+        link_saving: (E,) float64, the arc that each bypasses less its own length, m.
+        share_links, share_links_sum: shortcuts that begin in each slab or chunk of points, and their running sum.
+        chunk_ends: 1 where a shortcut ends in the chunk, where points are dealt out in chunks.
+    """
+
+    def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
+        """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
+        super().__init__(network, point_capacity, cut_capacity, oxbow_capacity)
+        scalar, device = PRECISIONS[network.dtype][0], network.device
+        self.point_push = wp.zeros(point_capacity, dtype=wp.types.vector(4, scalar), device=device)
+        self.point_links = wp.zeros(point_capacity, dtype=wp.int32, device=device)
+        self.point_link = wp.zeros(point_capacity, dtype=wp.int32, device=device)
+        self.point_from = wp.zeros(point_capacity, dtype=wp.int32, device=device)
+        self.point_saving = wp.zeros(point_capacity, dtype=wp.float64, device=device)
+        self.share_links = wp.zeros(self.share_count, dtype=wp.int32, device=device)
+        self.share_links_sum = wp.zeros(self.share_count, dtype=wp.int32, device=device)
+        self.chunk_ends = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
+        self._allocate_links(LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * point_capacity))
+
+    @property
+    def link_count(self) -> int:
+        """Shortcuts that the last search found, whether there was room for them or not."""
+        return int(self.share_links_sum.numpy()[-1])
+
+    @property
+    def link_capacity(self) -> int:
+        """Shortcuts that there is room for."""
+        return self.link_to.shape[0]
+
+    def _allocate_links(self, count: int) -> None:
+        device = self.point_links.device
+        self.link_from = wp.zeros(count, dtype=wp.int32, device=device)
+        self.link_to = wp.zeros(count, dtype=wp.int32, device=device)
+        self.link_saving = wp.zeros(count, dtype=wp.float64, device=device)
+
+    def make_room_for_shortcuts(self) -> None:
+        """Allocate for twice the shortcuts that the last search found; stages made before hold the old arrays."""
+        self._allocate_links(2 * self.link_count)
+
+
+def check_radius(network: RiverNetwork, params: PathMeander) -> None:
+    """Raise ``ValueError`` where the search radius exceeds a channel's length: all of it would be near itself."""
+    radius, length = params.search_radius * network.channel_width, network.channel_lengths()
+    if (radius > length).any():
+        c = int((radius > length).argmax())
+        raise ValueError(
+            f"search_radius {params.search_radius:g} widths ({radius[c]:g} m) exceeds the length of channel {c} "
+            f"({length[c]:g} m); use a smaller one"
+        )
+
+
+def find_shortcuts(
+    network: RiverNetwork, channels: StepChannels, buffers: PathBuffers, params: PathMeander
+) -> list[Stage]:
+    """Return the stages that list all pairs of ``buffers.point_moved`` that a shortcut joins, and what each saves.
+
+    All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
+    bound a point, only the room for all of them, which the host enlarges on ``buffers.fault``.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels, of spacing as before the move; ``necks`` gets their number.
+        buffers: Gets the ``point_links`` and ``link_...`` arrays.
+        params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees.
+    """
+    kernel, device, b = kernels.build(PRECISIONS[network.dtype][0]), network.device, buffers
+    law = kernel.ShortcutLaw()
+    law.radius, law.min_arc = params.search_radius, params.cutoff_min_arc
+    law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
+    shape = [channels.start, channels.form, channels.spacing]
+    near = [b.point_moved, b.section_moved, b.point_next, b.bucket_head]
+
+    def count(share: Share) -> None:
+        wp.launch(
+            kernel.count_shortcuts,
+            dim=share.point_threads,
+            inputs=[*shape, channels.step, law, share.work, int(device.is_cpu), *near],
+            outputs=[b.point_links, b.point_neck, b.point_from, b.share_links, channels.necks],
+            device=device,
+        )
+
+    def number(_: Share) -> None:
+        b.chunk_ends.zero_()
+        wp.utils.array_scan(b.share_links, b.share_links_sum, inclusive=True)
+
+    def list_and_weigh(share: Share) -> None:
+        wp.launch(
+            kernel.list_shortcuts,
+            dim=share.point_threads,
+            inputs=[*shape, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
+            outputs=[b.point_link, b.link_from, b.link_to, b.fault],
+            device=device,
+        )
+        wp.launch(
+            kernel.weigh_shortcuts,
+            dim=share.point_threads,
+            inputs=[
+                share.work, b.point_moved, b.point_arc, b.chunk_offset, b.share_links_sum, b.link_from, b.link_to,
+            ],
+            outputs=[b.link_saving, b.chunk_ends],
+            device=device,
+        )  # fmt: skip
+
+    return [
+        *link_points(network, channels, buffers, params.search_radius),
+        Stage("cut off", count),
+        *measure(network, channels, buffers, "cut off"),
+        Stage("cut off", number, shared=False),
+        Stage("cut off", list_and_weigh),
+    ]
+
+
+def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffers) -> list[Stage]:
+    """Return the stage that finds the shortest path down each channel over the shortcuts of :func:`find_shortcuts`.
+
+    Linear in points and edges. The sweep is serial down a channel; channels without a shortcut are passed over, and,
+    with chunks, those that hold no end of one. Channels run in parallel.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels; get the counts of cuts.
+        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins.
+    """
+    kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
+
+    def find(share: Share) -> None:
+        wp.launch(
+            kernel.find_path,
+            dim=share.channel_threads,
+            inputs=[
+                channels.start, share.work, b.point_links, b.point_link, b.share_links, b.share_links_sum,
+                channels.necks, b.chunk_ends, b.link_to, b.link_saving,
+            ],
+            outputs=[
+                b.point_from, b.point_saving, b.point_neck, b.chunk_necks, channels.cuts, channels.cut_points,
+            ],
+            device=network.device,
+        )  # fmt: skip
+
+    return [Stage("cut off", find)]
+
+
+def take_shortcuts(
+    network: RiverNetwork, channels: StepChannels, buffers: PathBuffers, params: PathMeander
+) -> list[Stage]:
+    """Return the stages that join near strands of ``buffers.point_moved`` and cut off what the shortest path bypasses.
+
+    Args:
+        network: The network whose points moved.
+        channels: Its channels, of spacing as before the move.
+        buffers: Scratch and results, as of :func:`warpriver.meander.cutoffs.cut_loops`.
+        params: As of :func:`find_shortcuts`.
+    """
+    return [
+        *find_shortcuts(network, channels, buffers, params),
+        *find_path(network, channels, buffers),
+        *cut_loops(network, channels, buffers),
+    ]
