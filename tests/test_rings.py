@@ -390,3 +390,18 @@ def test_a_simulation_refuses_what_it_cannot_do_with_rings():
     ):
         with pytest.raises(ValueError, match=words):
             taubin_smooth(RING, closed=True, **numbers)
+
+
+def test_the_command_line_runs_rings(tmp_path, capsys):
+    from warpriver.cli import main
+
+    ring = noisy_ring(radius=800.0)
+    path = tmp_path / "ring.csv"
+    np.savetxt(path, np.concatenate([ring, ring[:1]]), delimiter=",")
+    options = ["--width", "60", "--closed", "--ring-policy", "marked", "--taubin-passes", "1", "--years", "3"]
+    assert main(["simulate", str(path), *options, "-o", str(tmp_path / "out"), "--no-progress"]) == 0
+    assert wr.read_network(tmp_path / "out" / "channels.csv").channel_closed.all()
+    assert main(["info", str(tmp_path / "out" / "channels.csv")]) == 0
+    assert "sinuosity 1." in capsys.readouterr().out
+    assert main(["simulate", str(path), "--width", "60", "-o", str(tmp_path / "no"), "--no-progress"]) == 2
+    assert "make it a ring" in capsys.readouterr().err
