@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+MODE ?= quick
+DEVICE ?= cpu
 
 .PHONY: demo test lint bench clean help
 
@@ -19,7 +21,7 @@ $(STAMP): pyproject.toml
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
 	@touch $@
 
-demo: $(STAMP)  ## the main job on built-in input; pictures and files go to out/demo
+demo: $(STAMP)  ## a terrain, its rivers, centuries of them: pictures and files go to out/demo
 	@rm -rf out/demo
 	$(RUN)/warpriver demo -o out/demo
 
@@ -31,10 +33,9 @@ lint: $(STAMP)  ## ruff and mypy
 	$(RUN)/ruff format --check .
 	$(RUN)/mypy
 
-bench: $(STAMP)  ## speed against points, and against meanderpy, on this machine
+bench: $(STAMP)  ## all benchmarks at small sizes, into out/bench; MODE=full: all sizes, into benchmarks/results; DEVICE=cuda
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[bench]"
-	$(RUN)/python benchmarks/step.py
-	$(RUN)/python benchmarks/erosion.py
+	$(RUN)/python benchmarks/all.py --device $(DEVICE) $(if $(filter full,$(MODE)),--full)
 
 clean:  ## remove what the other targets made
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

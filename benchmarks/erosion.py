@@ -17,7 +17,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 import numpy as np
 import warp as wp
-from machine import machine
+from machine import baseline, machine
 
 import warpriver as wr
 
@@ -161,7 +161,12 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="16 grids, and 512 x 512 cells with 50,000 events")
     parser.add_argument("-o", "--out", help="JSON to write (default results/erosion-DEVICE.json)")
     options = parser.parse_args()
-    result = {"benchmark": "erosion", "machine": machine(options.device, ("numba",)), **measure(options)}
+    result = {
+        "benchmark": "erosion",
+        "machine": machine(options.device, ("numba",)),
+        "baseline": baseline(options.device),
+        **measure(options),
+    }
     target = Path(options.out) if options.out else RESULTS / f"erosion-{options.device.split(':')[0]}.json"
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(result, indent=2) + "\n")

@@ -18,7 +18,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from machine import machine
+from machine import baseline, machine
 
 from warpriver import hydrology
 from warpriver.terrain import Terrain
@@ -185,6 +185,7 @@ def main() -> None:
     result = {
         "benchmark": "hydrology",
         "machine": machine("cpu", PEERS),
+        "baseline": baseline("cpu"),
         "rows": rows,
         "exponent": slope,
         "peak_bytes_per_cell": used,

@@ -16,6 +16,7 @@ from warpriver import (
     erode,
     generate,
     read_terrain,
+    throughput,
     write_network,
     write_terrain,
 )
@@ -235,9 +236,150 @@ def test_an_interrupted_command_leaves_a_readable_run(river, tmp_path):
     assert json.loads(run_file.read_text())["stop_reason"] == "INTERRUPTED"
 
 
-def test_demo_writes_its_pictures(tmp_path, capsys):
-    code, said, err = run(capsys, "demo", "--years", 60, "--length", 8, "-o", tmp_path / "demo", "--no-progress")
+def write_grid(path, height, cell_size=50.0):
+    """An ESRI ASCII grid."""
+    rows, columns = height.shape
+    head = f"ncols {columns}\nnrows {rows}\nxllcorner 0\nyllcorner 0\ncellsize {cell_size}\nNODATA_value -9999\n"
+    path.write_text(head + "\n".join(" ".join(f"{v:.3f}" for v in row) for row in np.nan_to_num(height, nan=-9999.0)))
+
+
+BAD_GROUND = {
+    "one value": (np.full((60, 60), 7.0), "the terrain is level, 7 m in every cell"),
+    "all no data": (np.full((60, 60), np.nan), "height is NaN in every cell"),
+    "one row": (np.arange(60.0)[None], "its shape is (1, 60)"),
+    "one column": (np.arange(60.0)[:, None], "its shape is (60, 1)"),
+    "small islands": (np.kron(np.eye(20), [[1.0, np.nan], [np.nan, np.nan]]) * 5.0 + 1.0, "no channel"),
+    "nothing": (None, "the file is empty"),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", BAD_GROUND)
+def test_bad_ground_is_one_clear_line_and_exit_code_2(name, tmp_path, capsys):
+    height, words = BAD_GROUND[name]
+    if height is None:
+        (tmp_path / "dem.asc").write_text("")
+    else:
+        write_grid(tmp_path / "dem.asc", height)
+    code, _, err = run(capsys, "network", tmp_path / "dem.asc", "--min-area", 0.03, "-o", tmp_path / "rivers.csv")
+    assert code == 2 and err.count("\n") == 1 and words in err
+    assert not (tmp_path / "rivers.csv").exists()
+
+
+def test_a_grid_of_a_billion_cells_is_refused_before_it_is_read(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("warpriver.terrain.available_memory", lambda device="cpu": 4 * 10**9)
+    write_grid(tmp_path / "dem.asc", np.zeros((2, 2)))
+    text = (tmp_path / "dem.asc").read_text().replace("ncols 2\nnrows 2", "ncols 31623\nnrows 31623")
+    (tmp_path / "dem.asc").write_text(text)
+    code, _, err = run(capsys, "network", tmp_path / "dem.asc", "-o", tmp_path / "rivers.csv")
+    assert code == 2 and err.count("\n") == 1 and "31623 x 31623 cells needs 17 GB and 4 GB are free" in err
+
+
+@pytest.mark.filterwarnings("error")
+def test_ground_elsewhere_or_in_another_system_is_refused(tmp_path, capsys):
+    land = generate.fluvial_terrain((60, 60), 50.0, 300.0, 1).to_numpy()
+    write_terrain(Terrain(land, 50.0, (0.0, 3000.0), crs="EPSG:32619"), tmp_path / "dem.npz")
+    assert run(capsys, "network", tmp_path / "dem.npz", "--min-area", 0.1, "-o", tmp_path / "rivers.csv")[0] == 0
+    write_terrain(Terrain(land, 50.0, (1e6, 1e6), crs="EPSG:32619"), tmp_path / "far.npz")
+    write_terrain(Terrain(land, 50.0, (0.0, 3000.0), crs="EPSG:32620"), tmp_path / "zone.npz")
+    for file, words in (("far.npz", "does not lie under the network"), ("zone.npz", "EPSG:32620")):
+        arguments = ["simulate", tmp_path / "rivers.csv", "--terrain", tmp_path / file, "-o", tmp_path / "out"]
+        code, _, err = run(capsys, *arguments, "--years", 1)
+        assert code == 2 and err.count("\n") == 1 and words in err
+        assert not (tmp_path / "out").exists()
+        arguments = ["render", tmp_path / "rivers.csv", "--terrain", tmp_path / file, "-o", tmp_path / "map.png"]
+        code, _, err = run(capsys, *arguments)
+        assert code == 2 and err.count("\n") == 1 and not (tmp_path / "map.png").exists()
+
+
+def test_heights_in_feet_without_a_system_and_with_a_value_for_no_data(tmp_path, capsys):
+    pytest.importorskip("pyproj")
+    land = generate.fluvial_terrain((60, 60), 50.0, 300.0, 1).to_numpy()
+    land[20:30, 20:30] = np.nan
+    write_grid(tmp_path / "feet.asc", np.nan_to_num(land / 0.3048, nan=-5.0))
+    flags = ["--z-factor", 0.3048, "--nodata", -5]
+    names = [tmp_path / "feet.asc", "--crs", "EPSG:32619", *flags, "--min-area", 0.1, "-o", tmp_path / "rivers.csv"]
+    code, said, err = run(capsys, "network", *names)
     assert code == 0, err
-    for name in ("channels.csv", "belt.png", "belt.gif", "run/run.json"):
+    assert "heights 0 to 300 m, 2.78 % no data, crs=EPSG:32619" in said
+    ground = ["--terrain", tmp_path / "feet.asc", "--terrain-crs", "EPSG:32619", *flags]
+    out = ["-o", tmp_path / "out", "--no-progress"]
+    code, _, err = run(capsys, "simulate", tmp_path / "rivers.csv", *ground, "--years", 2, *out)
+    assert code == 0, err
+    code, _, err = run(capsys, "render", tmp_path / "out", *ground, "-o", tmp_path / "map.png")
+    assert code == 0 and (tmp_path / "map.png").stat().st_size > 0, err
+    start = ["--start", tmp_path / "feet.asc", *flags, "--depth", 0.5, "--slide-threshold", 40, "--fill"]
+    code, _, err = run(capsys, "erode", *start, "--events", 20, "-o", tmp_path / "eroded", "--no-progress")
+    assert code == 0, err
+    eroded = read_terrain(tmp_path / "eroded" / "terrain.npz").to_numpy()
+    assert np.isnan(eroded).sum() == 100 and 250.0 < np.nanmax(eroded) < 301.0
+
+
+def test_widths_set_spacings_and_rates_by_flags(river, tmp_path, capsys):
+    flags = ["--spacing-in-widths", 0.5, "--reference-width", 120]
+    code, _, err = run(capsys, "simulate", river, "--years", 2, *flags, "-o", tmp_path / "o", "--no-progress")
+    assert code == 0, err
+    params = History.load(tmp_path / "o" / "run").params
+    assert (params.spacing_in_widths, params.reference_width) == (0.5, 120.0)
+
+
+def test_demo_goes_from_a_terrain_to_pictures(tmp_path, capsys):
+    flags = ["--cell-size", 250, "--min-area", 40, "--relief", 600, "--years", 15, "--seed", 3]
+    code, said, err = run(capsys, "demo", *flags, "-o", tmp_path / "demo", "--no-progress")
+    assert code == 0, err
+    names = "terrain.npz network.csv channels.csv run/run.json network.png rivers.png before_after.png rivers.gif"
+    for name in names.split():
         assert (tmp_path / "demo" / name).stat().st_size > 0, name
-    assert "3-D" in said
+        assert name == "run/run.json" or name in said
+    terrain = read_terrain(tmp_path / "demo" / "terrain.npz")
+    expected = generate.intermontane_basin(250.0, 3, relief=600.0)
+    assert terrain.shape == (104, 160) and (terrain.to_numpy() == expected.to_numpy()).all()
+    history = History.load(tmp_path / "demo" / "run")
+    widest = max(width.max() for width in history.networks[0].point_widths())
+    # The network that was extracted; resampling may cut a little off the last point's interval.
+    assert history.params.reference_width == pytest.approx(widest, rel=0.01)
+    assert history.networks[0].channel_count > 5
+
+
+def test_demo_refuses_bad_numbers_in_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for flags, words in (
+        (["--cell-size", 5000], "cell_size is 5000"),
+        (["--relief", -1], "relief is -1"),
+        (["--min-area", 1e6], "min_drainage_area"),
+        (["--cell-size", 250, "--min-area", 40, "--reference-width", -5], "reference_width"),
+    ):
+        code, _, err = run(capsys, "demo", *flags)
+        assert code == 2 and err.count("\n") == 1 and words in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
+    monkeypatch.setattr(throughput, "COPY_BYTES", 2**20)
+    arguments = ["bench", "--points", 600, "--channels", 2, "--threads", 1, "--no-cutoffs", "--terrain"]
+    code, said, err = run(capsys, *arguments, "--json", tmp_path / "bench.json")
+    assert code == 0, err
+    for word in ("ms, ", "ns a point", "migrate", "resample", "GB/s", "1 thread,", "copies of its points"):
+        assert word in said, word
+    assert "cut off" not in said
+    found = json.loads((tmp_path / "bench.json").read_text())
+    assert found["benchmark"] == "bench" and found["channels"] == 2 and found["threads"] == 1
+    assert (found["terrain"], found["cutoffs"], found["collisions"]) == (True, False, True)
+    assert set(found["phases_ms"]) == {"migrate", "resample", "collide", *throughput.HOST_PHASES}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--points", 2], "3 points for each"),
+        (["--channels", 0], "at least 1 channel"),
+        (["--points", 600, "--channels", 2, "--threads", 0], "threads is 0"),
+        (["--device", "cuda:99"], "not on this machine"),
+        (["--json", "nowhere/bench.json"], "no folder nowhere"),
+    ],
+)
+def test_bench_refuses_bad_input(arguments, word, capsys, monkeypatch):
+    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
+    code, _, err = run(capsys, "bench", *arguments)
+    assert code == 2 and word in err and err.splitlines()[-1].startswith("warpriver bench: "), err

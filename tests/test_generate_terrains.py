@@ -5,11 +5,12 @@ import pytest
 import reference_terrain as twin
 from scipy.ndimage import minimum_filter
 
-from warpriver import metrics
+from warpriver import hydrology, metrics
 from warpriver.generate.terrains import (
     cone,
     fluvial_terrain,
     fractal_terrain,
+    intermontane_basin,
     mountain_front,
     mountain_front_line,
     mountain_front_zones,
@@ -157,6 +158,35 @@ def test_the_mountain_front_depends_on_seed_and_cells_as_said():
     assert one.shape == (100, 175)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_basin_gathers_its_water_and_sends_it_west(seed):
+    t = intermontane_basin(200.0, seed)
+    assert t.shape == (130, 200) and t.bounds == (0.0, 0.0, 40_000.0, 26_000.0)
+    flow = hydrology.route(hydrology.carve_depressions(t))
+    area = hydrology.drainage_area(flow)
+    row, column = np.unravel_index(np.nanargmax(area), area.shape)
+    assert column == 0 and 30 < row < 100, "the largest river leaves in the west, on the plain"
+    assert area[row, column] > 0.6 * 40e3 * 26e3
+    # Steep mountains, and a plain on which bends migrate at nearly their full rate.
+    slope = t.slope()
+    x, _ = twin.centers(t.shape, (0.0, 26_000.0, 200.0))
+    assert np.median(slope[x > 34_000.0]) > 0.15
+    network = hydrology.extract_network(t, min_drainage_area=2e7)
+    west = network.points()[network.points()[:, 0] < 10_000.0]
+    inner = west[np.abs(west[:, 1] - 13_000.0) < 4000.0]
+    assert np.median(np.hypot(*t.gradient(inner).T)) < 0.01
+
+
+def test_the_basin_depends_on_seed_and_relief_as_said():
+    one = intermontane_basin(400.0, 4).to_numpy()
+    np.testing.assert_array_equal(one, intermontane_basin(400.0, 4).to_numpy())
+    assert not np.array_equal(one, intermontane_basin(400.0, 5).to_numpy())
+    # All else stays: the plain, and the mountains' shape.
+    low, high = (intermontane_basin(400.0, 4, relief=r).to_numpy() for r in (0.0, 2400.0))
+    np.testing.assert_allclose(high - low, 2.0 * (one - low), atol=1e-9)
+    assert np.ptp(low) < 80.0 and (high - low).max() == pytest.approx(2400.0)
+
+
 def test_the_sample_dem_is_real_and_lies_the_right_way():
     pytest.importorskip("matplotlib")
     t = read_sample_dem()
@@ -188,6 +218,10 @@ BAD = [
     (lambda: fractal_terrain((5, 5), 1.0, 1.0, -3), "seed is -3"),
     (lambda: fluvial_terrain((5, 5), 1.0, 1.0, 0, concavity=0.0), "concavity is 0.0"),
     (lambda: fluvial_terrain((2, 2), 1.0, 1.0, 0), "at least 3 of each"),
+    (lambda: intermontane_basin(0.0), "cell_size is 0.0"),
+    (lambda: intermontane_basin(500.0), "give 400 m or less"),
+    (lambda: intermontane_basin(relief=-1.0), "relief is -1.0"),
+    (lambda: intermontane_basin(400.0, seed=-2), "seed is -2"),
     (lambda: mountain_front(-1.0), "cell_size is -1.0"),
     (lambda: mountain_front(5000.0), "cell_size is 5000.0"),
     (lambda: mountain_front_line(0.0), "spacing is 0.0"),

@@ -325,6 +325,19 @@ def test_level_ground_drains_after_filling():
         )
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("change", [hydrology.fill_depressions, hydrology.carve_depressions])
+@pytest.mark.parametrize("relief", [0.0, 5e-324, 1e-300, 1.0, 1e300])
+def test_no_relief_is_too_small_or_too_large(change, relief):
+    """Heights wait in buckets by their share of the relief, which may be nothing, or not even a normal number."""
+    height = relief * np.random.default_rng(0).random((25, 30))
+    height[12, 12] = 0.0
+    result = change(Terrain(height, 10.0))
+    flow = hydrology.route(result)
+    assert hydrology.drainage_area(flow)[own(flow)].sum() == 25 * 30 * 100.0
+    assert not own(flow)[1:-1, 1:-1].any()
+
+
 def test_terrain_closed_all_around_drains_to_its_lowest_cell(caplog):
     height = fractal(24)
     height[11, 7] = height.min() - 1.0

@@ -19,7 +19,7 @@ LEVELS = [
     {"meander", "metrics", "generate", "hydrology"},
     {"history"},
     {"simulation"},
-    {"io"},
+    {"io", "throughput"},
     {"viz"},
     {"cli", "__main__"},
 ]

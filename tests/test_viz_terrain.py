@@ -270,6 +270,25 @@ def test_belt_lies_on_the_relief_and_dry_courses_are_brown():
     assert "dry courses" not in [label.get_text() for axes in without.axes for label in axes.get_yticklabels()]
 
 
+@pytest.mark.parametrize("color", ["discharge", "width", "area", "order"])
+def test_channels_of_a_belt_are_coloured_by_value(color):
+    """Those with most water are darkest, whatever stands for it, and a bar says what it is where there is room."""
+    figure = draw_belt(make_history(collide=False), color=color, size=(1400, 900), dpi=100)
+    small, trunk = pixel_at(figure, (1250.0, 1000.0)), pixel_at(figure, (3000.0, 1500.0))
+    np.testing.assert_allclose(trunk, rgb(maps.FLOW_RAMP[-1][1]), atol=12)
+    np.testing.assert_allclose(small, rgb(maps.FLOW_RAMP[0][1]), atol=12)
+    assert maps.VALUE_LABELS[color] in [axes.get_title(loc="right") for axes in figure.axes]
+    narrow = draw_belt(make_history(collide=False), color=color, size=(400, 400), dpi=100)
+    assert maps.VALUE_LABELS[color] not in [axes.get_title(loc="right") for axes in narrow.axes]
+
+
+def test_before_and_after_may_be_coloured_and_unknown_values_are_refused():
+    figure = draw_before_after(make_history(), color="order", terrain=hills(), size=(1600, 700), dpi=100)
+    assert "stream order" in [axes.get_title(loc="right") for axes in figure.axes]
+    with pytest.raises(ValueError, match="color is 'depth'; use one of water"):
+        draw_belt(make_history(), color="depth", **SIZE)
+
+
 def test_the_gap_between_pieces_of_a_dry_course_stays_bare():
     subject = make_history()
     course = subject.collisions[0].xy.copy()

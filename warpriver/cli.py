@@ -39,7 +39,7 @@ EXTRAS = {
 }
 
 # Frames of the demo's movie; more make the file larger, not the film better.
-DEMO_FRAMES = 60
+DEMO_FRAMES = 40
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"warpriver {options.name}: warning: {message}", file=sys.stderr
             )
             return options.command(options)
-    except (ValueError, OSError, ImportError, RuntimeError) as error:
+    except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
             text += f": {error.filename}"
@@ -76,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_erode(commands)
     _add_valley(commands)
     _add_render(commands)
+    _add_bench(commands)
     _add_info(commands)
     return parser
 
@@ -96,30 +97,72 @@ def _add_demo(commands: Any) -> None:
         commands,
         "demo",
         _demo,
-        help="the main job on built-in input: a made-up river meanders for centuries",
-        description="Let a made-up river of one channel meander, and draw what it leaves: a map of its belt, a movie,\n"
-        "a 3-D preview. Needs no file from outside.",
+        help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
+        description="Make up a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off\n"
+        "their bends and run into each other, and draw them before and after. Needs no file from outside.\n"
+        "Into FOLDER go terrain.npz, network.csv and network.png (the rivers as found), run (the simulation),\n"
+        "channels.csv and rivers.png (the rivers after it), before_after.png, and the movie rivers.gif.",
+        epilog="examples:\n"
+        "  warpriver demo\n"
+        "  warpriver demo --seed 3 --relief 600 --years 500 -o out/gentle\n"
+        "  warpriver demo --min-area 2 --cell-size 50 --no-movie -o out/fine",
     )
-    parser.add_argument("--width", type=float, default=100.0, metavar="M", help="bankfull width in m (default 100)")
-    parser.add_argument("--length", type=float, default=40.0, metavar="KM", help="valley length in km (default 40)")
-    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest part")
-    _add_run_options(parser, out="out/demo", years=400.0)
+    ground = parser.add_argument_group("terrain and network")
+    ground.add_argument("--cell-size", type=float, default=100.0, metavar="M", help="terrain cell in m (default 100)")
+    ground.add_argument(
+        "--relief", type=float, default=1200.0, metavar="M", help="height of the mountains in m (default 1200)"
+    )
+    ground.add_argument(
+        "--min-area", type=float, default=8.0, metavar="KM2", help="least drainage area of a channel in km2 (default 8)"
+    )
+    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest picture")
+    _add_run_options(parser, out="out/demo", years=500.0, record_every=20, seed=1, reference="the widest channel's")
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from warpriver import generate
-    from warpriver.network import RiverNetwork
+    from warpriver import generate, hydrology
+    from warpriver.io.lines import write_network
+    from warpriver.io.rasters import write_terrain
 
     _quiet_warp()
+    terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)
+    network = hydrology.extract_network(
+        terrain, min_drainage_area=1e6 * options.min_area, dtype=options.dtype, device=options.device
+    )
+    if options.reference_width is None:
+        options.reference_width = max(float(width.max()) for width in network.point_widths())
+    simulation = _simulation(network, options, terrain)
     folder = _fresh_folder(options.out)
-    spacing = options.spacing or min(50.0, options.width)
-    line = generate.noisy_line(1e3 * options.length, spacing, options.width, options.seed)
-    network = RiverNetwork.from_polylines([line], width=options.width, device=options.device, dtype=options.dtype)
-    simulation = _simulation(network, options)
+    write_terrain(terrain, folder / "terrain.npz")
+    write_network(network, folder / "network.csv")
+    print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
-    _draw_results(simulation.history, folder, movie=not options.no_movie)
+    _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
     return code
+
+
+def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool) -> None:
+    """Draw the rivers before, after, and on the way."""
+    if importlib.util.find_spec("matplotlib") is None:
+        print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+        return
+    from warpriver import hydrology, viz
+
+    found = history.networks[0]
+    order = hydrology.strahler_order(found.channel_from, found.channel_to)
+    viz.draw_network(
+        found, folder / "network.png", terrain=terrain, color="order", order=order, title="Rivers of the terrain"
+    )
+    title = "Rivers of a basin"
+    viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
+    viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
+    for name in ("network.png", "rivers.png", "before_after.png"):
+        print(f"  picture  {folder / name}")
+    if movie:
+        every = -(-len(history) // DEMO_FRAMES)
+        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
+        print(f"  movie    {folder / 'rivers.gif'}")
 
 
 # ---- network
@@ -145,18 +188,22 @@ def _add_network(commands: Any) -> None:
     parser.add_argument("--spacing", type=float, metavar="M", help="distance between points in m (default: the cell)")
     parser.add_argument("--smoothing", type=int, default=4, metavar="N", help="passes that smooth courses (default 4)")
     parser.add_argument("--picture", metavar="FILE", help="also draw the network over the shaded terrain, by order")
-    parser.add_argument("--fill", action="store_true", help="fill depressions instead of carving them open")
+    parser.add_argument(
+        "--fill",
+        action="store_true",
+        help="fill depressions instead of carving them open: finds more of the rivers of flat, leveed ground",
+    )
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    _add_heights(parser)
 
 
 def _network(options: argparse.Namespace) -> int:
     from warpriver import hydrology
     from warpriver.io.lines import write_network
-    from warpriver.io.rasters import read_terrain
 
     _quiet_warp()
-    terrain = read_terrain(options.terrain, crs=options.crs, to_crs=options.to_crs)
+    terrain = _read_ground(options.terrain, options.crs, options)
     print(terrain)
     network = hydrology.extract_network(
         terrain,
@@ -205,12 +252,13 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--layer", help="layer to read, of a file with several")
     _add_line_options(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
-    parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
+    parser.add_argument("--to-crs", help='reproject rivers and terrain, e.g. EPSG:32619, or "utm" for their zone')
     parser.add_argument(
         "--terrain",
         metavar="FILE",
         help="heights under the river (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope",
     )
+    _add_ground(parser)
     _add_run_options(parser, out=None, years=200.0)
 
 
@@ -222,9 +270,7 @@ def _simulate(options: argparse.Namespace) -> int:
     source = Path(options.input)
     terrain = None
     if options.terrain is not None:
-        from warpriver.io.rasters import read_terrain
-
-        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
+        terrain = _read_ground(options.terrain, options.terrain_crs, options)
     if _is_run(source):
         run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
         simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
@@ -248,16 +294,29 @@ def _simulate(options: argparse.Namespace) -> int:
         folder = _fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = _run(simulation, options, folder)
     _write_results(simulation, folder)
-    _draw_results(simulation.history, folder, movie=False, scene=False, terrain=terrain)
+    _draw_results(simulation.history, folder, terrain)
     return code
 
 
-def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: float) -> None:
-    """Flags of every command that runs a simulation."""
+def _add_run_options(
+    parser: argparse.ArgumentParser,
+    out: str | None,
+    years: float,
+    record_every: int = 10,
+    seed: int = 0,
+    reference: str | None = None,
+) -> None:
+    """Flags of every command that runs a simulation; ``reference`` says what the reference width is by default."""
     run = parser.add_argument_group("run")
     run.add_argument("--years", type=float, default=years, help=f"how long to run, in years (default {years:g})")
-    run.add_argument("--record-every", type=int, default=10, metavar="STEPS", help="steps between records (default 10)")
-    run.add_argument("--seed", type=int, default=0, help="seed of what is random (default 0)")
+    run.add_argument(
+        "--record-every",
+        type=int,
+        default=record_every,
+        metavar="STEPS",
+        help=f"steps between records (default {record_every})",
+    )
+    run.add_argument("--seed", type=int, default=seed, help=f"seed of what is random (default {seed})")
     run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
     run.add_argument(
         "--threads", type=int, metavar="N", help="threads on the CPU; results do not depend on it (default: all cores)"
@@ -281,18 +340,19 @@ def _add_run_options(parser: argparse.ArgumentParser, out: str | None, years: fl
         metavar="M",
         help="distance between points in m (default 50, at most a channel's width)",
     )
+    told = {"spacing_in_widths": "1, or 0 with --spacing"} | ({"reference_width": reference} if reference else {})
     shared = {field.name for field in dataclasses.fields(MeanderParams)}
     for field in dataclasses.fields(MeanderParams):
         if field.name not in ("time_step", "spacing"):
-            _add_model_flag(model, field)
+            _add_model_flag(model, field, told.get(field.name, field.default))
     path = parser.add_argument_group("model of --solver path, which shares the flags above that it has a use for")
     for field in dataclasses.fields(PathMeander):
         if field.name not in shared:
-            _add_model_flag(path, field)
+            _add_model_flag(path, field, field.default)
 
 
-def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
-    """Add the flag of one constant."""
+def _add_model_flag(group: Any, field: dataclasses.Field, default: Any) -> None:
+    """Add the flag of one constant, whose help tells that default."""
     meta = field.metadata
     unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
     group.add_argument(
@@ -300,7 +360,7 @@ def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
         type=str if meta["choices"] else float,
         choices=meta["choices"] or None,
         metavar=None if meta["choices"] else "X",
-        help=f"{meta['doc']}{unit} (default {field.default})",
+        help=f"{meta['doc']}{unit} (default {default})",
     )
 
 
@@ -365,19 +425,18 @@ def _write_results(simulation: Simulation, folder: Path) -> None:
     network = simulation.network
     write_network(network, folder / "channels.csv")
     print(f"  lines    {folder / 'channels.csv'}")
-    longest = int(network.channel_lengths().argmax())
-    xy, width = network.polylines()[longest], float(network.channel_width[longest])
-    ring = bool(network.channel_closed[longest])
+    # Of many the one with most water surface: the longest may be a brook.
+    largest = int((network.channel_lengths() * network.channel_width).argmax())
+    xy, width = network.polylines()[largest], float(network.channel_width[largest])
+    ring = bool(network.channel_closed[largest])
     wave = metrics.wavelength(xy, width, closed=ring)
     print(
-        f"  longest channel: sinuosity {metrics.sinuosity(xy, ring):.3g}, meander wavelength {wave:.4g} m "
+        f"  largest channel: sinuosity {metrics.sinuosity(xy, ring):.3g}, meander wavelength {wave:.4g} m "
         f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs in all"
     )
 
 
-def _draw_results(
-    history: History, folder: Path, *, movie: bool, scene: bool = True, terrain: Terrain | None = None
-) -> None:
+def _draw_results(history: History, folder: Path, terrain: Terrain | None = None) -> None:
     """Draw what can be drawn on this machine; what cannot is named, and is no failure."""
     if importlib.util.find_spec("matplotlib") is None:
         print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
@@ -386,16 +445,6 @@ def _draw_results(
 
     viz.draw_belt(history, folder / "belt.png", terrain=terrain)
     print(f"  map      {folder / 'belt.png'}")
-    if scene:
-        try:
-            viz.render_scene(history, folder / "preview.png", terrain=terrain)
-            print(f"  3-D      {folder / 'preview.png'}")
-        except (RuntimeError, ImportError) as error:
-            print(f"  no 3-D preview: {error}")
-    if movie:
-        every = max(1, len(history) // DEMO_FRAMES)
-        viz.movie(history, folder / "belt.gif", every=every, size=(960, 540), fps=10.0)
-        print(f"  movie    {folder / 'belt.gif'}")
 
 
 # ---- erode
@@ -435,6 +484,7 @@ def _add_erode(commands: Any) -> None:
     start.add_argument("--fill", action="store_true", help="raise ground that water cannot leave until it can")
     start.add_argument("--crs", help="coordinate reference system of a file that does not say")
     start.add_argument("--to-crs", help='reproject a file, e.g. EPSG:32619, or "utm" for the zone of the data')
+    _add_heights(start)
     model = parser.add_argument_group("model (Leheny 1995)")
     model.add_argument("--events", type=int, default=10_000, metavar="N", help="units of rain (default 10000)")
     for field in dataclasses.fields(LehenyParams):
@@ -511,14 +561,13 @@ def _erode(options: argparse.Namespace) -> int:
 def _erosion_start(options: argparse.Namespace) -> Terrain:
     """Make or read the terrain that rain is to fall on."""
     from warpriver import generate
-    from warpriver.io.rasters import read_terrain
 
     made = {"plane": generate.erosion_plane, "peak": generate.erosion_peak}
     if options.start not in made:
         for flag in ("size", "cell_size", "slope"):
             if getattr(options, flag) is not None:
                 raise ValueError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
-        return read_terrain(options.start, crs=options.crs, to_crs=options.to_crs, device=options.device)
+        return _read_ground(options.start, options.crs, options, options.device)
     try:
         columns, rows = (int(n) for n in (options.size or "300x200").lower().split("x"))
     except ValueError:
@@ -713,6 +762,7 @@ def _add_render(commands: Any) -> None:
         "--window", type=float, nargs=4, metavar=("W", "S", "E", "N"), help="part to draw, in m (default: everything)"
     )
     parser.add_argument("--terrain", metavar="FILE", help="heights to draw under the rivers")
+    _add_ground(parser)
     parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
     parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
     parser.add_argument("--title", help="title of a map or movie")
@@ -734,9 +784,7 @@ def _render(options: argparse.Namespace) -> int:
         raise ValueError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
     window, terrain = options.window, None
     if options.terrain is not None:
-        from warpriver.io.rasters import read_terrain
-
-        terrain = read_terrain(options.terrain, to_crs=options.to_crs)
+        terrain = _read_ground(options.terrain, options.terrain_crs, options)
     if not _is_run(source):
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
@@ -762,6 +810,78 @@ def _render(options: argparse.Namespace) -> int:
     else:
         viz.draw_belt(history, out, window=window, terrain=terrain, until=until, title=options.title)
     print(out)
+    return OK
+
+
+# ---- bench
+
+
+def _add_bench(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "bench",
+        _bench,
+        help="what a step costs on this machine",
+        description="Let made-up rivers in full bend, 50 m wide with a point every 50 m, go on, and measure\n"
+        "their steps: time a step and a point, by phase, and beside a plain copy of memory in the same run.\n"
+        "Memory: about 150 bytes a point, and 1 GB for the copy. The whole suite, with peers, is benchmarks/.",
+        epilog="examples:\n"
+        "  warpriver bench\n"
+        "  warpriver bench --points 1000000 --channels 1000 --threads 1\n"
+        "  warpriver bench --device cuda --points 10000000 --channels 10000 --json gpu.json",
+    )
+    scene = parser.add_argument_group("scene")
+    scene.add_argument("--points", type=int, default=100_000, metavar="N", help="points, about (default 100000)")
+    scene.add_argument(
+        "--channels", type=int, default=100, metavar="N", help="channels that share the points evenly (default 100)"
+    )
+    scene.add_argument("--terrain", action="store_true", help="put ground under them, whose slope is felt")
+    scene.add_argument("--no-cutoffs", action="store_true", help="cut no necks off")
+    scene.add_argument("--no-collisions", action="store_true", help="do not look for channels that touch")
+    where = parser.add_argument_group("machine")
+    where.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    where.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
+    where.add_argument("--threads", type=int, metavar="N", help="threads on the CPU (default: one for each core)")
+    parser.add_argument("--json", metavar="FILE", help="also write the figures into a file")
+
+
+def _bench(options: argparse.Namespace) -> int:
+    import json
+
+    _quiet_warp()
+    from warpriver import throughput
+
+    target = None if options.json is None else Path(options.json)
+    if target is not None and not target.parent.is_dir():
+        raise ValueError(f"--json {target}: there is no folder {target.parent}")
+    found = throughput.measure(
+        options.points,
+        options.channels,
+        device=options.device,
+        dtype=options.dtype,
+        threads=options.threads,
+        terrain=options.terrain,
+        cutoffs=not options.no_cutoffs,
+        collisions=not options.no_collisions,
+    )
+    hands = f"{found['threads']} thread{'s' * (found['threads'] != 1)}"
+    parts = ["migration"] + [name for name in ("cutoffs", "collisions", "terrain") if found[name]]
+    print(f"{found['device']}, {hands}, {found['dtype']}: {', '.join(parts)}")
+    print(f"  scene    {found['points']} points in {found['channels']} channels")
+    print(
+        f"  step     {found['ms_per_step']:.4g} ms, {found['ns_per_point']:.4g} ns a point; "
+        f"{found['cutoffs_per_step']:.3g} cutoffs, {found['bytes_per_point']:.0f} bytes a point on the device"
+    )
+    total = sum(found["phases_ms"].values())
+    shares = [f"{name} {cost / total:.0%}" for name, cost in found["phases_ms"].items()]
+    print(f"  phases   {', '.join(shares)}")
+    print(
+        f"  memory   a copy moves {1e-9 * found['copy_bytes_per_second']:.3g} GB/s (read + written): "
+        f"a step takes as long as {found['copies_of_points']:.3g} copies of its points"
+    )
+    if target is not None:
+        target.write_text(json.dumps({"benchmark": "bench", "warpriver": __version__, **found}, indent=2) + "\n")
+        print(f"  figures  {target}")
     return OK
 
 
@@ -878,6 +998,31 @@ def _read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
         closed=options.closed or None,
         crs=options.crs,
         to_crs=options.to_crs,
+    )
+
+
+def _add_heights(parser: Any) -> None:
+    """Flags of every command that reads heights from a file."""
+    parser.add_argument(
+        "--z-factor", type=float, metavar="M", help="metres in the file's unit of height, 0.3048 for feet (default 1)"
+    )
+    parser.add_argument(
+        "--nodata", type=float, metavar="H", help="height that stands for no data, besides what the file says"
+    )
+
+
+def _add_ground(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that takes a terrain beside rivers."""
+    parser.add_argument("--terrain-crs", metavar="CRS", help="coordinate reference system of a --terrain without one")
+    _add_heights(parser)
+
+
+def _read_ground(path: str, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
+    """Read a terrain as the flags say."""
+    from warpriver.io.rasters import read_terrain
+
+    return read_terrain(
+        path, crs=crs, to_crs=options.to_crs, z_factor=options.z_factor, nodata=options.nodata, device=device
     )
 
 

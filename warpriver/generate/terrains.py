@@ -1,4 +1,4 @@
-"""Synthetic terrains: exact forms, fractal noise, land that rivers drain, and the scene of a mountain front.
+"""Synthetic terrains: exact forms, fractal noise, land that rivers drain, a basin among mountains and a mountain front.
 
 Their south-west corner lies at (0, 0). Those that draw random numbers take a seed: the same seed gives the same land.
 """
@@ -20,6 +20,7 @@ __all__ = [
     "cone",
     "fluvial_terrain",
     "fractal_terrain",
+    "intermontane_basin",
     "mountain_front",
     "mountain_front_line",
     "mountain_front_zones",
@@ -47,6 +48,19 @@ PLAIN_SLOPE, FRONT_SLOPE, VALLEY_SLOPE = 1.0e-3, 0.2, 4.0e-3
 COARSEST = 250.0
 # Length over which the slope along the river changes at the foot and the top; half-widths of canyon and valley floor.
 FRONT_BEND, CANYON, VALLEY = 400.0, 150.0, 700.0
+
+# The basin among mountains, m: extent; half of the plain's width in the west, the x from which it narrows and where
+# only the valley of its river is left; half of that valley's width, and the x of its head.
+BASIN_SIZE = (40_000.0, 26_000.0)
+BASIN_HALF, BASIN_FROM, BASIN_TO = 8_500.0, 4_000.0, 32_000.0
+BASIN_VALLEY, BASIN_HEAD = 350.0, 30_000.0
+# How far the mountains' foot comes forward and steps back, m. Slopes of the plain: down it, and towards its river.
+# Height of the fans at that foot and the length over which they fade; unevenness of the plain, m.
+BASIN_BAYS, BASIN_SLOPE, BASIN_CROSS = 2_500.0, 6.0e-4, 8.0e-4
+FAN_HEIGHT, FAN_LENGTH, BASIN_UNEVEN = 14.0, 1_800.0, 4.0
+# Hillslopes are rounded over so many cells: land in strict balance has knife edges.
+ROUNDING = 0.6
+BASIN_COARSEST = 400.0
 
 # Meridian arc and parallel of the WGS 84 ellipsoid.
 EQUATOR, FLATNESS = 6378137.0, 0.0066943799901413165
@@ -151,6 +165,42 @@ def fluvial_terrain(
     return _terrain(height * (relief / height.max()), cell_size, device)
 
 
+def intermontane_basin(
+    cell_size: float = 100.0, seed: int = 0, *, relief: float = 1200.0, device: Any = "cpu"
+) -> Terrain:
+    """Scene of 40 x 26 km: mountains on three sides of a plain that opens to the west, for a whole river network.
+
+    The mountains are drained as in :func:`fluvial_terrain`, down to the plain. It falls west by 0.0006 and towards a
+    winding axis by 0.0008, steepens on fans at the foot of the mountains, and is uneven by a few metres, so that rivers
+    found on it wander, gather and leave as one. In the east it narrows to the valley in which the largest one comes.
+
+    Args:
+        cell_size: m, 400 or less.
+        seed: 0 or more.
+        relief: Height of the highest summit above the ground it would stand on, m.
+        device: Warp device name.
+    """
+    from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+    if _positive(cell_size, "cell_size") > BASIN_COARSEST:
+        raise ValueError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
+    _number(relief, "relief")
+    _check_seed(seed)
+    size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
+    size = _checked(size, cell_size, DRAINED_BYTES)
+    x, y = _centers(size, cell_size)
+    bay = BASIN_BAYS * _noise(size, cell_size, 9000.0, seed + 1, 0.5, 5)
+    uneven = BASIN_UNEVEN * _noise(size, cell_size, 5000.0, seed + 2, 0.55, 6)
+    off = np.abs(y - _basin_axis(x, seed))
+    half = BASIN_HALF * (1.0 - _smoothstep((x - BASIN_FROM) / (BASIN_TO - BASIN_FROM)))
+    plain = off < half + bay * np.minimum(1.0, half / 2000.0)
+    plain |= (off < max(BASIN_VALLEY, cell_size)) & (x < BASIN_HEAD)
+    rise = gaussian_filter(_drained(np.zeros(size), plain, cell_size, seed, CONCAVITY), ROUNDING)
+    fan = FAN_HEIGHT * np.exp(-cell_size * distance_transform_edt(plain) / FAN_LENGTH)
+    floor = BASIN_SLOPE * x + BASIN_CROSS * off + fan + uneven
+    return _terrain(rise * (relief / rise.max()) + floor, cell_size, device)
+
+
 def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu") -> Terrain:
     """Scene of 35 x 20 km for a river in three stages, after [Paris2023, Fig. 27]; it flows west.
 
@@ -172,6 +222,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
     """
     if _positive(cell_size, "cell_size") > COARSEST:
         raise ValueError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
+    _check_seed(seed)
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -236,6 +287,12 @@ def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
     width = math.radians(east - west) * EQUATOR / math.sqrt(flat) * math.cos(middle) / height.shape[1]
     length = math.radians(north - south) * EQUATOR * (1.0 - FLATNESS) / flat**1.5 / height.shape[0]
     return _terrain(square_cells(height, width, length, _positive(cell_size, "cell_size")), cell_size, device)
+
+
+def _basin_axis(x: FloatArray, seed: int) -> FloatArray:
+    """Line to which the plain of the basin falls from both sides: y at x."""
+    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 2)
+    return 0.5 * BASIN_SIZE[1] + 1500.0 * np.sin(x / 4500.0 + phase[0]) + 800.0 * np.sin(x / 1900.0 + phase[1])
 
 
 def _front_base(x: FloatArray, y: FloatArray, cell_size: float, seed: int) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -340,8 +397,7 @@ def _noise(
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise ValueError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; give a whole number, 0 or more.")
+    _check_seed(seed)
     kernel = kernels.build(wp.float64)
     law = kernel.Octaves()
     law.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
@@ -378,6 +434,12 @@ def _smoothstep(part: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, smooth between."""
     p = np.clip(part, 0.0, 1.0)
     return p * p * (3.0 - 2.0 * p)
+
+
+def _check_seed(seed: int) -> None:
+    """Raise ValueError for a seed below 0."""
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; give a whole number, 0 or more.")
 
 
 def _number(value: float, name: str) -> float:

@@ -107,6 +107,14 @@ def extract_network(
     shorter than that is left out; so is the smallest tributary where a stream is too short for all of them. Drainage
     areas stay true: what is left out still drains through the channel below.
 
+    Lakes are crossed. On a flat one, and on a depression that is filled, water runs straight on towards the outlet, in
+    smooth lines with slope 0 that join on the way; a depression that is carved is crossed through its lowest cells and
+    the cut. Drainage area and discharge go on through it. Shores drain onto it as hillslopes drain into a valley: what
+    gathers ``min_drainage_area`` on the lake only is a channel from there on. A lake without data is no ground:
+    channels end on its shore and begin anew below it, without the water from above, or, with ``nodata="wall"``, run
+    round it to where the land lets them out. A river that touches an open side of the map leaves there, also where it
+    would run along it; along a closed side it runs on.
+
     Where a side is periodic, channels end there and begin anew on the opposite side; with ``unroll`` they run on beyond
     the map, so that each river is in one piece from its mouth, which lies on the map.
 
@@ -137,8 +145,9 @@ def extract_network(
         carved pit that of the cut.
 
     Raises:
-        ValueError: A threshold or another number out of range, a threshold that leaves no channel, an area that shrinks
-            downstream or does not fit the terrain, and as :func:`warpriver.hydrology.fill_depressions`.
+        ValueError: A level terrain, a threshold or another number out of range, a threshold that leaves no channel, an
+            area that shrinks downstream or does not fit the terrain, and as
+            :func:`warpriver.hydrology.fill_depressions`.
         MemoryError: There is no room, told before anything is allocated.
     """
     threshold = _positive(min_drainage_area, "min_drainage_area", "m2")
@@ -147,6 +156,7 @@ def extract_network(
     if smoothing != int(smoothing) or smoothing < 0:
         raise ValueError(f"smoothing is {smoothing}; give a whole number of passes, 0 or more")
     if flow is None:
+        _refuse_level_ground(terrain)
         surface = (carve_depressions if carve else fill_depressions)(terrain, edges=edges, nodata=nodata)
         flow = route(surface, edges=edges, nodata=nodata)
     elif flow.receiver.shape != terrain.shape or flow.terrain.cell_size != terrain.cell_size:
@@ -182,6 +192,14 @@ def extract_network(
         dtype,
         device,
     )
+
+
+def _refuse_level_ground(terrain: Terrain) -> None:
+    """Raise ``ValueError`` where all cells have one height: the ways of water would be those of the raster."""
+    height = terrain.height.numpy()
+    lowest = np.fmin.reduce(height, axis=None)
+    if lowest == np.fmax.reduce(height, axis=None):
+        raise ValueError(f"the terrain is level, {lowest:g} m in every cell with data: water has no way to take")
 
 
 def _positive(value: float, name: str, unit: str) -> float:

@@ -7,8 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.hydrology.orders import strahler_order
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
-from warpriver.viz.maps import RELIEF_RAMP, add_channels, map_window
+from warpriver.viz.maps import (
+    FLOW_RAMP,
+    RELIEF_RAMP,
+    VALUE_LABELS,
+    add_channels,
+    add_value_bar,
+    channel_values,
+    map_window,
+    value_colors,
+    value_norm,
+)
 from warpriver.viz.relief import relief_picture
 from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, color_ramp, need_matplotlib, style_bar
 
@@ -23,6 +34,9 @@ DRY_RAMP = ((0.0, "#c99a72"), (0.15, "#b98a66"), (0.45, "#95805f"), (1.0, "#6f73
 
 RELIEF_WATER = RELIEF_RAMP[1][1]
 
+# Inches beside the bar of ages: for its labels; and for them, a scale bar and an arrow to the north.
+LEGEND_GAP, LEAST_LEGEND = 1.15, 3.2
+
 # Part of the relief's shades that deposits carry; courses narrower than this many samples are painted as wide as it.
 DEPOSIT_SHADE, LEAST_SAMPLES = 0.6, 1.5
 
@@ -35,6 +49,7 @@ def draw_belt(
     path: Any = None,
     *,
     terrain: Any = None,
+    color: str = "water",
     until: int | None = None,
     window: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
@@ -56,6 +71,8 @@ def draw_belt(
         history: History.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
+        color: Colour of the present channels: "water", or by "discharge" (m3/s), "width" (m), "area" (drainage area,
+            km2; where the networks have it) or Strahler "order", with a bar of it where there is room.
         until: Index of the record to show as the present (negative: from the end); by default the last.
         window: (west, south, east, north) to show, in m; by default everything. It grows where the page has
             room.
@@ -71,8 +88,9 @@ def draw_belt(
 
     Raises:
         ImportError: matplotlib is missing.
-        ValueError: No record, a record that does not exist, a window that shows nothing, a terrain elsewhere or in
-            another CRS, an ``age_span`` that is not positive, or a file name with an unknown suffix.
+        ValueError: No record, a record that does not exist, an unknown ``color``, a window that shows nothing, a
+            terrain elsewhere or in another CRS, an ``age_span`` that is not positive, or a file name with an unknown
+            suffix.
         OSError: The file cannot be written.
     """
     need_matplotlib()
@@ -88,6 +106,7 @@ def draw_belt(
         legend=legend,
         age_span=age_span,
         terrain=terrain,
+        color=color,
     )
     page.turn_to(record)
     if path is not None:
@@ -100,6 +119,7 @@ def draw_before_after(
     path: Any = None,
     *,
     terrain: Any = None,
+    color: str = "water",
     until: int | None = None,
     window: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
@@ -114,6 +134,8 @@ def draw_before_after(
         history: History.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
+        color: Colour of the present channels: "water", or by "discharge" (m3/s), "width" (m), "area" (drainage area,
+            km2; where the networks have it) or Strahler "order", with a bar of it where there is room.
         until: Index of the record to show second; by default the last.
         window: (west, south, east, north) to show, in m; by default everything. It grows where the page has room.
         size: Width and height of the picture in pixels; by default fitted to the window.
@@ -139,6 +161,7 @@ def draw_before_after(
         legend=True,
         age_span=None,
         terrain=terrain,
+        color=color,
         two=True,
     )
     page.turn_to(0, panel=0)
@@ -163,6 +186,7 @@ class BeltSheet:
         age_span: float | None,
         bounds: Window | None = None,
         terrain: Any = None,
+        color: str = "water",
         two: bool = False,
     ):
         """Lay out the page; parameters as in :func:`draw_belt`, ``bounds`` in m where they are known."""
@@ -174,6 +198,11 @@ class BeltSheet:
         self.sheet = Sheet(view, size=size, dpi=dpi, title=text, legend=legend, two=two)
         self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span, terrain=terrain)
         self._water_color = WATER if terrain is None else RELIEF_WATER
+        self._ramp = FLOW_RAMP if terrain is None else RELIEF_RAMP
+        self._color, self._norm = color, None
+        ends = [_values(history.networks[k], color) for k in (0, -1)]
+        if color != "water":
+            self._norm = value_norm(np.concatenate([v for v in ends if v is not None]), whole=color == "order")
         west, south, east, north = self.sheet.window
         blank = np.zeros((*self.sheet.shape, 3), np.uint8)
         self._images = [
@@ -200,8 +229,13 @@ class BeltSheet:
         self._images[panel].set_data(self.painter.picture(record))
         for collection in self._water[panel]:
             collection.remove()
+        network = self.painter.network
+        values, bank = _values(network, self._color), 0.7
+        colors: Any = self._water_color
+        if values is not None:
+            colors, bank = value_colors(values, self._norm, self._ramp), 0.4
         axes = self.sheet.panels[panel]
-        self._water[panel] = add_channels(self.sheet, self.painter.network, self._water_color, bank=0.7, axes=axes)
+        self._water[panel] = add_channels(self.sheet, network, colors, bank=bank, rank=values, axes=axes)
         note = self._notes[panel]
         if note is not None:
             time = float(self._history.times[record])
@@ -248,6 +282,14 @@ class BeltSheet:
         style_bar(box)
         box.tick_params(axis="y", length=0, pad=4, labelsize=8.5)
         box.set_xlabel("years since the channel left", fontsize=8.5, color=INK, labelpad=2)
+        if self._norm is not None and self.sheet.across > 2.0 * width + LEAST_LEGEND:
+            add_value_bar(self.sheet, self._norm, VALUE_LABELS[self._color], self._ramp, right=width + LEGEND_GAP)
+
+
+def _values(network: Any, color: str) -> np.ndarray | None:
+    """Return the value of each channel that sets its colour, None for one colour."""
+    order = strahler_order(network.channel_from, network.channel_to) if color == "order" else None
+    return channel_values(network, color, order)
 
 
 class BeltPainter:

@@ -25,11 +25,18 @@ from warpriver.viz.sheet import (
     style_bar,
 )
 
-__all__ = ["add_value_bar", "draw_network"]
+__all__ = ["add_channels", "add_value_bar", "channel_values", "draw_network", "value_colors", "value_norm"]
 
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
 # On a relief, whose own shades are as dark, even the least flow is a strong blue.
 RELIEF_RAMP = ((0.0, "#3f9cc4"), (0.45, "#1f6c9e"), (0.8, "#124377"), (1.0, "#0d2450"))
+
+VALUE_LABELS = {
+    "discharge": "bankfull discharge, m³/s",
+    "width": "bankfull width, m",
+    "area": "drainage area, km²",
+    "order": "stream order",
+}
 
 # Least width of a line that stands for a channel, in points: for the narrowest channel, and what the widest adds.
 LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
@@ -85,7 +92,7 @@ def draw_network(
         OSError: The file cannot be written.
     """
     need_matplotlib()
-    values = _color_values(network, color, order)
+    values = channel_values(network, color, order)
     if (background is None) != (extent is None):
         raise ValueError("give background and extent, (west, south, east, north) in m, together")
     if terrain is not None and background is not None:
@@ -117,7 +124,7 @@ def draw_network(
     return sheet.figure
 
 
-def _color_values(network: Any, color: str, order: Any) -> np.ndarray | None:
+def channel_values(network: Any, color: str, order: Any) -> np.ndarray | None:
     """Return the value of each channel that sets its colour, None for one colour.
 
     Raises:
@@ -185,19 +192,17 @@ def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: s
     inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
     if not inside.any():
         return
-    norm = _norm(values[inside], whole=name == "order")
+    norm = value_norm(values[inside], whole=name == "order")
+    add_channels(sheet, network, value_colors(values, norm, ramp), bank=0.4, rank=values)
+    add_value_bar(sheet, norm, VALUE_LABELS[name], ramp)
+
+
+def value_colors(values: np.ndarray, norm: Any, ramp: Any) -> np.ndarray:
+    """Colours of values on the scale of :func:`value_norm`, (C, 3)."""
     part = np.asarray(norm(values), np.float64)
-    if name == "order":
+    if hasattr(norm, "boundaries"):
         part = (values - norm.boundaries[0] - 0.5) / max(len(norm.boundaries) - 2, 1)
-    colors = color_ramp(ramp, np.clip(part, 0.0, 1.0))
-    add_channels(sheet, network, colors, bank=0.4, rank=values)
-    label = {
-        "discharge": "bankfull discharge, m³/s",
-        "width": "bankfull width, m",
-        "area": "drainage area, km²",
-        "order": "stream order",
-    }[name]
-    add_value_bar(sheet, norm, label, ramp)
+    return color_ramp(ramp, np.clip(part, 0.0, 1.0))
 
 
 def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
@@ -211,7 +216,7 @@ def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
     sheet.axes.set_ylim(sheet.window[1], sheet.window[3])
 
 
-def _norm(values: np.ndarray, whole: bool = False) -> Any:
+def value_norm(values: np.ndarray, whole: bool = False) -> Any:
     """Return the scale for colouring by ``values``: logarithmic where they span more than a decade; or of steps."""
     from matplotlib.colors import BoundaryNorm, LogNorm, Normalize
 
@@ -223,15 +228,15 @@ def _norm(values: np.ndarray, whole: bool = False) -> Any:
     return LogNorm(low, high) if high > 10.0 * low > 0.0 else Normalize(low, high)
 
 
-def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any) -> None:
-    """Draw the colour bar of a value at the right of the strip."""
+def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any, right: float = 0.0) -> None:
+    """Draw the colour bar of a value at the right of the strip, or so many inches off it."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
     scale = ScalarMappable(norm, LinearSegmentedColormap.from_list("flow", ramp))
     width = sheet.legend_width
-    box = sheet.strip(-width, 0.42, width, 0.13)
+    box = sheet.strip(-width - right, 0.42, width, 0.13)
     bar = sheet.figure.colorbar(scale, cax=box, orientation="horizontal")
     if isinstance(norm, BoundaryNorm):
         steps = norm.boundaries

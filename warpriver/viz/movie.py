@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.viz.belt import DEPOSIT_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
+from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
 __all__ = ["movie"]
@@ -71,7 +71,7 @@ def movie(
     }
     # The last frame holds nearly every colour.
     *_, sample = _frames(history, [last], layout, None)
-    ramps = (DEPOSIT_RAMP, OXBOW_RAMP)
+    ramps = (DEPOSIT_RAMP, OXBOW_RAMP) + ((DRY_RAMP,) if getattr(history, "collisions", ()) else ())
     write_frames(path, _frames(history, records, layout, progress), sample, fps=fps, hold=hold, ramps=ramps)
 
 

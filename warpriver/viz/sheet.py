@@ -130,14 +130,14 @@ class Sheet:
         return x / self._page[0], y / self._page[1], width / self._page[0], height / self._page[1]
 
     @property
-    def _across(self) -> float:
+    def across(self) -> float:
         """Width of all maps, inches."""
         return (self._right - self._left) / self.dpi
 
     @property
     def legend_width(self) -> float:
         """Width of the colour bar in the strip, inches."""
-        return float(np.clip(0.38 * self._across, 1.0, 2.5))
+        return float(np.clip(0.38 * self.across, 1.0, 2.5))
 
     def strip(self, x: float, y: float, width: float, height: float) -> Any:
         """Add axes in the strip, in inches, with ``x`` from the map's left or, below 0, from its right."""
@@ -149,7 +149,7 @@ class Sheet:
         """Draw a north arrow, a scale bar and, where ``flow`` (2,) is given, the direction of flow."""
         from matplotlib.patches import Rectangle
 
-        free = self._across - self.legend_width - 1.0 - 0.8 - (0.75 if flow is not None else 0.0)
+        free = self.across - self.legend_width - 1.0 - 0.8 - (0.75 if flow is not None else 0.0)
         if flow is not None and free < 0.8:
             flow, free = None, free + 0.75
         room = float(np.clip(free, 0.4, 2.0)) * self.dpi * self.metres_per_pixel

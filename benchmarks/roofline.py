@@ -1,0 +1,206 @@
+"""What every kernel of a step has to read and write at least: the floor under its time on a given memory.
+
+The table counts elements a point; the bytes follow from the types in the kernels' argument lists, for either
+precision. Counted is what a kernel must move even if each element were fetched once only and caches held nothing from
+one kernel to the next. On the CPU, where a slab of points goes through several kernels while it is in the cache, less
+goes to memory than that; a grid's lists, whose entries lie scattered, move more.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Iterable
+
+import numpy as np
+import warp as wp
+
+SCALARS = {"float64": wp.float64, "float32": wp.float32}
+
+
+@dataclasses.dataclass(frozen=True)
+class Moved:
+    """Elements of one array that a kernel moves.
+
+    Attributes:
+        argument: Name in the kernel's argument list.
+        read: Elements read for each ``per``.
+        written: Elements written for each ``per``.
+        per: What they are counted by: "point", "channel", "block" (of the search for collisions), "section" (a point,
+            where width and depth vary along channels), "terrain" (a point, where there is ground), "event" (a cutoff
+            or a contact: rare, counted as nothing), "chunk" (of 32 points, on a GPU alone).
+    """
+
+    argument: str
+    read: float = 0.0
+    written: float = 0.0
+    per: str = "point"
+
+
+@dataclasses.dataclass(frozen=True)
+class Launch:
+    """A kernel of a step, or memory that is set to 0 in between.
+
+    Attributes:
+        phase: Phase of the step, as in ``Stage.phase``.
+        file: File of ``kernels/``.
+        kernel: Name of the kernel.
+        moved: One entry for every array among its arguments.
+    """
+
+    phase: str
+    file: str
+    kernel: str
+    moved: tuple[Moved, ...]
+
+
+def _read(*names: str, per: str = "point") -> tuple[Moved, ...]:
+    return tuple(Moved(name, read=1.0, per=per) for name in names)
+
+
+def _written(*names: str, per: str = "point") -> tuple[Moved, ...]:
+    return tuple(Moved(name, written=1.0, per=per) for name in names)
+
+
+# The head of a bucket is set to 0, exchanged (read and written), and looked up by each point's search: at least once.
+BUCKETS_A_POINT = 4.0
+# Cells that a block looks at for its neighbours, where all channels are of one level, and the integers of a cell.
+CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
+
+STEP = (
+    Launch("migrate", "migration", "schedule_channels", (
+        *_read("channel_parts", per="channel"), Moved("substep", per="event"),
+        *_written("channel_step_out", "channel_pace_out", per="channel"),
+    )),
+    Launch("migrate", "migration", "compute_rate", (
+        *_read("point_xy"), *_read("point_section", per="section"),
+        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        *_written("point_rate_out"),
+    )),
+    Launch("migrate", "migration", "move_points", (
+        *_read("point_xy", "point_rate"), *_read("point_section", per="section"),
+        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        Moved("cell_height", read=4.0, per="terrain"),
+        *_written("point_moved_out"), *_written("section_moved_out", per="section"),
+        Moved("channel_pace_io", 1.0, 1.0, per="channel"),
+    )),
+    Launch("cut off", "cutoffs", "insert_points", (
+        *_read("point_moved"), *_read("channel_start", "channel_form", "channel_step", per="channel"),
+        *_written("point_next_out"), Moved("bucket_head_io", 1.0, BUCKETS_A_POINT + 1.0),
+    )),
+    Launch("cut off", "cutoffs", "find_necks", (
+        *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
+        *_read("section_moved", per="section"),
+        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        *_written("point_neck_out"), *_written("chunk_necks_io", per="chunk"),
+        *_written("channel_necks_io", per="channel"),
+    )),
+    Launch("cut off", "cutoffs", "select_cuts", (
+        *_read("channel_start", "channel_necks", per="channel"), *_read("chunk_necks", per="event"),
+        *_written("channel_cuts_out", "channel_cut_points_out", per="channel"), Moved("point_neck_io", per="event"),
+    )),
+    Launch("cut off", "cutoffs", "cut_necks", (
+        *_read("channel_start", "channel_cuts_sum", "channel_cut_points_sum", per="channel"),
+        *_read("chunk_necks", "point_neck", "section_moved", per="event"),
+        *_written("cut_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", "fault_io", per="event"),
+    )),
+    Launch("resample", "resampling", "measure_arcs", (
+        *_read("point_moved"), *_read("channel_start", "channel_step", per="channel"),
+        *_written("point_arc_out"), *_written("chunk_length_out", per="chunk"),
+    )),
+    Launch("resample", "resampling", "count_samples", (
+        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", "point_arc", per="channel"),
+        *_read("chunk_offset", per="chunk"),
+        *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("fault_io", per="event"),
+    )),
+    Launch("resample", "resampling", "resample_points", (
+        *_read("point_moved", "point_arc"), *_read("section_moved", per="section"),
+        *_read("channel_start", "channel_spacing", "channel_step", "channel_start_next", per="channel"),
+        *_read("chunk_offset", per="chunk"), Moved("fault", per="event"),
+        *_written("point_xy_out"), *_written("point_section_out", per="section"),
+    )),
+    Launch("resample", "resampling", "commit_step", (
+        *_read("channel_start_next", "channel_spacing_next", per="channel"), Moved("fault", per="event"),
+        *_written("channel_start_out", "channel_spacing_out", per="channel"), Moved("substep_io", per="event"),
+    )),
+    Launch("collide", "collisions", "insert_blocks", (
+        *_read("point_xy", per="block"),
+        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        *_written("point_next_out", "point_owner_out", per="block"),
+        # One cell a point, about, is set to 0; then a block changes the four fields of one.
+        Moved("bucket_io", read=0.0, written=CELL_FIELDS),
+    )),
+    Launch("collide", "collisions", "find_contacts", (
+        *_read("point_xy", per="block"), *_read("point_section", per="event"),
+        *_read("channel_start", "channel_nodes", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        *_read("point_next", "point_owner", per="block"),
+        Moved("bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"), Moved("share_offset", per="event"),
+        Moved("contact_out", per="event"), Moved("share_contacts_io", written=1.0, per="chunk"),
+    )),
+)  # fmt: skip
+
+
+def argument_sizes(launch: Launch, dtype: str) -> dict[str, int]:
+    """Bytes of an element of every array among a kernel's arguments, in their order."""
+    kernel = getattr(importlib.import_module(f"warpriver.kernels.{launch.file}").build(SCALARS[dtype]), launch.kernel)
+    # Of the types of arguments only that of an array has elements.
+    arrays = [a for a in kernel.adj.args if hasattr(a.type, "dtype")]
+    return {a.label: wp.types.type_size_in_bytes(a.type.dtype) for a in arrays}
+
+
+def bytes_per_point(
+    launch: Launch,
+    dtype: str = "float64",
+    *,
+    channel_points: float = 1000.0,
+    block_points: float = 8.0,
+    chunk_points: float = np.inf,
+    varying: bool = False,
+    terrain: bool = False,
+) -> tuple[float, float]:
+    """Bytes that a kernel reads and writes a point at least.
+
+    Args:
+        launch: The kernel.
+        dtype: "float64" or "float32".
+        channel_points: Points of a channel.
+        block_points: Points of a block of the search for collisions: 8 widths.
+        chunk_points: Points that a thread takes on a GPU; infinite on the CPU, which has no chunks.
+        varying: Whether width and depth vary along channels.
+        terrain: Whether there is ground.
+    """
+    weight = {
+        "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
+        "section": float(varying), "terrain": float(terrain), "event": 0.0,
+    }  # fmt: skip
+    size = argument_sizes(launch, dtype)
+    read, written = (
+        sum(getattr(m, which) * size[m.argument] * weight[m.per] for m in launch.moved) for which in ("read", "written")
+    )
+    return read, written
+
+
+def phase_bytes(dtype: str = "float64", launches: Iterable[Launch] = STEP, **shape: float) -> dict[str, float]:
+    """Bytes a point, read and written, of each phase; the keywords are those of :func:`bytes_per_point`."""
+    found: dict[str, float] = {}
+    for launch in launches:
+        found[launch.phase] = found.get(launch.phase, 0.0) + sum(bytes_per_point(launch, dtype, **shape))
+    return found
+
+
+def main() -> None:
+    """Print the table as ``README.md`` shows it."""
+    print("| phase | kernel | read | written | float32 |\n| --- | --- | ---: | ---: | ---: |")
+    for launch in STEP:
+        read, written = bytes_per_point(launch)
+        small = sum(bytes_per_point(launch, "float32"))
+        print(f"| {launch.phase} | `{launch.kernel}` | {read:.1f} | {written:.1f} | {small:.1f} |")
+    for name, wanted in (("all but collisions", ("migrate", "cut off", "resample")), ("all", None)):
+        chosen = [x for x in STEP if wanted is None or x.phase in wanted]
+        read, written = np.sum([bytes_per_point(x) for x in chosen], axis=0)
+        small = sum(sum(bytes_per_point(x, "float32")) for x in chosen)
+        print(f"| **{name}** | | **{read:.0f}** | **{written:.0f}** | **{small:.0f}** |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""The table of what a step moves, against the kernels themselves."""
+
+import numpy as np
+import pytest
+import roofline
+import warp as wp
+
+from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+
+
+def launched(monkeypatch, sim):
+    """Names of the kernels of a step, by phase, in order."""
+    names, launch = [], wp.launch
+    for stage in sim._stages():
+        monkeypatch.setattr(
+            wp, "launch", lambda k, *a, _p=stage.phase, **o: (names.append((_p, k)), launch(k, *a, **o))
+        )
+        sim._run([stage])
+    monkeypatch.setattr(wp, "launch", launch)
+    return list(dict.fromkeys((phase, kernel.key.rpartition("__")[2]) for phase, kernel in names))
+
+
+def test_the_table_holds_the_kernels_of_a_step_in_order(monkeypatch):
+    lines = [generate.noisy_line(3000.0, 50.0, 50.0, k) + [0.0, 3000.0 * k] for k in range(2)]
+    sim = Simulation(RiverNetwork.from_polylines(lines, width=50.0), MeanderParams())
+    assert launched(monkeypatch, sim) == [(x.phase, x.kernel) for x in roofline.STEP]
+
+
+@pytest.mark.parametrize("launch", roofline.STEP, ids=lambda x: x.kernel)
+def test_the_table_has_each_array_of_a_kernel_once_and_as_it_is_used(launch):
+    """Arrays ending in _out are written only, those in _io may be both, all others are read only."""
+    sizes = roofline.argument_sizes(launch, "float64")
+    assert sorted(m.argument for m in launch.moved) == sorted(sizes)
+    for m in launch.moved:
+        if m.argument.endswith("_out"):
+            assert m.read == 0.0, m
+        elif not m.argument.endswith("_io"):
+            assert m.written == 0.0, m
+        if m.per != "event":
+            assert m.read + m.written > 0.0, m
+        if m.argument.startswith("channel_"):
+            assert m.per == "channel", m
+        if m.argument.startswith("point_"):
+            assert m.per != "channel" or m.argument == "point_arc", m
+
+
+def test_bytes_of_kernels_counted_by_hand():
+    """float64: x and y are 16 bytes, a rate or an arc length 8; float32 halves all but integers and arc lengths."""
+    by_name = {x.kernel: x for x in roofline.STEP}
+    endless = {"channel_points": np.inf}
+    assert roofline.bytes_per_point(by_name["compute_rate"], **endless) == (16.0, 8.0)
+    assert roofline.bytes_per_point(by_name["compute_rate"], "float32", **endless) == (8.0, 4.0)
+    assert roofline.bytes_per_point(by_name["move_points"], **endless) == (24.0, 16.0)
+    assert roofline.bytes_per_point(by_name["move_points"], varying=True, terrain=True, **endless) == (72.0, 32.0)
+    assert roofline.bytes_per_point(by_name["insert_points"], **endless) == (20.0, 24.0)
+    assert roofline.bytes_per_point(by_name["measure_arcs"], "float32", **endless) == (8.0, 8.0)
+    assert roofline.bytes_per_point(by_name["resample_points"], **endless) == (24.0, 16.0)
+    # A channel's width, depth, widest and spacing, its start, its even spacing and its step.
+    read, _ = roofline.bytes_per_point(by_name["compute_rate"], channel_points=100.0)
+    assert read == pytest.approx(16.0 + (4 + 32 + 8 + 8) / 100.0)
+
+
+def test_phases_add_up():
+    phases = roofline.phase_bytes()
+    assert list(phases) == ["migrate", "cut off", "resample", "collide"]
+    assert sum(phases.values()) == pytest.approx(sum(sum(roofline.bytes_per_point(x)) for x in roofline.STEP))
