@@ -28,7 +28,8 @@ class Moved:
         written: Elements written for each ``per``.
         per: What they are counted by: "point", "channel", "block" (of the search for collisions), "section" (a point,
             where width and depth vary along channels), "terrain" (a point, where there is ground), "event" (a cutoff
-            or a contact: rare, counted as nothing), "chunk" (of 32 points, on a GPU alone).
+            or a contact: rare, counted as nothing), "ring" (a channel, where a network has rings), "chunk" (of 32
+            points, on a GPU alone).
     """
 
     argument: str
@@ -73,11 +74,13 @@ STEP = (
         *_written("channel_step_out", "channel_pace_out", per="channel"),
     )),
     Launch("migrate", "migration", "compute_rate", (
+        *_read("channel_closed", "channel_area", per="ring"),
         *_read("point_xy"), *_read("point_section", per="section"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
         *_written("point_rate_out"),
     )),
     Launch("migrate", "migration", "move_points", (
+        *_read("channel_closed", "channel_area", per="ring"),
         *_read("point_xy", "point_rate"), *_read("point_section", per="section"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
         Moved("cell_height", read=4.0, per="terrain"),
@@ -89,6 +92,7 @@ STEP = (
         *_written("point_next_out"), Moved("bucket_head_io", 1.0, BUCKETS_A_POINT + 1.0),
     )),
     Launch("cut off", "cutoffs", "find_necks", (
+        *_read("channel_closed", per="ring"),
         *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
         *_read("section_moved", per="section"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
@@ -96,6 +100,7 @@ STEP = (
         *_written("channel_necks_io", per="channel"),
     )),
     Launch("cut off", "cutoffs", "select_cuts", (
+        *_read("channel_closed", per="ring"),
         *_read("channel_start", "channel_necks", per="channel"), *_read("chunk_necks", per="event"),
         *_written("channel_cuts_out", "channel_cut_points_out", per="channel"), Moved("point_neck_io", per="event"),
     )),
@@ -109,11 +114,14 @@ STEP = (
         *_written("point_arc_out"), *_written("chunk_length_out", per="chunk"),
     )),
     Launch("resample", "resampling", "count_samples", (
+        *_read("channel_closed", per="ring"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", "point_arc", per="channel"),
+        *_read("point_moved", per="channel"),
         *_read("chunk_offset", per="chunk"),
         *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("fault_io", per="event"),
     )),
     Launch("resample", "resampling", "resample_points", (
+        *_read("channel_closed", per="ring"),
         *_read("point_moved", "point_arc"), *_read("section_moved", per="section"),
         *_read("channel_start", "channel_spacing", "channel_step", "channel_start_next", per="channel"),
         *_read("chunk_offset", per="chunk"), Moved("fault", per="event"),
@@ -124,6 +132,7 @@ STEP = (
         *_written("channel_start_out", "channel_spacing_out", per="channel"), Moved("substep_io", per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (
+        *_read("channel_closed", per="ring"),
         *_read("point_xy", per="block"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
         *_written("point_next_out", "point_owner_out", per="block"),
@@ -131,6 +140,7 @@ STEP = (
         Moved("bucket_io", read=0.0, written=CELL_FIELDS),
     )),
     Launch("collide", "collisions", "find_contacts", (
+        *_read("channel_closed", per="ring"),
         *_read("point_xy", per="block"), *_read("point_section", per="event"),
         *_read("channel_start", "channel_nodes", "channel_form", "channel_spacing", "channel_step", per="channel"),
         *_read("point_next", "point_owner", per="block"),
@@ -157,6 +167,7 @@ def bytes_per_point(
     chunk_points: float = np.inf,
     varying: bool = False,
     terrain: bool = False,
+    rings: bool = False,
 ) -> tuple[float, float]:
     """Bytes that a kernel reads and writes a point at least.
 
@@ -168,10 +179,12 @@ def bytes_per_point(
         chunk_points: Points that a thread takes on a GPU; infinite on the CPU, which has no chunks.
         varying: Whether width and depth vary along channels.
         terrain: Whether there is ground.
+        rings: Whether the network has rings.
     """
     weight = {
         "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
         "section": float(varying), "terrain": float(terrain), "event": 0.0,
+        "ring": float(rings) / channel_points,
     }  # fmt: skip
     size = argument_sizes(launch, dtype)
     read, written = (

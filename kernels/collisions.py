@@ -96,6 +96,7 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         law: CollisionLaw,
         work: Work,
@@ -104,7 +105,10 @@ def build(scalar):
         point_owner_out: wp.array[int],
         bucket_io: wp.array[int],
     ):
-        """Link the first point of every block into the cell of the block's middle, and note the cell's channels."""
+        """Link the first point of every block into the cell of the block's middle, and note the cell's channels.
+
+        Rings are left out: they never join others.
+        """
         mask = bucket_io.shape[0] // FIELDS - 1
         share = line.point_range(work, channel_start, channel_spacing.shape[0], work.first + wp.tid())
         i = int(share[0])
@@ -119,6 +123,8 @@ def build(scalar):
             per_cell = ONE / cell_size(law, level)
             moves = int(channel_step[channel] > ZERO)
             j = first + (i - first + step - 1) // step * step
+            if line.closed_at(channel_closed, channel) != 0:
+                j = stop
             while j < wp.min(end, stop):
                 p = point_xy[wp.min(j + step // 2, stop - 1)] * per_cell
                 bucket = bucket_at(table.floor_int(p[0]), table.floor_int(p[1]), level, mask)
@@ -293,6 +299,7 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         law: CollisionLaw,
         work: Work,
@@ -322,6 +329,8 @@ def build(scalar):
             step = block_points(law, channel_form[channel], channel_spacing[channel])
             level = level_of(law, channel_form[channel])
             j = first + (i - first + step - 1) // step * step
+            if line.closed_at(channel_closed, channel) != 0:
+                j = stop
             while j < stop:
                 contact = block_contact(
                     point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,

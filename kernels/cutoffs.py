@@ -23,6 +23,8 @@ def build(scalar):
     vec2, vec4, bucket_mask = line.vec2, line.vec4, table.bucket_mask
     ZERO, HALF = scalar(0.0), scalar(0.5)
     FAULT_OXBOWS_FULL = 2
+    # Least number of points that a ring keeps when a loop is cut off it.
+    RING_POINTS = 8
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_points(
@@ -78,14 +80,15 @@ def build(scalar):
         nearest: int,
         lowest: int,
         last: int,
+        ring_points: int,
         per_cell: scalar,
         radius: scalar,
         cutoff_distance: scalar,
         min_arc: scalar,
     ) -> int:
-        """First point from ``nearest`` on, up to the channel's end, that is closer to point i than the radius.
+        """First point from ``nearest`` on, up to ``last``, that is closer to point i than the radius.
 
-        A list is left at its first entry below ``lowest``.
+        A list is left at its first entry below ``lowest``. ``ring_points``: those of a ring, 0 on a line.
         """
         here = point[i]
         x0 = table.floor_int(here[0] * per_cell - HALF)
@@ -99,7 +102,10 @@ def build(scalar):
                     if section:
                         width = HALF * (section[i][0] + section[j][0])
                         reach = cutoff_distance * width
-                        if scalar(j - i) <= min_arc * width:
+                        apart = int(j - i)
+                        if ring_points > 0:
+                            apart = wp.min(apart, ring_points - apart)
+                        if scalar(apart) <= min_arc * width:
                             reach = scalar(0.0)
                     if wp.length_sq(point[j] - here) < reach * reach:
                         found = j
@@ -113,6 +119,7 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         cutoff_distance: scalar,
         cutoff_min_arc: scalar,
@@ -130,8 +137,9 @@ def build(scalar):
     ):
         """First later point of the same channel closer than the cutoff distance, -1 if none: |p_i - p_j| < w.
 
-        Points no more than ``cutoff_min_arc`` widths apart along the channel are neighbours [Howard1984]. Where points
-        were inserted in order (``ordered``: on the CPU), the lists descend, and most end before their first entry.
+        Points no more than ``cutoff_min_arc`` widths apart along the channel, either way round on a ring, are
+        neighbours [Howard1984]. Where points were inserted in order (``ordered``: on the CPU), the lists descend, and
+        most end before their first entry.
         """
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_form.shape[0], k)
@@ -149,15 +157,19 @@ def build(scalar):
                 radius = cutoff_distance * form[2]
                 min_arc = cutoff_min_arc / channel_spacing[channel]
                 apart = int(min_arc * form[2]) + 1
+                ring_points = line.closed_at(channel_closed, channel) * (last + 1 - first)
+                limit = int(last)
                 for j in range(i, stop):
                     if section_moved:
                         # The other point may be narrower: its width is looked at where it is found.
                         apart = int(HALF * min_arc * section_moved[j][0]) + 1
+                    if ring_points > 0:
+                        limit = wp.min(last, j + ring_points - apart)
                     found = nearest_after(
                         point_moved, section_moved, point_next, bucket_head, first, mask, j, j + apart,
-                        ordered * (j + apart), last, HALF / radius, radius, cutoff_distance, min_arc,
+                        ordered * (j + apart), limit, ring_points, HALF / radius, radius, cutoff_distance, min_arc,
                     )  # fmt: skip
-                    if found > last:
+                    if found > limit:
                         found = -1
                     else:
                         necks += 1
@@ -177,11 +189,74 @@ def build(scalar):
             return wp.vec2i(stop, stop)
         return line.piece_range(work, first, stop, k)
 
+    @wp.func(module=name)
+    def select_on_line(
+        work: Work, chunk_necks: wp.array[int], first: int, stop: int, point_neck_io: wp.array[int]
+    ) -> wp.vec2i:
+        """Keep every neck of a line that begins at or after the end of the one before; return cuts and their points."""
+        cuts = int(0)
+        points = int(0)
+        cursor = int(first)
+        for k in range(line.piece_count(work, first, stop)):
+            piece = neck_range(work, chunk_necks, first, stop, k)
+            for i in range(piece[0], piece[1]):
+                j = point_neck_io[i]
+                if j >= 0:
+                    if i >= cursor:
+                        cuts += 1
+                        points += j - i + 1
+                        cursor = j
+                    else:
+                        point_neck_io[i] = -1
+        return wp.vec2i(cuts, points)
+
+    @wp.func(module=name)
+    def select_on_ring(
+        work: Work, keep_longer: int, chunk_necks: wp.array[int], first: int, stop: int, point_neck_io: wp.array[int]
+    ) -> wp.vec2i:
+        """As ``select_on_line``, but a neck i, j may cut off what lies outside of i .. j: -2 - j stands for that.
+
+        It does where ``keep_longer`` is set and the inside is the longer part of what is left of the ring; loops found
+        before it lie outside and go with it. One such cut a step: what more there are is found again in the next.
+        """
+        cuts = int(0)
+        points = int(0)
+        left = stop - first
+        cursor = int(first)
+        limit = int(stop)
+        for k in range(line.piece_count(work, first, stop)):
+            piece = neck_range(work, chunk_necks, first, stop, k)
+            for i in range(piece[0], piece[1]):
+                j = point_neck_io[i]
+                if j >= 0:
+                    inside = j - i
+                    outside = left - inside
+                    point_neck_io[i] = -1
+                    if i >= cursor and j <= limit and (keep_longer == 0 or inside <= outside):
+                        if outside >= RING_POINTS:
+                            point_neck_io[i] = j
+                            cuts += 1
+                            points += inside + 1
+                            left = outside
+                            cursor = j
+                    elif i >= cursor and limit == stop and inside >= RING_POINTS:
+                        for m in range(first, i):
+                            point_neck_io[m] = -1
+                        point_neck_io[i] = -2 - j
+                        cuts = 1
+                        points = stop - first - inside + 1
+                        left = inside
+                        cursor = i
+                        limit = j
+        return wp.vec2i(cuts, points)
+
     @wp.kernel(module=name, enable_backward=False)
     def select_cuts(
         # network
         channel_start: wp.array[int],
+        channel_closed: wp.array[int],
         # params
+        keep_longer: int,
         work: Work,
         # in
         chunk_necks: wp.array[int],
@@ -194,25 +269,16 @@ def build(scalar):
         """Keep, from the head of each channel down, every neck that begins at or after the end of the one before."""
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
-            cuts = int(0)
-            points = int(0)
+            kept = wp.vec2i(0, 0)
             if channel_necks[channel] > 0:
                 first = channel_start[channel]
                 stop = channel_start[channel + 1]
-                cursor = int(first)
-                for k in range(line.piece_count(work, first, stop)):
-                    piece = neck_range(work, chunk_necks, first, stop, k)
-                    for i in range(piece[0], piece[1]):
-                        j = point_neck_io[i]
-                        if j >= 0:
-                            if i >= cursor:
-                                cuts += 1
-                                points += j - i + 1
-                                cursor = j
-                            else:
-                                point_neck_io[i] = -1
-            channel_cuts_out[channel] = cuts
-            channel_cut_points_out[channel] = points
+                if line.closed_at(channel_closed, channel) != 0:
+                    kept = select_on_ring(work, keep_longer, chunk_necks, first, stop, point_neck_io)
+                else:
+                    kept = select_on_line(work, chunk_necks, first, stop, point_neck_io)
+            channel_cuts_out[channel] = kept[0]
+            channel_cut_points_out[channel] = kept[1]
 
     @wp.func(module=name)
     def save_loop(
@@ -232,6 +298,29 @@ def build(scalar):
                 oxbow_section_out[offset + m - i] = section_moved[m]
             if m < j:
                 point_moved_io[m] = here
+
+    @wp.func(module=name)
+    def save_outside(
+        section_moved: wp.array[vec2],
+        first: int,
+        last: int,
+        i: int,
+        j: int,
+        offset: int,
+        oxbow_xy_out: wp.array[vec2],
+        oxbow_section_out: wp.array[vec2],
+        point_moved_io: wp.array[vec2],
+    ):
+        """Save the points j .. last, first .. i of a ring and pull all but the last of them onto point j."""
+        here = point_moved_io[j]
+        count = last - j + 1 + i - first + 1
+        for m in range(count):
+            k = line.round_index(j + m, first, last)
+            oxbow_xy_out[offset + m] = point_moved_io[k]
+            if section_moved:
+                oxbow_section_out[offset + m] = section_moved[k]
+            if m < count - 1:
+                point_moved_io[k] = here
 
     @wp.kernel(module=name, enable_backward=False)
     def cut_necks(
@@ -255,7 +344,8 @@ def build(scalar):
         """Save each cut loop, ends included, and pull its inner points onto the point where it begins.
 
         A cut is recorded as (channel, first loop point in the buffer, number of points, -), in the order of the
-        packed points. The copies left behind have no length; resampling passes over them.
+        packed points; on a ring, what is cut off may be the part that holds its first point. The copies left behind
+        have no length; resampling passes over them.
         """
         count = channel_start.shape[0] - 1
         if channel_cuts_sum[count - 1] > cut_out.shape[0] or channel_cut_points_sum[count - 1] > oxbow_xy_out.shape[0]:
@@ -275,6 +365,15 @@ def build(scalar):
                     piece = neck_range(work, chunk_necks, first, stop, k)
                     for i in range(piece[0], piece[1]):
                         j = point_neck[i]
+                        if j < -1:
+                            count = stop - first - (-2 - j - i) + 1
+                            cut_out[slot] = wp.vec4i(channel, offset, count, 0)
+                            save_outside(
+                                section_moved, first, stop - 1, i, -2 - j, offset, oxbow_xy_out, oxbow_section_out,
+                                point_moved_io,
+                            )  # fmt: skip
+                            slot += 1
+                            offset += count
                         if j >= 0:
                             cut_out[slot] = wp.vec4i(channel, offset, j - i + 1, 0)
                             save_loop(section_moved, i, j, offset, oxbow_xy_out, oxbow_section_out, point_moved_io)

@@ -77,12 +77,12 @@ def build(scalar):
         c_pull = diffusion_number(widest, spacing, step, law)
         r_pull = line.recurrence_root(c_pull)
         warm = wp.max(first, begin - wp.max(line.recurrence_reach(r_blur), line.recurrence_reach(r_pull)))
-        before = line.extended_point(point_xy, warm - 1, first, last)
+        before = line.extended_point(point_xy, warm - 1, first, last, 0)
         here = point_xy[warm]
         push = vec2(ZERO, ZERO)
         pull = vec2(ZERO, ZERO)
         for j in range(warm, stop):
-            after = line.extended_point(point_xy, j + 1, first, last)
+            after = line.extended_point(point_xy, j + 1, first, last, 0)
             if point_section:
                 width = point_section[j][0]
                 r_blur = blur_root(width, spacing, law)

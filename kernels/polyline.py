@@ -90,8 +90,26 @@ def build(scalar):
         return vec2(form[0], form[1])
 
     @wp.func(module=name)
-    def extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int) -> vec2:
-        """Point i of a channel; beyond an end the line goes on as its point reflection, so ends are straight."""
+    def closed_at(channel_closed: wp.array[int], channel: int) -> int:
+        """1 where a channel is a ring, else 0; without the array there are no rings."""
+        if channel_closed:
+            return channel_closed[channel]
+        return 0
+
+    @wp.func(module=name)
+    def round_index(i: int, first: int, last: int) -> int:
+        """Point of a ring that an index beyond either end comes round to."""
+        count = last - first + 1
+        away = (i - first) % count
+        if away < 0:
+            away += count
+        return first + away
+
+    @wp.func(module=name)
+    def extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
+        """Point i of a channel; beyond an end a ring goes round, and a line on as its point reflection: straight."""
+        if closed != 0 and (i < first or i > last):
+            return point_xy[round_index(i, first, last)]
         if i < first:
             return TWO * point_xy[first] - point_xy[2 * first - i]
         if i > last:
@@ -190,6 +208,8 @@ def build(scalar):
         piece_count=piece_count,
         piece_range=piece_range,
         section_at=section_at,
+        closed_at=closed_at,
+        round_index=round_index,
         extended_point=extended_point,
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,

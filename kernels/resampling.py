@@ -23,6 +23,8 @@ def build(scalar):
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     FAULT_NOT_FINITE = 1
+    # Least number of points of a ring; the network refuses rings of fewer.
+    RING_POINTS = 8
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
     @wp.kernel(module=name, enable_backward=False)
@@ -68,6 +70,23 @@ def build(scalar):
         if work.chunk > 0:
             chunk_length_out[k] = arc
 
+    @wp.func(module=name)
+    def length_of(
+        point: wp.array[vec2],
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        chunk: int,
+        first: int,
+        last: int,
+        closed: int,
+    ) -> wp.float64:
+        """Length of a channel, that of a ring with the segment that closes it."""
+        head = line.arc_at(point_arc, chunk_offset, chunk, first)
+        length = line.arc_at(point_arc, chunk_offset, chunk, last) - head
+        if closed != 0:
+            length += wp.float64(wp.length(point[first] - point[last]))
+        return length
+
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
         # network
@@ -75,9 +94,11 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         work: Work,
         # in
+        point_moved: wp.array[vec2],
         point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.float64],
         # out
@@ -87,7 +108,7 @@ def build(scalar):
     ):
         """Number of new points of each channel, from its length and the spacing asked for, and the even spacing.
 
-        A channel whose step is 0 keeps its points.
+        A ring has as many points as segments. A channel whose step is 0 keeps its points.
         """
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
@@ -95,39 +116,58 @@ def build(scalar):
                 channel_samples_out[channel] = channel_start[channel + 1] - channel_start[channel]
                 channel_spacing_out[channel] = channel_spacing[channel]
             else:
-                head = line.arc_at(point_arc, chunk_offset, work.chunk, channel_start[channel])
-                foot = line.arc_at(point_arc, chunk_offset, work.chunk, channel_start[channel + 1] - 1)
-                length = foot - head
+                first = channel_start[channel]
+                last = channel_start[channel + 1] - 1
+                closed = line.closed_at(channel_closed, channel)
+                length = length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
                 if length > ZERO_64 and wp.isfinite(length):
-                    pieces = wp.max(2, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
+                    least = int(2)
+                    if closed != 0:
+                        least = RING_POINTS
+                    pieces = wp.max(least, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
                     channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
                 else:
                     # Nothing of this step is taken over, so that the state before the fault can still be looked at.
                     wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
-                channel_samples_out[channel] = pieces + 1
+                channel_samples_out[channel] = pieces + 1 - closed
 
     @wp.func(module=name)
-    def kept_after(point: wp.array[vec2], i: int, last: int) -> int:
-        """Next point that is not a copy of point i (a cutoff leaves copies behind); i + 1 beyond the channel's end."""
+    def kept_after(point: wp.array[vec2], i: int, first: int, last: int, closed: int) -> int:
+        """Next point that is not a copy of point i (a cutoff leaves copies behind); i + 1 beyond the channel's end.
+
+        Indices of a ring go on beyond its ends, round and round.
+        """
         j = i + 1
+        if closed != 0:
+            here = point[line.round_index(i, first, last)]
+            while j <= i + last - first and point[line.round_index(j, first, last)] == here:
+                j += 1
+            return j
         while j < last and point[j] == point[i]:
             j += 1
         return j
 
     @wp.func(module=name)
-    def kept_before(point: wp.array[vec2], i: int, first: int) -> int:
+    def kept_before(point: wp.array[vec2], i: int, first: int, last: int, closed: int) -> int:
         """Last point before i that is not a copy of it; beyond the channel's head i - 1, or first - 1."""
         j = i - 1
+        if closed != 0:
+            here = point[line.round_index(i, first, last)]
+            while j >= i - last + first and point[line.round_index(j, first, last)] == here:
+                j -= 1
+            return j
         while j >= first and point[j] == point[wp.max(i, first)]:
             j -= 1
         return j
 
     @wp.func(module=name)
-    def kept_point(point: wp.array[vec2], i: int, first: int, last: int) -> vec2:
-        """Point i; beyond an end the point reflection of the kept points inside."""
+    def kept_point(point: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
+        """Point i; beyond an end the point reflection of the kept points inside, or on round a ring."""
         if i >= first and i <= last:
             return point[i]
+        if closed != 0:
+            return point[line.round_index(i, first, last)]
         j = int(last)
         beyond = i - last
         step = int(-1)
@@ -138,9 +178,9 @@ def build(scalar):
         end = point[j]
         for _k in range(beyond):
             if step < 0:
-                j = wp.max(kept_before(point, j, first), first)
+                j = wp.max(kept_before(point, j, first, last, 0), first)
             else:
-                j = wp.min(kept_after(point, j, last), last)
+                j = wp.min(kept_after(point, j, first, last, 0), last)
         return TWO * end - point[j]
 
     @wp.func(module=name)
@@ -151,11 +191,12 @@ def build(scalar):
         chunk: int,
         first: int,
         last: int,
+        closed: int,
         target: wp.float64,
     ) -> int:
         """First point of the segment of a channel that holds an arc length (binary search)."""
         low = first
-        high = last
+        high = last + closed
         while high - low > 1:
             middle = (low + high) // 2
             if line.arc_at(point_arc, chunk_offset, chunk, middle) <= target:
@@ -165,6 +206,21 @@ def build(scalar):
         while low > first and point[low] == point[low - 1]:
             low -= 1
         return low
+
+    @wp.func(module=name)
+    def arc_beyond(
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        chunk: int,
+        first: int,
+        last: int,
+        length: wp.float64,
+        i: int,
+    ) -> wp.float64:
+        """Arc length of a point; the index of a ring may go on beyond its end, into the next lap."""
+        if i > last:
+            return length + line.arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
+        return line.arc_at(point_arc, chunk_offset, chunk, i)
 
     @wp.func(module=name)
     def hermite(b: vec2, c: vec2, tangent_b: vec2, tangent_c: vec2, size: scalar, u: scalar) -> vec2:
@@ -178,6 +234,7 @@ def build(scalar):
         channel_range: wp.vec4i,
         sample_range: wp.vec4i,
         chunk: int,
+        closed: int,
         spacing: wp.float64,
         point: wp.array[vec2],
         section: wp.array[vec2],
@@ -194,17 +251,17 @@ def build(scalar):
         last = channel_range[1]
         head = line.arc_at(point_arc, chunk_offset, chunk, first)
         target = head + spacing * wp.float64(sample_range[2] - sample_range[0])
-        ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, target)
-        ia = kept_before(point, ib, first)
-        ic = kept_after(point, ib, last)
-        id = kept_after(point, ic, last)
-        ie = kept_after(point, id, last)
-        z = kept_point(point, kept_before(point, ia, first), first, last)
-        a = kept_point(point, ia, first, last)
-        b = kept_point(point, ib, first, last)
-        c = kept_point(point, ic, first, last)
-        d = kept_point(point, id, first, last)
-        e = kept_point(point, ie, first, last)
+        ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, closed, target)
+        ia = kept_before(point, ib, first, last, closed)
+        ic = kept_after(point, ib, first, last, closed)
+        id = kept_after(point, ic, first, last, closed)
+        ie = kept_after(point, id, first, last, closed)
+        z = kept_point(point, kept_before(point, ia, first, last, closed), first, last, closed)
+        a = kept_point(point, ia, first, last, closed)
+        b = kept_point(point, ib, first, last, closed)
+        c = kept_point(point, ic, first, last, closed)
+        d = kept_point(point, id, first, last, closed)
+        e = kept_point(point, ie, first, last, closed)
         ab = wp.length(b - a)
         bc = wp.length(c - b)
         cd = wp.length(d - c)
@@ -215,19 +272,20 @@ def build(scalar):
         td = line.central_tangent(d - c, e - d, cd, de)
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
+        length = length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
         arc_b = line.arc_at(point_arc, chunk_offset, chunk, ib)
-        arc_c = line.arc_at(point_arc, chunk_offset, chunk, ic)
+        arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
         for k in range(sample_range[2], sample_range[3]):
             target = head + spacing * wp.float64(k - sample_range[0])
-            while arc_c < target and ic < last:
+            while arc_c < target and ic < last + closed:
                 ib = ic
                 ic = id
                 id = ie
-                ie = kept_after(point, ie, last)
+                ie = kept_after(point, ie, first, last, closed)
                 b = c
                 c = d
                 d = e
-                e = kept_point(point, ie, first, last)
+                e = kept_point(point, ie, first, last, closed)
                 bc = cd
                 cd = de
                 de = wp.length(e - d)
@@ -237,17 +295,18 @@ def build(scalar):
                 tangent_b = tangent_c
                 tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
                 arc_b = arc_c
-                arc_c = line.arc_at(point_arc, chunk_offset, chunk, ic)
+                arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
             u = scalar(0.0)
             if k > sample_range[0] and arc_c > arc_b:
                 u = wp.clamp(scalar((target - arc_b) / (arc_c - arc_b)), ZERO, ONE)
-            if k == sample_range[1]:
+            if k == sample_range[1] and closed == 0:
                 ib = last
-                b = kept_point(point, last, first, last)
+                b = kept_point(point, last, first, last, 0)
                 u = ZERO
             sample_out[k] = hermite(b, c, tangent_b, tangent_c, bc, u)
             if section:
-                sample_section_out[k] = (ONE - u) * section[ib] + u * section[ic]
+                before = kept_point(section, ib, first, last, closed)
+                sample_section_out[k] = (ONE - u) * before + u * kept_point(section, ic, first, last, closed)
 
     @wp.kernel(module=name, enable_backward=False)
     def resample_points(
@@ -255,6 +314,7 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         work: Work,
         # in
@@ -270,6 +330,7 @@ def build(scalar):
     ):
         """Sample the cubic through the moved points at the even spacing; both ends of a channel stay where they are.
 
+        A ring begins where its first point is.
         ``channel_spacing`` is the new one. The points of a channel whose step is 0 are taken over as they are.
         """
         channel_count = channel_spacing.shape[0]
@@ -285,8 +346,9 @@ def build(scalar):
                 old = wp.vec4i(channel_start[channel], channel_start[channel + 1] - 1, 0, 0)
                 new = wp.vec4i(channel_start_next[channel], channel_start_next[channel + 1] - 1, i, stop)
                 sweep_samples(
-                    old, new, work.chunk, wp.float64(channel_spacing[channel]), point_moved, section_moved,
-                    point_arc, chunk_offset, point_xy_out, point_section_out,
+                    old, new, work.chunk, line.closed_at(channel_closed, channel),
+                    wp.float64(channel_spacing[channel]), point_moved, section_moved, point_arc, chunk_offset,
+                    point_xy_out, point_section_out,
                 )  # fmt: skip
             else:
                 shift = channel_start[channel] - channel_start_next[channel]

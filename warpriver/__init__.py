@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from warpriver.io.rasters import read_terrain, write_terrain
     from warpriver.io.valleys import read_valley, write_breaklines, write_mesh, write_points, write_valley
     from warpriver.io.xarrays import from_xarray, to_xarray
+    from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
     from warpriver.simulation import Every, Simulation
@@ -52,6 +53,7 @@ __all__ = [
     "read_terrain",
     "read_valley",
     "synthetic_valley",
+    "taubin_smooth",
     "to_xarray",
     "viz",
     "write_breaklines",
@@ -88,6 +90,7 @@ _HOMES = {
     "read_terrain": "warpriver.io.rasters",
     "read_valley": "warpriver.io.valleys",
     "synthetic_valley": "warpriver.generate.valley",
+    "taubin_smooth": "warpriver.meander.smoothing",
     "to_xarray": "warpriver.io.xarrays",
     "write_breaklines": "warpriver.io.valleys",
     "write_mesh": "warpriver.io.valleys",

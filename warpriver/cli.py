@@ -250,7 +250,7 @@ def _add_simulate(commands: Any) -> None:
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
     parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
     parser.add_argument("--layer", help="layer to read, of a file with several")
-    _add_short(parser)
+    _add_line_options(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
     parser.add_argument("--to-crs", help='reproject rivers and terrain, e.g. EPSG:32619, or "utm" for their zone')
     parser.add_argument(
@@ -284,6 +284,7 @@ def _simulate(options: argparse.Namespace) -> int:
             depth=options.depth,
             layer=options.layer,
             short=options.short,
+            closed=options.closed or None,
             crs=options.crs,
             to_crs=options.to_crs,
             dtype=options.dtype,
@@ -427,9 +428,10 @@ def _write_results(simulation: Simulation, folder: Path) -> None:
     # Of many the one with most water surface: the longest may be a brook.
     largest = int((network.channel_lengths() * network.channel_width).argmax())
     xy, width = network.polylines()[largest], float(network.channel_width[largest])
-    wave = metrics.wavelength(xy, width)
+    ring = bool(network.channel_closed[largest])
+    wave = metrics.wavelength(xy, width, closed=ring)
     print(
-        f"  largest channel: sinuosity {metrics.sinuosity(xy):.3g}, meander wavelength {wave:.4g} m "
+        f"  largest channel: sinuosity {metrics.sinuosity(xy, ring):.3g}, meander wavelength {wave:.4g} m "
         f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs in all"
     )
 
@@ -766,7 +768,7 @@ def _add_render(commands: Any) -> None:
     parser.add_argument("--title", help="title of a map or movie")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
-    _add_short(parser)
+    _add_line_options(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -898,7 +900,7 @@ def _add_info(commands: Any) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
     parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
     parser.add_argument("--layer", help="layer to read, of a file with several")
-    _add_short(parser)
+    _add_line_options(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
     parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
@@ -945,7 +947,7 @@ def _info_file(options: argparse.Namespace) -> int:
     print(_attribute_summary(network))
     lines, lengths = network.polylines(), network.channel_lengths()
     for c in lengths.argsort()[::-1][:10]:
-        sinuosity = metrics.sinuosity(lines[c])
+        sinuosity = metrics.sinuosity(lines[c], bool(network.channel_closed[c]))
         print(
             f"channel {c}: {lengths[c] / 1e3:.4g} km, {len(lines[c])} points, width {network.channel_width[c]:.4g} m, "
             f"depth {network.channel_depth[c]:.3g} m, sinuosity {sinuosity:.3g}"
@@ -993,6 +995,7 @@ def _read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
         width=options.width,
         layer=options.layer,
         short=options.short,
+        closed=options.closed or None,
         crs=options.crs,
         to_crs=options.to_crs,
     )
@@ -1023,13 +1026,18 @@ def _read_ground(path: str, crs: str | None, options: argparse.Namespace, device
     )
 
 
-def _add_short(parser: argparse.ArgumentParser) -> None:
+def _add_line_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--short",
         default="error",
         choices=("error", "drop", "narrow", "keep"),
         help="lines shorter than they are wide, as linework has at junctions: refuse the file, drop them, narrow them "
         "to their length, or keep them (default error)",
+    )
+    parser.add_argument(
+        "--closed",
+        action="store_true",
+        help="lines that end at their first point are rings: the water goes round (default: those that the file marks)",
     )
 
 

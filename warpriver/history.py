@@ -59,7 +59,7 @@ class StopReason(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Cutoff:
-    """One neck cutoff: the loop that a channel left behind as an oxbow lake.
+    """One neck cutoff: the loop that a channel left behind as an oxbow lake, or the part that a ring split off.
 
     Attributes:
         time: Time of the cutoff, yr.
@@ -126,6 +126,7 @@ class Record:
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
         channel_pace: (C,) greatest speed of the channel's points in the step, m/yr; None in runs stored without it.
         channel_slope: (C,) m/m, NaN where it is not known; None in runs stored before slopes were.
+        channel_closed: (C,) True for rings; None where there are none.
     """
 
     step: int
@@ -147,6 +148,7 @@ class Record:
     channel_fixed: np.ndarray
     channel_pace: np.ndarray | None = None
     channel_slope: np.ndarray | None = None
+    channel_closed: np.ndarray | None = None
 
     @property
     def nbytes(self) -> int:
@@ -157,7 +159,7 @@ class Record:
 RECORD_ARRAYS = (
     "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
     "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed", "channel_pace", "channel_slope",
+    "channel_fixed", "channel_pace", "channel_slope", "channel_closed",
 )  # fmt: skip
 
 
@@ -265,6 +267,7 @@ class History:
             channel_slope=record.channel_slope,
             channel_id=record.channel_id,
             channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
+            channel_closed=record.channel_closed,
             point_section=record.point_section,
             origin=self.origin,
             crs=self.crs,

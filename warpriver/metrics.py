@@ -111,7 +111,7 @@ def arc_length(xy: ArrayLike) -> FloatArray:
     return _arc_length(_polyline(xy))
 
 
-def curvature(xy: ArrayLike) -> FloatArray:
+def curvature(xy: ArrayLike, closed: bool = False) -> FloatArray:
     """Signed curvature at every point, > 0 where the line turns left.
 
     Compact central difference: the curvature of the circle through a point and its two neighbours. With unit
@@ -127,6 +127,7 @@ def curvature(xy: ArrayLike) -> FloatArray:
 
     Args:
         xy: (n, 2) points in downstream order, m.
+        closed: the line is a ring, whose last point is joined to the first; all its values are inner ones.
 
     Returns:
         (n,) curvature, 1/m.
@@ -134,21 +135,33 @@ def curvature(xy: ArrayLike) -> FloatArray:
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points.
     """
+    if closed:
+        ring = _ring(xy)
+        return _curvature(np.concatenate([ring[-1:], ring, ring[:1]]))[1:-1]
     return _curvature(_polyline(xy))
 
 
-def sinuosity(xy: ArrayLike) -> float:
+def sinuosity(xy: ArrayLike, closed: bool = False) -> float:
     """Length of a line over the straight distance between its ends [Paris2023, Eq. 3].
+
+    A ring has no chord: its sinuosity is its length over the circumference of the circle of the same area, which
+    limnology knows as the development of a shoreline [Hutchinson1957]. That of a circle is 1.
 
     Args:
         xy: (n, 2) points in downstream order, m.
+        closed: the line is a ring, whose last point is joined to the first.
 
     Returns:
-        Length / chord, dimensionless, at least 1; inf for a closed line.
+        Length / chord, dimensionless, at least 1; inf for a line that ends where it begins, or a ring without area.
 
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points.
     """
+    if closed:
+        ring = _ring(xy)
+        around = _arc_length(np.concatenate([ring, ring[:1]]))[-1:]
+        area = 0.5 * abs(float(_cross(ring - ring[0], np.roll(ring, -1, axis=0) - ring[0]).sum()))
+        return float(_ratio(around, np.array([2.0 * math.sqrt(math.pi * area)]))[0])
     points = _polyline(xy)
     length = _arc_length(points)[-1:]
     return float(_ratio(length, _norm(points[-1:] - points[:1]))[0])
@@ -224,17 +237,18 @@ def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPo
     return InflectionPoints(position, _at(points, _arc_length(points), position))
 
 
-def bends(xy: ArrayLike, width: float | None = None) -> Bends:
+def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Bends:
     """Measure every bend between two successive inflection points.
 
     The parts of the line before the first and after the last inflection point are not whole bends and are
-    left out. The apex is the largest absolute curvature, refined by a parabola through three samples. With
-    `width` the curvature is the smoothed one of `inflection_points`, which flattens bends of less than five
-    widths of arc.
+    left out; all bends of a ring are whole, and one may reach beyond its end into the next lap. The apex is the
+    largest absolute curvature, refined by a parabola through three samples. With `width` the curvature is the
+    smoothed one of `inflection_points`, which flattens bends of less than five widths of arc.
 
     Args:
         xy: (n, 2) points in downstream order, m.
         width: channel width, m, or None for the raw curvature.
+        closed: the line is a ring, whose last point is joined to the first.
 
     Returns:
         Arrays of length k, one value per bend; k is 0 where there are fewer than two inflection points.
@@ -242,6 +256,8 @@ def bends(xy: ArrayLike, width: float | None = None) -> Bends:
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points, or `width` is not positive.
     """
+    if closed:
+        return _ring_bends(_ring(xy), width)
     points = _polyline(xy)
     s, value, floor = _bend_curvature(points, width)
     edge, first = _sign_changes(s, value, floor)
@@ -251,7 +267,7 @@ def bends(xy: ArrayLike, width: float | None = None) -> Bends:
     return Bends(start, end, end - start, chord, _ratio(end - start, chord), apex, peak, 1.0 / np.abs(peak))
 
 
-def wavelength(xy: ArrayLike, width: float, half: bool = False) -> float:
+def wavelength(xy: ArrayLike, width: float, half: bool = False, closed: bool = False) -> float:
     """Mean meander wavelength.
 
     A full meander is two bends, so the default is twice the mean straight distance between successive
@@ -263,6 +279,7 @@ def wavelength(xy: ArrayLike, width: float, half: bool = False) -> float:
         xy: (n, 2) points in downstream order, m.
         width: channel width, m; smooths as in `inflection_points`.
         half: return the mean spacing of successive inflection points instead of twice that.
+        closed: the line is a ring, whose last point is joined to the first.
 
     Returns:
         Wavelength, m; nan where the line has fewer than two inflection points (a hardly bent line has none).
@@ -270,7 +287,7 @@ def wavelength(xy: ArrayLike, width: float, half: bool = False) -> float:
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points, or `width` is not positive.
     """
-    chord = bends(xy, width).chord
+    chord = bends(xy, width, closed).chord
     if chord.size == 0:
         return math.nan
     return float(chord.mean()) * (1.0 if half else 2.0)
@@ -455,6 +472,25 @@ def _polyline(xy: ArrayLike, name: str = "xy") -> FloatArray:
     if repeated.size:
         raise ValueError(f"{name} repeats point {repeated[0]} as the next point; remove one of them.")
     return points
+
+
+def _ring(xy: ArrayLike) -> FloatArray:
+    """The points of a ring, the first not repeated, as `_polyline` has those of a line."""
+    points = _polyline(xy)
+    if (points[0] == points[-1]).all():
+        raise ValueError("xy repeats its first point at its end; leave it out of a closed line.")
+    return points
+
+
+def _ring_bends(ring: FloatArray, width: float | None) -> Bends:
+    """`bends` of a checked ring, those that begin in one lap of it."""
+    laps = bends(np.concatenate([ring, ring, ring, ring[:1]]), width)
+    around = _arc_length(np.concatenate([ring, ring[:1]]))[-1]
+    # Rounding must not count the bend at the seam twice, or not at all.
+    seam = around * (1.0 - 1e-9)
+    kept = (laps.start >= seam) & (laps.start < seam + around)
+    lap = Bends(*(values[kept] for values in laps))
+    return lap._replace(start=lap.start - around, end=lap.end - around, apex=lap.apex - around)
 
 
 def _positive(value: float, name: str) -> float:

@@ -16,6 +16,10 @@ PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.floa
 
 # Two channel ends closer than this part of the narrower width are one node.
 NODE_TOLERANCE = 1e-3
+# A ring has at least so many points; the kernels hold the same number.
+RING_POINTS = 8
+# The ends of a line that is to be a ring may be so many times its longest segment, or its width, apart.
+RING_GAP = 3.0
 
 
 def bankfull_depth(width: Any) -> Any:
@@ -60,6 +64,8 @@ class RiverNetwork:
         channel_id: (C,) int64, identity that a channel keeps when others come and go.
         channel_from: (C,) int32, node at the upstream end.
         channel_to: (C,) int32, node at the downstream end.
+        channel_closed: (C,) bool, True for a ring: its last point is joined to its first, which is not repeated, and
+            its one node is its own.
         node_xy: (N, 2) float64, node positions in m, absolute.
         origin: (2,) float64, absolute position of the device coordinates' zero.
         crs: Coordinate reference system as text ("EPSG:32619", WKT ...), or None.
@@ -83,6 +89,7 @@ class RiverNetwork:
         channel_slope: np.ndarray | None = None,
         channel_id: np.ndarray | None = None,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+        channel_closed: np.ndarray | None = None,
         point_section: np.ndarray | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
@@ -104,6 +111,7 @@ class RiverNetwork:
             channel_slope: (C,) m/m, NaN where it is not known; None: nowhere.
             channel_id: (C,) identities; by default the indices.
             channel_nodes: (from, to, node_xy); by default ends that coincide are one node.
+            channel_closed: (C,) True for rings; by default there are none.
             point_section: (P, 2) width and depth at each point in m, or None.
             origin: Absolute position of the points' zero, m.
             crs: Coordinate reference system.
@@ -124,13 +132,15 @@ class RiverNetwork:
         self.channel_start: wp.array
         self.channel_drainage_area: np.ndarray | None = None
         start = np.array(channel_start, np.int32)
-        _check_packed(np.asarray(point_xy), start, len(channel_width))
+        count = len(channel_width)
+        _check_packed(np.asarray(point_xy), start, count)
+        closed = np.zeros(count, bool) if channel_closed is None else np.asarray(channel_closed, bool)
         if channel_nodes is None:
             tolerance = NODE_TOLERANCE * float(np.min(channel_width))
-            channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, tolerance, self.origin)
-        identity = np.arange(len(channel_width)) if channel_id is None else np.asarray(channel_id)
+            channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, closed, tolerance, self.origin)
+        identity = np.arange(count) if channel_id is None else np.asarray(channel_id)
         above, below, node_xy = map(np.asarray, channel_nodes)
-        _check_graph(len(channel_width), identity, above, below, node_xy)
+        _check_graph(count, identity, above, below, node_xy)
         self.replace_channels(
             start,
             channel_width=channel_width,
@@ -140,6 +150,7 @@ class RiverNetwork:
             channel_slope=channel_slope,
             channel_id=identity,
             channel_nodes=channel_nodes,
+            channel_closed=closed,
         )
         self.point_xy: wp.array = wp.array(np.asarray(point_xy, real), dtype=vec2, device=self.device)
         self.point_section: wp.array | None = None
@@ -160,13 +171,17 @@ class RiverNetwork:
         nodes: tuple[Any, Any, Any] | None = None,
         origin: Any = None,
         allow_short: bool = False,
+        closed: Any = False,
         crs: str | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
     ) -> RiverNetwork:
         """Build a network from lines that run downstream; ends that meet become one node.
 
-        A line that meets no other is a basin of its own. Rings and circles are taken, and refused by a simulation.
+        A line marked ``closed`` is a ring, as a moat or a closed flume is: the water goes round, nothing flows in or
+        out, and it never joins other channels. Its first point may be repeated at its end, or be up to three widths or
+        three of its longest segments away from it. A line that meets no other is a basin of its own. Other lines that
+        end where they begin, and circles of channels, are taken, and refused by a simulation.
 
         Args:
             polylines: One (n, 2) array of x, y in m per channel, upstream to downstream, n >= 3.
@@ -180,6 +195,7 @@ class RiverNetwork:
                 default ends that meet are one node.
             origin: Absolute position of the device coordinates' zero, m; by default the middle, in whole metres.
             allow_short: Take channels shorter than they are wide, as collisions may leave them.
+            closed: True where lines are rings: one word, or one a channel.
             crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
             device: Warp device name, "cpu" or "cuda:0".
@@ -187,7 +203,8 @@ class RiverNetwork:
         Raises:
             ValueError: No line, a line of fewer than 3 points, a point that is not finite or stands twice in a row, a
                 width that is not positive or exceeds the line's length, a geographic CRS, shapes that do not fit, an
-                identity that stands twice, or a node that is not there or that no line touches.
+                identity that stands twice, a node that is not there or that no line touches; a ring of fewer than 8
+                points, whose ends do not meet, or that meets another channel.
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
         if crs is not None and is_geographic(crs):
@@ -198,11 +215,17 @@ class RiverNetwork:
         lines = [_checked_line(xy, c) for c, xy in enumerate(polylines)]
         if not lines:
             raise ValueError("a network needs at least one line; got none")
+        rings = _ring_flags(closed, len(lines))
         counts = [len(xy) for xy in lines]
         point_width = _per_point(width, counts, "width", "m")
         point_depth = [bankfull_depth(w) for w in point_width]
         if depth is not None:
             point_depth = _per_point(depth, counts, "depth", "m")
+        for c in np.flatnonzero(rings).tolist():
+            keep = _ring_points(lines[c], float(point_width[c].min()), c)
+            lines[c], point_width[c], point_depth[c] = lines[c][:keep], point_width[c][:keep], point_depth[c][:keep]
+            counts[c] = keep
+        _check_rings_apart(lines, rings, point_width)
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
             if w.max() > length and not allow_short:
@@ -233,6 +256,7 @@ class RiverNetwork:
             channel_slope=None if slope is None else _checked_slope(slope, len(lines)),
             channel_id=channel_id,
             channel_nodes=nodes,
+            channel_closed=rings,
             point_section=section,
             origin=origin,
             crs=crs,
@@ -260,6 +284,7 @@ class RiverNetwork:
         channel_drainage_area: np.ndarray | None,
         channel_id: np.ndarray,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray],
+        channel_closed: np.ndarray,
         channel_slope: np.ndarray | None = None,
     ) -> None:
         """Replace what belongs to whole channels; the caller brings the points into the same order.
@@ -272,6 +297,7 @@ class RiverNetwork:
             channel_drainage_area: (C,) m2 or None.
             channel_id: (C,) identities.
             channel_nodes: (from, to, node_xy), node_xy in m, absolute.
+            channel_closed: (C,) True for rings.
             channel_slope: (C,) m/m, or None: known nowhere.
         """
         start = np.array(channel_start, np.int32)
@@ -287,6 +313,7 @@ class RiverNetwork:
         self.channel_id = np.array(channel_id, np.int64)
         self.channel_from, self.channel_to = (np.array(n, np.int32) for n in channel_nodes[:2])
         self.node_xy = np.array(channel_nodes[2], np.float64)
+        self.channel_closed = np.array(channel_closed, bool)
 
     def channel_flow(self) -> np.ndarray:
         """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
@@ -300,17 +327,26 @@ class RiverNetwork:
         """Return all points in absolute coordinates, (P, 2) float64 in m."""
         return self.point_xy.numpy()[: self.point_count].astype(np.float64) + self.origin
 
-    def polylines(self) -> list[np.ndarray]:
-        """Return the channels' lines in absolute coordinates, a list of (n, 2) float64 arrays in m."""
-        return np.split(self.points(), self.starts()[1:-1])
+    def polylines(self, *, close: bool = False) -> list[np.ndarray]:
+        """Return the channels' lines in absolute coordinates, a list of (n, 2) float64 arrays in m.
 
-    def point_widths(self) -> list[np.ndarray]:
-        """Return the bankfull width in m at each point, a list of (n,) float64 arrays."""
-        return self._split_section(0, self.channel_width)
+        Args:
+            close: Repeat the first point of every ring at its end.
+        """
+        return self._closed_up(np.split(self.points(), self.starts()[1:-1]), close)
 
-    def point_depths(self) -> list[np.ndarray]:
-        """Return the bankfull depth in m at each point, a list of (n,) float64 arrays."""
-        return self._split_section(1, self.channel_depth)
+    def point_widths(self, *, close: bool = False) -> list[np.ndarray]:
+        """Return the bankfull width in m at each point, a list of (n,) float64 arrays; ``close`` as in `polylines`."""
+        return self._closed_up(self._split_section(0, self.channel_width), close)
+
+    def point_depths(self, *, close: bool = False) -> list[np.ndarray]:
+        """Return the bankfull depth in m at each point, a list of (n,) float64 arrays; ``close`` as in `polylines`."""
+        return self._closed_up(self._split_section(1, self.channel_depth), close)
+
+    def _closed_up(self, arrays: list[np.ndarray], close: bool) -> list[np.ndarray]:
+        if not close or not self.channel_closed.any():
+            return arrays
+        return [np.concatenate([a, a[:1]]) if ring else a for a, ring in zip(arrays, self.channel_closed, strict=True)]
 
     def _split_section(self, column: int, constant: np.ndarray) -> list[np.ndarray]:
         starts = self.starts()
@@ -321,12 +357,15 @@ class RiverNetwork:
         return np.split(values, starts[1:-1])
 
     def channel_lengths(self) -> np.ndarray:
-        """Return the length of each channel's line in m, (C,) float64."""
+        """Return the length of each channel's line in m, (C,) float64; that of a ring is all the way round."""
         xy, starts = self.points(), self.starts()
         step = np.hypot(*np.diff(xy, axis=0).T)
         step[starts[1:-1] - 1] = 0.0
         total = np.concatenate([[0.0], np.cumsum(step)])
-        return total[starts[1:] - 1] - total[starts[:-1]]
+        length = total[starts[1:] - 1] - total[starts[:-1]]
+        if self.channel_closed.any():
+            length += np.where(self.channel_closed, np.hypot(*(xy[starts[:-1]] - xy[starts[1:] - 1]).T), 0.0)
+        return length
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (west, south, east, north) of all points in m."""
@@ -347,6 +386,7 @@ class RiverNetwork:
             channel_slope=self.channel_slope,
             channel_id=self.channel_id,
             channel_nodes=(self.channel_from, self.channel_to, self.node_xy),
+            channel_closed=self.channel_closed,
             point_section=section,
             origin=self.origin,
             crs=self.crs,
@@ -359,28 +399,83 @@ class RiverNetwork:
         widths = self.channel_width
         span = f"{widths.min():.4g}" if np.ptp(widths) == 0 else f"{widths.min():.4g}-{widths.max():.4g}"
         varying = " varying along the channels," if self.point_section is not None else ""
+        rings = f" ({int(self.channel_closed.sum())} rings)" if self.channel_closed.any() else ""
         return (
-            f"RiverNetwork({self.channel_count} channels, {self.node_count} nodes, {self.point_count} points, "
+            f"RiverNetwork({self.channel_count} channels{rings}, {self.node_count} nodes, {self.point_count} points, "
             f"{length:.4g} km, width {span} m,{varying} crs={self.crs}, {self.dtype} on {self.device.alias})"
         )
 
 
 def _find_nodes(
-    xy: np.ndarray, start: np.ndarray, tolerance: float, origin: np.ndarray
+    xy: np.ndarray, start: np.ndarray, closed: np.ndarray, tolerance: float, origin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes above and below each channel, and their positions: channel ends within ``tolerance`` m are one node."""
+    """Nodes above and below each channel, and their positions: channel ends within ``tolerance`` m are one node.
+
+    Both ends of a ring are its first point.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     count = len(start) - 1
-    ends = np.concatenate([xy[start[:-1]], xy[start[1:] - 1]])
+    ends = np.concatenate([xy[start[:-1]], xy[np.where(closed, start[:-1], start[1:] - 1)]])
     pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
     node_count, label = connected_components(graph, directed=False)
     first = np.full(node_count, 2 * count, np.int64)
     np.minimum.at(first, label, np.arange(2 * count))
     return label[:count], label[count:], ends[first] + origin
+
+
+def _ring_flags(closed: Any, count: int) -> np.ndarray:
+    """Spread ``closed`` over the channels, (C,) bool."""
+    flags = np.asarray(closed)
+    if flags.dtype != bool or flags.shape not in ((), (count,)):
+        raise ValueError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
+    return np.broadcast_to(flags, (count,)).copy()
+
+
+def _ring_points(xy: np.ndarray, width: float, channel: int) -> int:
+    """Return how many points of a line make its ring, or raise ``ValueError`` where it is none."""
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    gap = float(np.hypot(*(xy[-1] - xy[0])))
+    count = len(xy) - 1 if gap <= NODE_TOLERANCE * width else len(xy)
+    limit = RING_GAP * max(float(step.max()), width)
+    if gap > limit:
+        raise ValueError(
+            f"channel {channel}: closed, but its ends are {gap:g} m apart, more than {limit:g} m (three of its longest "
+            "segments or widths); close the line, or pass closed=False for it"
+        )
+    if count < RING_POINTS:
+        raise ValueError(
+            f"channel {channel}: a ring of {count} points; a ring needs at least {RING_POINTS}, add points"
+        )
+    return count
+
+
+def _check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[np.ndarray]) -> None:
+    """Raise ``ValueError`` where a ring shares a point with another ring or with the end of a channel."""
+    if not rings.any() or len(lines) < 2:
+        return
+    from scipy.spatial import cKDTree
+
+    index = np.flatnonzero(rings)
+    owner = np.repeat(index, [len(lines[c]) for c in index])
+    points = np.concatenate([lines[c] for c in index])
+    tolerance = NODE_TOLERANCE * min(float(w.min()) for w in widths)
+    tree = cKDTree(points)
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    met = [(int(a), int(b), points[p]) for (a, b), p in zip(owner[pairs], pairs[:, 0], strict=True) if a != b]
+    for c in np.flatnonzero(~rings):
+        ends = lines[c][[0, -1]]
+        away, nearest = tree.query(ends)
+        met += [(int(owner[nearest[k]]), int(c), ends[k]) for k in (0, 1) if away[k] <= tolerance]
+    if met:
+        ring, other, (x, y) = met[0]
+        raise ValueError(
+            f"channel {ring} is a ring and meets channel {other} at ({x:.6g}, {y:.6g}); rings join no other channel: "
+            "open it there with closed=False, or move them apart"
+        )
 
 
 def _check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:

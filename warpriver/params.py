@@ -176,6 +176,14 @@ class MeanderParams:
         source="warpriver",
         doc="points closer than this along the channel are neighbours, never a neck",
     )
+    ring_policy: str = parameter(
+        "longer",
+        "-",
+        choices=("longer", "marked", "both"),
+        source="warpriver",
+        doc="which part of a ring goes on where a neck splits it: the longer one, the one with the ring's first point, "
+        "or both, the other as a new channel; what does not go on becomes an oxbow lake",
+    )
     end_damping: float = parameter(
         5.0,
         "widths",
@@ -184,6 +192,14 @@ class MeanderParams:
         doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
     )
 
+    taubin_passes: int = parameter(
+        0,
+        "-",
+        low=0,
+        high=1000,
+        source="Taubin1995",
+        doc="passes a sub-step of a smoothing that takes out the shortest waves and shrinks nothing; 0: none",
+    )
     slope_threshold: float = parameter(
         0.15,
         "m/m",
@@ -219,6 +235,8 @@ class MeanderParams:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.taubin_passes != int(self.taubin_passes):
+            raise ValueError(f"MeanderParams.taubin_passes is {self.taubin_passes:g}; give a whole number")
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
             raise ValueError(
                 f"MeanderParams.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above cutoff_distance "

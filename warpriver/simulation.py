@@ -39,6 +39,7 @@ from warpriver.meander.collisions import (
 from warpriver.meander.junctions import drift_junctions
 from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
+from warpriver.meander.rings import split_rings
 from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.solvers import Solver, solver_of
 from warpriver.meander.stages import Replay, Stage, run_stages
@@ -145,8 +146,9 @@ class Simulation:
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
 
         Raises:
-            ValueError: The spacing exceeds a channel's width, a channel is a ring, channels part or flow in a circle,
-                the terrain lies elsewhere or in another CRS, or the time step is out of all proportion.
+            ValueError: The spacing exceeds a channel's width, a channel that is no ring ends where it begins, channels
+                part or flow in a circle, the terrain lies elsewhere or in another CRS, or the time step is out of all
+                proportion.
         """
         self.params = params if params is not None else MeanderParams()
         self._solver = solver_of(self.params)
@@ -325,10 +327,16 @@ class Simulation:
         return StopReason.COMPLETED
 
     def _check_network(self, network: RiverNetwork) -> None:
-        ring = network.channel_from == network.channel_to
-        if ring.any():
+        looped = (network.channel_from == network.channel_to) & ~network.channel_closed
+        if looped.any():
             raise ValueError(
-                f"channel {int(ring.argmax())}: its ends coincide; a ring has no upstream end to begin from, open it"
+                f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
+                "closed=True), or open it"
+            )
+        if network.channel_closed.any() and not self._solver.rings:
+            raise ValueError(
+                f"channel {int(network.channel_closed.argmax())} is a ring, which {type(self.params).__name__} cannot "
+                "move yet; use MeanderParams, or open it with closed=False"
             )
         self._solver.check(network, self.params)
         if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
@@ -504,6 +512,7 @@ class Simulation:
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
             *self._move_stages(),
+            *self._solver.smooth(network, channels, buffers, self.params),
             *drift_junctions(network, channels, buffers, self.params),
             *self._solver.cut(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
@@ -558,7 +567,7 @@ class Simulation:
                 return
 
     def _collect_cutoffs(self, time: float) -> None:
-        """Move the cutoffs of the (sub-)step just done into the history."""
+        """Move the cutoffs of the (sub-)step just done into the history; of a ring, both parts may go on."""
         buffers, network = self.buffers, self.network
         count = int(self.channels.cuts_sum.numpy()[-1])
         if count == 0:
@@ -566,10 +575,15 @@ class Simulation:
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        for channel, begin, length, _ in cut:
+        both = isinstance(self.params, MeanderParams) and self.params.ring_policy == "both"
+        split = network.channel_closed[cut[:, 0]] & both
+        for channel, begin, length, _ in cut[~split]:
             width = network.channel_width[channel] if section is None else section[begin, 0]
             loop = self._solver.oxbow(xy[begin : begin + length])
             self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
+        if split.any():
+            self._adopt(split_rings(network, cut[split, :3], xy))
+            self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
 
     def _resolve_collisions(self, time: float) -> None:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
@@ -607,9 +621,10 @@ class Simulation:
     def _adopt(self, edited: EditedChannels) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing."""
         network, buffers = self.network, self.buffers
-        if edited.run_start[-1] > buffers.point_capacity:
-            self._allocate(int(HEADROOM * edited.run_start[-1]), buffers.cut_capacity, buffers.oxbow_capacity)
-        gather_points(network, edited, self.buffers)
+        needed = int(edited.channel_start[-1])
+        if needed > buffers.point_capacity:
+            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+        gather_points(network, edited, self.buffers, buffers)
         network.replace_channels(
             edited.channel_start,
             channel_width=edited.channel_width,
@@ -618,12 +633,13 @@ class Simulation:
             channel_drainage_area=edited.channel_drainage_area,
             channel_id=edited.channel_id,
             channel_nodes=edited.channel_nodes,
+            channel_closed=network.channel_closed[edited.channel_old],
             channel_slope=edited.channel_slope,
         )
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
         spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
-        length = spacing * (np.diff(edited.channel_start) - 1)
+        length = spacing * (np.diff(edited.channel_start) - ~network.channel_closed)
         carried = {
             name: array.numpy()[edited.channel_old]
             for name in ("pace", "parts", "mobility")
@@ -677,6 +693,7 @@ class Simulation:
             channel_fixed=self._fixed.copy(),
             channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
             channel_slope=network.channel_slope.copy(),
+            channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
         )
 
     def _record_end(self) -> None:
@@ -697,8 +714,9 @@ class Simulation:
 
 
 def _channel_room(network: RiverNetwork) -> int:
-    """Channels to make room for: a join makes one more, a loss of a whole channel one less."""
-    return network.channel_count + max(8, network.channel_count // 8) if network.channel_count > 1 else 1
+    """Channels to make room for: a join or the split of a ring makes one more, a loss of a whole channel one less."""
+    grows = network.channel_count > 1 or network.channel_closed.any()
+    return network.channel_count + max(8, network.channel_count // 8) if grows else 1
 
 
 def _thread_count(threads: int | None) -> int:

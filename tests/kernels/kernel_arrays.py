@@ -110,6 +110,13 @@ def forms(width, depth, widest, spacing, scalar, device):
     return to_device(table, wp.types.vector(4, scalar), device)
 
 
+def ring_flags(rings, channels, device):
+    """Array of 1 for rings and 0 for lines on the device; None where there are no rings, as in a simulation."""
+    flags = np.zeros(channels, np.int32)
+    flags[list(rings)] = 1
+    return to_device(flags, wp.int32, device) if len(rings) else None
+
+
 def nested(function, *names):
     """Follow the names of device functions inward from a kernel: they live in the closures of ``build``."""
     for name in names:

@@ -9,6 +9,7 @@ from kernel_arrays import (
     SLABS,
     UNWRITTEN,
     forms,
+    ring_flags,
     share_count,
     share_out,
     starts_of,
@@ -68,7 +69,9 @@ class Levels:
 class Search:
     """Both kernels of the search, launched on some lines; ``resting`` are the channels whose step is 0."""
 
-    def __init__(self, lines, width, nodes, deal, block, dtype, device, *, sections=None, resting=(), buckets=64):
+    def __init__(
+        self, lines, width, nodes, deal, block, dtype, device, *, sections=None, resting=(), rings=(), buckets=64
+    ):
         scalar = SCALARS[dtype]
         kernel, start = collisions.build(scalar), starts_of(lines)
         count, channels = int(start[-1]), len(lines)
@@ -86,6 +89,7 @@ class Search:
         moves = np.full(channels, 0.3)
         moves[list(resting)] = 0.0
         step = to_device(moves, scalar, device)
+        rings = ring_flags(rings, channels, device)
         # The mean width is for lines without sections; with them only the greatest counts.
         form = forms(np.array(width) if sections is None else np.nan, 1.0, np.array(width), SPACING, scalar, device)
 
@@ -94,13 +98,13 @@ class Search:
                 given = [part.work if value is ... else value for value in inputs]
                 wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=device)
 
-        launch(kernel.insert_blocks, [xy, starts, form, spacing, step, law, ...], [links, owners, bucket])
+        launch(kernel.insert_blocks, [xy, starts, form, spacing, step, rings, law, ...], [links, owners, bucket])
         self.links, self.owners, self.bucket = links.numpy(), owners.numpy(), bucket.numpy().reshape(-1, 4)
         self.levels = grid.levels
         table = to_device(np.array(nodes, np.int32), wp.vec2i, device)
         shares = share_count(deal, channels, count)
         found, offset = unwritten(shares, wp.int32, device), wp.zeros(shares, dtype=wp.int32, device=device)
-        inputs = [xy, section, starts, table, form, spacing, step, law, ..., links, owners, bucket, offset]
+        inputs = [xy, section, starts, table, form, spacing, step, rings, law, ..., links, owners, bucket, offset]
         launch(kernel.find_contacts, inputs, [None, found])
         self.by_share = found.numpy()
         self.count = int(self.by_share.sum())

@@ -14,6 +14,7 @@ from kernel_arrays import (
     UNWRITTEN,
     forms,
     nested,
+    ring_flags,
     share_count,
     share_out,
     split,
@@ -52,11 +53,14 @@ class Case:
         cutoff=1.0,
         min_arc=3.0,
         resting=(),
+        rings=(),
+        longer=0,
         dtype="float64",
         device="cpu",
         spare=5,
     ):
-        self.resting = resting
+        self.resting, self.rings, self.longer = resting, rings, longer
+        self.closed = ring_flags(rings, len(lines), device)
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = cutoffs.build(self.scalar), device, lines
         self.cutoff, self.min_arc, self.start = cutoff, min_arc, starts_of(lines)
@@ -87,10 +91,10 @@ class Case:
             given = [part.work if value is ... else value for value in inputs]
             wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=self.device)
 
-    def launch_channels(self, kernel, deal, inputs, outputs):
-        """Launch a kernel over the channels; after the start comes the work."""
+    def launch_channels(self, kernel, deal, inputs, outputs, before=()):
+        """Launch a kernel over the channels; after the start, and what is to come before it, comes the work."""
         for part in self.parts(deal):
-            given = [self.channel_start, part.work, *inputs]
+            given = [self.channel_start, *before, part.work, *inputs]
             wp.launch(kernel, dim=part.channel_threads, inputs=given, outputs=outputs, device=self.device)
 
     def linked(self, deal=64):
@@ -121,8 +125,8 @@ class Case:
         if not isinstance(deal, int):
             chunk_necks.fill_(UNWRITTEN)
             channel_necks.fill_(UNWRITTEN)
-        inputs = [self.channel_start, self.form, self.channel_spacing, self.channel_step, self.cutoff, self.min_arc]
-        inputs += [..., ordered, points, self.section, after, head]
+        inputs = [self.channel_start, self.form, self.channel_spacing, self.channel_step, self.closed, self.cutoff]
+        inputs += [self.min_arc, ..., ordered, points, self.section, after, head]
         self.launch_points(self.kernel.find_necks, deal, inputs, [neck, chunk_necks, channel_necks])
         found = neck.numpy()
         assert (found[self.count :] == UNWRITTEN).all()
@@ -169,7 +173,8 @@ class Case:
         point_neck, chunk_necks, channel_necks = self.packed_necks(necks, deal)
         cuts = unwritten(len(self.lines), wp.int32, self.device)
         points = unwritten(len(self.lines), wp.int32, self.device)
-        self.launch_channels(self.kernel.select_cuts, deal, [chunk_necks, channel_necks], [cuts, points, point_neck])
+        inputs, before = [chunk_necks, channel_necks], [self.closed, self.longer]
+        self.launch_channels(self.kernel.select_cuts, deal, inputs, [cuts, points, point_neck], before)
         left = point_neck.numpy()
         assert (left[self.count :] == UNWRITTEN).all()
         kept = []
@@ -343,7 +348,7 @@ def test_channels_at_rest_are_not_searched(device, deal):
             necks[case.start[c] : case.start[c + 1]] = case.start[c + 1] - 1
         cuts, points = (unwritten(len(lines), wp.int32, device) for _ in range(2))
         inputs, io = [chunk_necks, channel_necks], to_device(necks, wp.int32, device)
-        case.launch_channels(case.kernel.select_cuts, deal, inputs, [cuts, points, io])
+        case.launch_channels(case.kernel.select_cuts, deal, inputs, [cuts, points, io], [None, 0])
         assert cuts.numpy().tolist() == [len(pairs) for pairs in kept]
         assert sum(map(len, kept)) > 3 or len(resting) == 9
         assert_cuts(case, kept, deal)

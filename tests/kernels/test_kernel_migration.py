@@ -17,6 +17,7 @@ from kernel_arrays import (
     SLABS,
     forms,
     nested,
+    ring_flags,
     share_out,
     split,
     starts_of,
@@ -109,12 +110,14 @@ class Case:
         sections=None,
         spacing=50.0,
         resting=(),
+        rings=(),
         dtype="float64",
         device="cpu",
         spare=5,
     ):
         scalar = SCALARS[dtype]
-        self.resting = resting
+        self.resting, self.rings = resting, rings
+        self.closed = ring_flags(rings, len(lines), device)
         self.kernel, self.scalar, self.device = migration.build(scalar), scalar, device
         self.lines, self.start = lines, starts_of(lines)
         self.count, self.capacity = int(self.start[-1]), int(self.start[-1]) + spare
@@ -145,11 +148,20 @@ class Case:
         step[list(self.resting)] = 0.0
         return to_device(step, self.scalar, self.device)
 
+    def areas(self, law, deal=64):
+        """Area of each ring in 2^-62 of its length squared, on the device; None where there are no rings."""
+        if self.closed is None:
+            return None
+        out = wp.zeros(len(self.lines), dtype=wp.int64, device=self.device)
+        inputs = [self.point_xy, self.channel_start, self.channel_spacing, self.steps(law), self.closed, ...]
+        self.launch(self.kernel.measure_rings, deal, inputs, [out])
+        return out
+
     def rates(self, law, deal=64):
         """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel rests."""
         out = unwritten(self.capacity, self.scalar, self.device)
         inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [self.steps(law), device_law(self.kernel, law), ...]
+        inputs += [self.steps(law), self.closed, self.areas(law, deal), device_law(self.kernel, law), ...]
         self.launch(self.kernel.compute_rate, deal, inputs, [out])
         packed = out.numpy().astype(np.float64)
         for c in self.resting:
@@ -168,7 +180,15 @@ class Case:
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         section = None if self.section is None else unwritten(self.capacity, self.kernel.vec2, self.device)
         inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [self.steps(law), *self.ground(height), device_law(self.kernel, law), ..., rate]
+        inputs += [
+            self.steps(law),
+            self.closed,
+            self.areas(law, deal),
+            *self.ground(height),
+            device_law(self.kernel, law),
+            ...,
+            rate,
+        ]
         pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         self.launch(self.kernel.move_points, deal, inputs, [out, section, pace])
         if section is not None:

@@ -16,6 +16,7 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     forms,
+    ring_flags,
     share_count,
     share_out,
     split,
@@ -66,8 +67,11 @@ class Sampled:
 class Case:
     """Some moved channels on a device; each kernel has its method, and ``sampled`` runs them all."""
 
-    def __init__(self, lines, *, spacing=50.0, sections=None, resting=(), dtype="float64", device="cpu", spare=5):
-        self.resting = resting
+    def __init__(
+        self, lines, *, spacing=50.0, sections=None, resting=(), rings=(), dtype="float64", device="cpu", spare=5
+    ):
+        self.resting, self.rings = resting, rings
+        self.closed = ring_flags(rings, len(lines), device)
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = resampling.build(self.scalar), device, lines
         self.start = starts_of(lines)
@@ -108,8 +112,8 @@ class Case:
         spacing = unwritten(len(self.lines), self.scalar, self.device)
         before = to_device(np.full(len(self.lines), SPACING_BEFORE), self.scalar, self.device)
         for part in share_out(deal, len(self.lines), self.capacity, self.device):
-            inputs = [self.channel_start, self.form, before, self.channel_step, part.work]
-            inputs += [arc, offset]
+            inputs = [self.channel_start, self.form, before, self.channel_step, self.closed, part.work]
+            inputs += [self.point_moved, arc, offset]
             self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, fault])
         return samples, spacing
 
@@ -127,7 +131,7 @@ class Case:
         capacity = needed + 4 if capacity is None else capacity
         points = unwritten(capacity, self.kernel.vec2, self.device)
         sections = None if self.sections is None else unwritten(capacity, self.kernel.vec2, self.device)
-        inputs = [self.channel_start, spacing, self.channel_step, ..., start_next, self.point_moved]
+        inputs = [self.channel_start, spacing, self.channel_step, self.closed, ..., start_next, self.point_moved]
         inputs += [self.section_moved, arc, offset, flag]
         self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [points, sections])
         start_out = to_device(self.start, wp.int32, self.device)
@@ -555,14 +559,16 @@ def test_extended_points_are_point_reflections(device):
     extended_point, vec2 = line.extended_point, line.vec2
 
     @wp.kernel(module="unique", enable_backward=False)
-    def evaluate(point: wp.array[vec2], first: int, last: int, point_out: wp.array[vec2]):
+    def evaluate(point: wp.array[vec2], first: int, last: int, closed: int, point_out: wp.array[vec2]):
         i = wp.tid()
-        point_out[i] = extended_point(point, first + i - 2, first, last)
+        point_out[i] = extended_point(point, first + i - 2, first, last, closed)
 
     # Three points of a channel between two others.
     xy = np.array([[9.0, 9.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [9.0, 9.0]])
     out = unwritten(7, vec2, device)
-    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3], outputs=[out], device=device)
+    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3, 0], outputs=[out], device=device)
     by_hand = [[-5.0, 1.0], [-2.0, -1.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [8.0, -3.0], [10.0, -2.0]]
     assert out.numpy().tolist() == by_hand
     assert reference.reflect_ends(xy[1:4]).tolist() == by_hand
+    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3, 1], outputs=[out], device=device)
+    assert out.numpy().tolist() == [*xy[[2, 3]].tolist(), *xy[[1, 2, 3]].tolist(), *xy[[1, 2]].tolist()], "a ring"

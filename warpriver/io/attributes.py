@@ -44,7 +44,7 @@ CUBIC_FOOT = 0.3048**3  # m3
 # What HydroSHEDS, the USGS and SWORD write for "no value", beside an empty field.
 NO_VALUE = (-9998.0, -9999.0, -999900.0)
 
-# What is known of a channel; the last four say what it is joined to.
+# What is known of a channel; the last five say what it is joined to, closed that this is itself.
 ROLES = (
     "width",
     "depth",
@@ -55,6 +55,7 @@ ROLES = (
     "next_down",
     "from_node",
     "to_node",
+    "closed",
 )
 IDENTITIES = ("channel_id", "next_down", "from_node", "to_node")
 # Attributes that hold a list, a number a point.
@@ -90,6 +91,7 @@ WRITTEN = (
     Attribute("drainage_area_km2", "area_km2", "km2", "drainage area at the downstream end"),
     Attribute("drainage_area_m2", "area_m2", "m2", "the same to the last bit; read first"),
     Attribute("slope", "slope", "m/m", "drop over length; empty where it is not known"),
+    Attribute("closed", "closed", "-", "1 for a ring, whose line ends at its first point; else 0"),
     Attribute("strahler", "strahler", "-", "Strahler order"),
     Attribute("shreve", "shreve", "-", "Shreve magnitude"),
     Attribute("horton", "horton", "-", "Horton order"),
@@ -166,6 +168,7 @@ READ: Mapping[str, tuple[Name, ...]] = {
         Name("down_id", "next_down", "-"),
         Name("from_node", "from_node", "-"),
         Name("to_node", "to_node", "-"),
+        Name("closed", "closed", "-"),
     ),
     "HydroRIVERS": (
         Name("UPLAND_SKM", "drainage_area", "km2", SQUARE_KILOMETER),
@@ -255,6 +258,8 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
         try:
             number = float(value)
         except (TypeError, ValueError) as error:
+            if role == "closed":  # a word of others, of a road or a lock for one
+                continue
             raise ValueError(f"{where}: {name.name.lower()} is {value!r}, not a number") from error
         if math.isnan(number) or number in NO_VALUE:
             continue
@@ -308,7 +313,7 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
     xy, starts = network.points(), network.starts()
     length = network.channel_lengths()
     chord = np.hypot(*(xy[starts[1:] - 1] - xy[starts[:-1]]).T)
-    ring = chord == 0.0
+    ring = (chord == 0.0) | network.channel_closed
     columns: dict[str, Any] = {
         "channel_id": identity,
         "next_down": np.where(down < 0, -1, identity[down]),
@@ -325,9 +330,12 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
         columns["drainage_area_km2"] = area / SQUARE_KILOMETER
         columns["drainage_area_m2"] = area
     columns["slope"] = network.channel_slope
+    columns["closed"] = network.channel_closed.astype(np.int64)
     columns.update(_orders(network))
     if network.point_section is not None:
-        for role, arrays in (("width", network.point_widths()), ("depth", network.point_depths())):
+        for role, arrays in (
+            ("width", network.point_widths(close=True)), ("depth", network.point_depths(close=True)),
+        ):  # fmt: skip
             mean = columns[f"{role}_m"]
             columns[f"point_{role}_m"] = [
                 None if (a == m).all() else a.tolist() for a, m in zip(arrays, mean, strict=True)

@@ -145,7 +145,7 @@ def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
             "properties": {name: column[c] for name, column in columns.items()},
             "geometry": {"type": "LineString", "coordinates": xy.tolist()},
         }
-        for c, xy in enumerate(network.polylines())
+        for c, xy in enumerate(network.polylines(close=True))
     ]
     head = {"type": "FeatureCollection", "name": layer, "crs": crs, FRAME: _frame_of(network)}
     # One feature a line, so that versions of a file can be compared.
@@ -401,5 +401,6 @@ def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tup
 
 def _line_strings(shapely: Any, network: RiverNetwork) -> np.ndarray:
     """Return the channels as shapely LineStrings."""
-    owner = np.repeat(np.arange(network.channel_count), np.diff(network.starts()))
-    return shapely.linestrings(network.points(), indices=owner)
+    lines = network.polylines(close=True)
+    owner = np.repeat(np.arange(network.channel_count), [len(xy) for xy in lines])
+    return shapely.linestrings(np.concatenate(lines), indices=owner)

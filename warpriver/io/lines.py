@@ -68,6 +68,7 @@ def read_network(
     repeated: str = "drop",
     short: str = "error",
     topology: str = "file",
+    closed: bool | None = None,
 ) -> RiverNetwork:
     """Read channels that run downstream from a file, or from several files of one CRS.
 
@@ -92,6 +93,7 @@ def read_network(
     any file    next down         next_down, down_id
     any file    from node         from_node
     any file    to node           to_node
+    any file    closed            closed
     HydroRIVERS discharge, m3/s   DIS_AV_CMS
     HydroRIVERS drainage area, m2 UPLAND_SKM (km2)
     HydroRIVERS channel id        HYRIV_ID
@@ -165,6 +167,8 @@ def read_network(
             full width), or "keep". For files that ``write_network`` wrote "error" is "keep" unless ``width`` is given,
             since collisions leave such channels.
         topology: "file": channels are joined as the file says; "ends": where their ends meet.
+        closed: Which channels are rings: those that the file marks (None), also every one whose first point is repeated
+            at its end (True), or none (False).
 
     Returns:
         The network; its ``crs`` is "EPSG:..." where the authority has a code for it, else WKT, or None.
@@ -205,7 +209,7 @@ def read_network(
     origin = sources[0].origin if len(sources) == 1 else None
     place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
     try:
-        return _build(lines, joined, short == "keep", label, place)
+        return _build(lines, joined, closed, short == "keep", label, place)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
 
@@ -230,6 +234,7 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     drainage_area_km2 km2  drainage area at the downstream end
     drainage_area_m2  m2   the same to the last bit; read first
     slope             m/m  drop over length; empty where it is not known
+    closed            -    1 for a ring, whose line ends at its first point; else 0
     strahler          -    Strahler order
     shreve            -    Shreve magnitude
     horton            -    Horton order
@@ -405,7 +410,12 @@ def _fill_by_laws(lines: list[Line]) -> None:
 
 
 def _build(
-    lines: list[Line], joined: Connections, allow_short: bool, label: str, place: dict[str, Any]
+    lines: list[Line],
+    joined: Connections,
+    closed: bool | None,
+    allow_short: bool,
+    label: str,
+    place: dict[str, Any],
 ) -> RiverNetwork:
     """Make the network of lines that have all that one needs."""
     areas = [line.drainage_area for line in lines]
@@ -421,6 +431,7 @@ def _build(
         slope=[np.nan if line.slope is None else line.slope for line in lines],
         channel_id=joined.channel_id,
         nodes=joined.nodes,
+        closed=[_is_ring(line, closed) for line in lines],
         allow_short=allow_short,
         **place,
     )
@@ -432,6 +443,12 @@ def _build(
         stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
         values[stated] = [means[c] for c in stated]
     return network
+
+
+def _is_ring(line: Line, closed: bool | None) -> bool:
+    """Tell whether a line is a ring, as the argument ``closed`` of ``read_network`` has it."""
+    marked = closed is not False and bool(line.closed)
+    return marked or (closed is True and bool((line.xy[0] == line.xy[-1]).all()))
 
 
 def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:

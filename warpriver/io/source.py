@@ -31,6 +31,7 @@ class Line:
         channel_id: Identity.
         next_down: Identities of the channels downstream; those that are none are left in.
         from_node, to_node: Nodes above and below, as the file names them.
+        closed: Not 0 for a ring.
     """
 
     xy: np.ndarray
@@ -47,6 +48,7 @@ class Line:
     next_down: tuple[int, ...] | None = None
     from_node: int | None = None
     to_node: int | None = None
+    closed: float | None = None
 
     def map_points(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Apply ``change`` to every array that has one entry a point."""

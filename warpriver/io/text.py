@@ -36,7 +36,7 @@ NAMES = {
 # What is the same in all rows of a channel; left alone where it is no number, as elsewhere a column may be anything.
 OPTIONAL = ("drainage_area", "slope", "from_node", "to_node")
 # The attributes that have a column in what is written; width and depth are those of the point.
-COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node")
+COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
 
 METRES = ("m", "metre", "metres", "meter", "meters")
 DEGREES = ("degree", "degrees", "deg")
@@ -115,15 +115,17 @@ def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
     columns = {name: told[name] for name in COLUMNS if name in told}
     if not np.isfinite(network.channel_slope).any():
         del columns["slope"]
+    if not network.channel_closed.any():
+        del columns["closed"]
     names = separator.join(("channel_id", "x", "y", "width_m", "depth_m", *columns))
     constant = list(zip(*(column.tolist() for column in columns.values()), strict=True))
     packed = path.suffix.lower() == ".gz"
-    widths, depths = network.point_widths(), network.point_depths()
+    widths, depths = network.point_widths(close=True), network.point_depths(close=True)
     with path.open("wb") as raw, contextlib.ExitStack() as stack:
         # No time in the gzip header: the same network gives the same bytes.
         out = stack.enter_context(gzip.GzipFile("", "wb", fileobj=raw, mtime=0)) if packed else raw
         out.write(f"# {facts}\n{names}\n".encode())
-        for c, xy in enumerate(network.polylines()):
+        for c, xy in enumerate(network.polylines(close=True)):
             head = str(network.channel_id[c])
             tail = separator.join(map(repr, constant[c]))
             table = np.column_stack([xy, widths[c], depths[c]]).tolist()

@@ -39,6 +39,7 @@ class StepBuffers:
     Attributes:
         point_moved: (P,) vec2, points after the move and the cutoffs, m.
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
+        point_smoothed: (P,) vec2, room for a smoothing pass, made by the first one.
         point_rate: (P,) migration rate, m/yr, positive to the right.
         point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
         point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list.
@@ -69,6 +70,7 @@ class StepBuffers:
         varies = network.point_section is not None
         self.point_moved = zeros(point_capacity, vec2)
         self.section_moved = zeros(point_capacity, vec2) if varies else None
+        self.point_smoothed: wp.array | None = None
         self.point_rate = zeros(point_capacity, scalar)
         self.point_arc = zeros(point_capacity, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
@@ -101,6 +103,8 @@ class StepChannels:
         spacing: (C,) even spacing of the points, m.
         limit: (C,) vec3 of the two limits of a sub-step (see ``step_limits``), yr, and the least width, m.
         nodes: (C,) vec2i, labels of the nodes above and below; see ``gathered_nodes``.
+        closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
+        area: (C,) int64, area of each ring in the step, see ``measure_rings``; None likewise.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
         drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch of its drift.
@@ -139,6 +143,9 @@ class StepChannels:
         self.drift, self.shift = zeros(capacity, scalar), zeros(capacity, vec2)
         self.mobility = zeros(capacity, scalar) if mobile else None
         self.nodes = zeros(capacity, wp.vec2i)
+        rings = bool(network.channel_closed.any())
+        self.closed = zeros(capacity) if rings else None
+        self.area = zeros(capacity, wp.int64) if rings else None
         self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
         self.most = zeros(1)
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
@@ -166,12 +173,13 @@ class StepChannels:
         for array, values in (
             (self.form, form), (self.spacing, spacing), (self.limit, limit), (self.nodes, nodes), (self.pace, pace),
             (self.drift, drift), (self.parts, parts), (self.mobility, mobility),
+            (self.closed, network.channel_closed.astype(np.int32)),
         ):  # fmt: skip
             if array is not None:
                 _assign(array, np.zeros(0) if values is None else values)
         leaving = np.full(network.node_count, -1)
         leaving[network.channel_from] = np.arange(count)
-        below = leaving[network.channel_to]
+        below = np.where(network.channel_closed, -1, leaving[network.channel_to])
         # Beyond the channels nothing flows on.
         _assign(self.below, np.concatenate([below, np.full(self.capacity - count, -1)]))
         _assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))

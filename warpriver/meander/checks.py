@@ -24,7 +24,7 @@ def check_phase(
     """Check the state after one phase.
 
     Args:
-        phase: "migrate", "cut off" or "resample".
+        phase: "migrate", "smooth", "cut off" or "resample".
         network: The network.
         channels: Its channels.
         buffers: The step's scratch.
@@ -38,8 +38,8 @@ def check_phase(
     if phase == "resample":
         if int(channels.start_next.numpy()[-1]) <= buffers.point_capacity:
             _check_resampled(network, channels.spacing.numpy()[: network.channel_count].astype(np.float64))
-    elif phase in ("migrate", "cut off"):
-        _check_moved(phase, network, channels, buffers, anchored or phase == "migrate")
+    elif phase in ("migrate", "smooth", "cut off"):
+        _check_moved(phase, network, channels, buffers, anchored or phase in ("migrate", "smooth"))
 
 
 def _check_moved(
@@ -51,7 +51,8 @@ def _check_moved(
     before = network.point_xy.numpy()[: start[-1]]
     _require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
     for ends in (start[:-1], start[1:] - 1) if anchored else ():
-        _require((moved[ends] == before[ends]).all(axis=1), phase, "lost its anchored end", "channel")
+        kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+        _require(kept, phase, "lost its anchored end", "channel")
     if phase == "cut off":
         cut = buffers.cut.numpy()[: int(channels.cuts_sum.numpy()[-1])]
         _require(np.diff(cut[:, 0]) >= 0, phase, "is out of order", "cutoff")
@@ -67,6 +68,8 @@ def _check_resampled(network: RiverNetwork, spacing: np.ndarray) -> None:
     _require(np.diff(start) >= 3, "resample", "has fewer than 3 points", "channel")
     xy = network.point_xy.numpy()[: start[-1]].astype(np.float64)
     _require(np.isfinite(xy).all(axis=1), "resample", "is not finite", "point")
+    gap = np.hypot(*(xy[start[:-1]] - xy[start[1:] - 1]).T)
+    _require(~network.channel_closed | (gap <= LONGEST_CHORD * spacing), "resample", "does not close", "ring")
     chord = np.hypot(*np.diff(xy, axis=0).T)
     owner = np.repeat(np.arange(len(spacing)), np.diff(start))[:-1]
     chord[start[1:-1] - 1] = 0.0

@@ -35,7 +35,7 @@ COARSEST_SPACING = kernels.COARSEST_SPACING
 def collision_law(
     network: RiverNetwork, params: MeanderParams | PathMeander, form: np.ndarray, before: Any = None
 ) -> Any:
-    """Pack the scalars of the search for a network; ``None`` where there is nothing to search.
+    """Pack the scalars of the search for a network; ``None`` where there is nothing to search: rings never join.
 
     Args:
         network: The network.
@@ -43,8 +43,10 @@ def collision_law(
         form: (C, 4) as in :class:`~warpriver.meander.buffers.StepChannels`.
         before: What holds until now; it is returned where it serves these channels as well.
     """
-    if params.collision_distance == 0.0 or network.channel_count < 2:
+    lines = ~network.channel_closed
+    if params.collision_distance == 0.0 or np.count_nonzero(lines) < 2:
         return None
+    form = form[lines]
     law = kernels.build(PRECISIONS[network.dtype][0]).CollisionLaw()
     law.distance = params.collision_distance
     law.node_reach = params.junction_reach
@@ -110,8 +112,8 @@ def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
             kernel.insert_blocks,
             dim=whole.point_threads,
             inputs=[
-                network.point_xy, channels.start, channels.form, channels.spacing, channels.step, law,
-                whole.work,
+                network.point_xy, channels.start, channels.form, channels.spacing, channels.step, channels.closed,
+                law, whole.work,
             ],
             outputs=[buffers.point_next, buffers.point_neck, buffers.block_bucket],
             device=device,
@@ -149,8 +151,8 @@ def _search(
         dim=share.point_threads,
         inputs=[
             network.point_xy, network.point_section, channels.start, channels.nodes, channels.form,
-            channels.spacing, channels.step, law, share.work, buffers.point_next, buffers.point_neck,
-            buffers.block_bucket, channels.share_contacts_sum,
+            channels.spacing, channels.step, channels.closed, law, share.work, buffers.point_next,
+            buffers.point_neck, buffers.block_bucket, channels.share_contacts_sum,
         ],
         outputs=[out, channels.share_contacts],
         device=network.device,
@@ -185,8 +187,17 @@ def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedCh
     return edit.build(), done
 
 
-def gather_points(network: RiverNetwork, edited: EditedChannels, buffers: StepBuffers) -> None:
-    """Bring the points of a network into the order of its edited channels, in ``buffers.point_moved``."""
+def gather_points(
+    network: RiverNetwork, edited: EditedChannels, buffers: StepBuffers, source: StepBuffers | None = None
+) -> None:
+    """Bring the points of a network into the order of its edited channels, in ``buffers.point_moved``.
+
+    Args:
+        network: The network as it was.
+        edited: Its channels after the edits.
+        buffers: Where the points go.
+        source: Buffers that hold the loops of the step, which ``edited`` may take over; by default the same.
+    """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     _, vec2, real = PRECISIONS[network.dtype]
     begin: wp.array = wp.array(edited.run_begin.astype(np.int32), dtype=wp.int32, device=device)
@@ -202,3 +213,9 @@ def gather_points(network: RiverNetwork, edited: EditedChannels, buffers: StepBu
         outputs=[buffers.point_moved, buffers.section_moved],
         device=device,
     )
+    filled, loops = int(edited.run_start[-1]), buffers if source is None else source
+    for first, count in edited.loops:
+        wp.copy(buffers.point_moved, loops.oxbow_xy, filled, first, count)
+        if buffers.section_moved is not None and loops.oxbow_section is not None:
+            wp.copy(buffers.section_moved, loops.oxbow_section, filled, first, count)
+        filled += count

@@ -20,20 +20,22 @@ def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
         network: The network whose points moved.
         channels: Its channels, of spacing as before the move.
         buffers: Scratch and results, as of :func:`cut_loops`.
-        params: ``cutoff_distance`` and ``cutoff_min_arc``, in widths.
+        params: ``cutoff_distance`` and ``cutoff_min_arc``, in widths, and ``ring_policy``.
     """
     if params.cutoff_distance == 0.0:
         return []
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     start, distance, ordered = channels.start, params.cutoff_distance, int(device.is_cpu)
+    keep_longer = int(params.ring_policy == "longer")
 
     def find(share: Share) -> None:
         wp.launch(
             kernel.find_necks,
             dim=share.point_threads,
             inputs=[
-                start, channels.form, channels.spacing, channels.step, distance, params.cutoff_min_arc, share.work,
-                ordered, buffers.point_moved, buffers.section_moved, buffers.point_next, buffers.bucket_head,
+                start, channels.form, channels.spacing, channels.step, channels.closed, distance,
+                params.cutoff_min_arc, share.work, ordered, buffers.point_moved, buffers.section_moved,
+                buffers.point_next, buffers.bucket_head,
             ],
             outputs=[buffers.point_neck, buffers.chunk_necks, channels.necks],
             device=device,
@@ -41,7 +43,7 @@ def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
         wp.launch(
             kernel.select_cuts,
             dim=share.channel_threads,
-            inputs=[start, share.work, buffers.chunk_necks, channels.necks],
+            inputs=[start, channels.closed, keep_longer, share.work, buffers.chunk_necks, channels.necks],
             outputs=[channels.cuts, channels.cut_points, buffers.point_neck],
             device=device,
         )

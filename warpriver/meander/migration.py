@@ -192,22 +192,38 @@ def migrate(
     height, grid = None, kernel.RasterGrid()
     if terrain is not None:
         height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
-    shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing]
+    shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing, channels.step]
+    shape += [channels.closed, channels.area]
+
+    def clear(_: Share) -> None:
+        if channels.area is not None:
+            channels.area.zero_()
 
     def move(share: Share) -> None:
+        if channels.area is not None:
+            wp.launch(
+                kernel.measure_rings,
+                dim=share.point_threads,
+                inputs=[
+                    network.point_xy, channels.start, channels.spacing, channels.step, channels.closed, share.work,
+                ],
+                outputs=[channels.area],
+                device=device,
+            )  # fmt: skip
         wp.launch(
             kernel.compute_rate,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, law, share.work],
+            inputs=[*shape, law, share.work],
             outputs=[buffers.point_rate],
             device=device,
         )
         wp.launch(
             kernel.move_points,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, height, grid, law, share.work, buffers.point_rate],
+            inputs=[*shape, height, grid, law, share.work, buffers.point_rate],
             outputs=[buffers.point_moved, buffers.section_moved, channels.pace],
             device=device,
         )
 
-    return [Stage("migrate", move)]
+    cleared = [] if channels.area is None else [Stage("migrate", clear, shared=False)]
+    return [*cleared, Stage("migrate", move)]

@@ -42,8 +42,9 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
     """Return the stages that sample the moved channels evenly and make that the network's new state.
 
     A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
-    channel at rest keeps its points. Nothing is taken over when ``buffers.fault`` is set, or when the points do not fit
-    into the capacity: then the last entry of ``channels.start_next`` tells how much room the step needs.
+    ring gets n points for its n segments, at least 8. A channel at rest keeps its points. Nothing is taken over when
+    ``buffers.fault`` is set, or when the points do not fit into the capacity: then the last entry of
+    ``channels.start_next`` tells how much room the step needs.
 
     Args:
         network: Gets the new points, and ``channel_start``.
@@ -58,8 +59,8 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
             kernel.count_samples,
             dim=share.channel_threads,
             inputs=[
-                start, channels.form, channels.spacing, channels.step, share.work,
-                buffers.point_arc, offset,
+                start, channels.form, channels.spacing, channels.step, channels.closed, share.work,
+                buffers.point_moved, buffers.point_arc, offset,
             ],
             outputs=[channels.samples, channels.spacing_next, buffers.fault],
             device=device,
@@ -73,8 +74,8 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
             kernel.resample_points,
             dim=share.point_threads,
             inputs=[
-                start, channels.spacing_next, channels.step, share.work, channels.start_next, buffers.point_moved,
-                buffers.section_moved, buffers.point_arc, offset, buffers.fault,
+                start, channels.spacing_next, channels.step, channels.closed, share.work, channels.start_next,
+                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.fault,
             ],
             outputs=[network.point_xy, network.point_section],
             device=device,

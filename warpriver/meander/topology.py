@@ -23,7 +23,10 @@ WIDTH_EXPONENT, DISCHARGE_EXPONENT, DEPTH_EXPONENT = 0.5, 0.69, 1.0 / 1.41
 
 def check_forest(network: RiverNetwork) -> None:
     """Raise ``ValueError`` for a graph that is no forest: channels that part, or that flow in a circle."""
-    outgoing = np.bincount(network.channel_from, minlength=network.node_count)
+    # The node of a ring is its own.
+    lines = np.flatnonzero(~network.channel_closed)
+    head, foot = network.channel_from[lines], network.channel_to[lines]
+    outgoing = np.bincount(head, minlength=network.node_count)
     if (outgoing > 1).any():
         node = int(outgoing.argmax())
         c = np.flatnonzero(network.channel_from == node)[:2].tolist()
@@ -33,12 +36,12 @@ def check_forest(network: RiverNetwork) -> None:
             "MeanderParams(collision_distance=0) to let every channel migrate for itself"
         )
     below = np.full(network.node_count, -1)
-    below[network.channel_from] = network.channel_to
+    below[head] = foot
     # Doubling: after k rounds each node looks 2^k nodes down; what still sees water after all nodes goes in a circle.
     for _ in range(network.node_count.bit_length() + 1):
         below = np.where(below >= 0, below[below], -1)
     if (below >= 0).any():
-        c = int(np.flatnonzero(below[network.channel_from] >= 0)[0])
+        c = int(lines[below[head] >= 0][0])
         raise ValueError(f"channel {c} belongs to a circle or flows into one; reverse or remove a channel of it")
 
 
@@ -75,6 +78,7 @@ class EditedChannels:
         run_begin: (R,) first point, before, of each run of consecutive points that the new order is made of.
         run_start: (R + 1,) offsets of the runs in the new order.
         run_scale: (R, 2) factors of width and depth, or None where they are constant along each channel.
+        loops: (first point, number of points) of loops among the step's oxbows that follow the runs as new channels.
     """
 
     channel_old: np.ndarray
@@ -90,6 +94,7 @@ class EditedChannels:
     run_begin: np.ndarray
     run_start: np.ndarray
     run_scale: np.ndarray | None
+    loops: tuple[tuple[int, int], ...] = ()
 
 
 @dataclasses.dataclass

@@ -216,8 +216,10 @@ class BeltSheet:
         if two:
             self._notes = [self._add_note(axes) for axes in self.sheet.panels]
         if legend:
-            longest = max(history.networks[0].polylines(), key=len)
-            alone = history.networks[0].channel_count == 1
+            network = history.networks[0]
+            longest = max(network.polylines(), key=len)
+            # Several channels, and a ring, have no one direction.
+            alone = network.channel_count == 1 and not network.channel_closed[0]
             self.sheet.add_scale_bar(flow=longest[-1] - longest[0] if alone else None)
             self._add_legend()
 
@@ -379,7 +381,7 @@ class BeltPainter:
                 self._beds += 1
             self.network = self._history.networks[self._courses]
             self._courses += 1
-            self._fill(self.network.polylines(), self.network.point_widths(), self._courses)
+            self._fill(self.network.polylines(close=True), self.network.point_widths(close=True), self._courses)
 
     def _fill_bed(self, collision: Any) -> None:
         """Fill the course that was given up in a collision."""

@@ -187,8 +187,9 @@ def _add_relief(sheet: Sheet, terrain: Any) -> None:
 
 def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: str, ramp: Any) -> None:
     """Draw channels coloured by a value, the greatest on top, with a colour bar."""
-    lines = network.polylines()
-    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, network.point_widths(), strict=True)])
+    lines = network.polylines(close=True)
+    widths = network.point_widths(close=True)
+    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
     if not inside.any():
         return
     norm = value_norm(values[inside], whole=name == "order")
@@ -256,7 +257,7 @@ def _add_flow_arrow(sheet: Sheet, network: Any) -> None:
     from matplotlib import patheffects
 
     length = 0.45 * sheet.dpi * sheet.metres_per_pixel
-    lines, widths = select_inside(network.polylines(), network.point_widths(), sheet.window)
+    lines, widths = select_inside(network.polylines(close=True), network.point_widths(close=True), sheet.window)
     place = _arrow_place(lines, widths, sheet.window, length)
     if place is None:
         return
@@ -340,7 +341,7 @@ def add_channels(
     from matplotlib.path import Path
 
     axes = sheet.axes if axes is None else axes
-    lines, widths = network.polylines(), network.point_widths()
+    lines, widths = network.polylines(close=True), network.point_widths(close=True)
     drawn = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
     width = np.asarray(network.channel_width, np.float64)
     index = np.argsort(width if rank is None else rank, kind="stable")

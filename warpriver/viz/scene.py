@@ -122,7 +122,7 @@ def _draw(
         if painter is not None and terrain is None:
             # On a terrain the lakes are a part of the picture.
             _add_lakes(plotter, ground, painter, record)
-        lines, widths = select_inside(network.polylines(), network.point_widths(), view)
+        lines, widths = select_inside(network.polylines(close=True), network.point_widths(close=True), view)
         if lines:
             if terrain is None:
                 lines, widths = refine_lines(lines, widths, step=0.2 * width)
@@ -174,7 +174,7 @@ class _Ground:
         self.top, self.ambient = 0.0, 0.25
         self.origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
         self.cell = max(east - west, north - south) / GRID_CELLS
-        lines, widths = select_inside(network.polylines(), network.point_widths(), window)
+        lines, widths = select_inside(network.polylines(close=True), network.point_widths(close=True), window)
         narrowest = float(np.min(network.channel_width))
         self.depth = float(np.max(network.channel_depth))
         # Banks are left out where the grid is too coarse to show them: the ribbons then lie on a plane.

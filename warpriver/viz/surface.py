@@ -68,7 +68,7 @@ class TerrainGround:
         rim = (west - half[0], south - half[1], east + half[0], north + half[1])
         height, known = height_grid(terrain, rim, shape)
         self._height = height[::-1].copy()
-        lines, widths = select_inside(network.polylines(), network.point_widths(), window)
+        lines, widths = select_inside(network.polylines(close=True), network.point_widths(close=True), window)
         if lines:
             self._level(lines, widths)
         low, high = (self._height[known[::-1]].min(), self._height[known[::-1]].max()) if known.any() else (0.0, 0.0)

@@ -1,0 +1,86 @@
+"""Smoothing of channels without shrinking them: passes of Taubin's pair of weights [Taubin1995]."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels import polyline
+from warpriver.kernels.polyline import Work
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the smoothing kernel for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.smoothing_{scalar.__name__}"
+    line = polyline.build(scalar)
+    vec2 = line.vec2
+    ZERO, HALF, ONE, TWO = scalar(0.0), scalar(0.5), scalar(1.0), scalar(2.0)
+    PI = scalar(3.14159265358979323846)
+
+    @wp.func(module=name)
+    def longest_wave(count: int, closed: int) -> scalar:
+        """Eigenvalue K = 1 - cos a of the longest wave: once round a ring, half a wave on a line with held ends."""
+        half_angle = PI / scalar(count)
+        if closed == 0:
+            half_angle = HALF * PI / scalar(count - 1)
+        sine = wp.sin(half_angle)
+        return TWO * sine * sine
+
+    @wp.kernel(module=name, enable_backward=False)
+    def smooth_points(
+        # network
+        channel_start: wp.array[int],
+        channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
+        # params
+        strength: scalar,
+        pass_band: scalar,
+        swell: int,
+        work: Work,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_xy_out: wp.array[vec2],
+    ):
+        """One pass p += w ((p_before + p_after) / 2 - p), with w the strength; where ``swell`` is set, of the way back.
+
+        A wave of eigenvalue K = 1 - cos a (a: its angle from point to point) is multiplied by 1 - w K. The way back has
+        1 / w = pass_band - 1 / strength, so that both together give 1 - strength |w| K (K - pass_band): a wave of the
+        pass band stays. A band below 0 stands for the channel's longest wave: then none grows, and a circle of even
+        points stays. Ends of lines are held; channels whose step is 0 are copied.
+        """
+        share = line.point_range(work, channel_start, channel_step.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
+        while i < end:
+            first = channel_start[channel]
+            last = channel_start[channel + 1] - 1
+            stop = wp.min(end, last + 1)
+            closed = line.closed_at(channel_closed, channel)
+            weight = strength
+            if swell != 0:
+                band = pass_band
+                if band < ZERO:
+                    band = longest_wave(last - first + 1, closed)
+                weight = ONE / (band - ONE / strength)
+            if channel_step[channel] == ZERO:
+                weight = ZERO
+            for j in range(i, stop):
+                here = point_xy[j]
+                if weight != ZERO and (closed != 0 or (j > first and j < last)):
+                    before = line.extended_point(point_xy, j - 1, first, last, closed)
+                    after = line.extended_point(point_xy, j + 1, first, last, closed)
+                    here = here + weight * (HALF * (before + after) - here)
+                point_xy_out[j] = here
+            i = stop
+            channel += 1
+
+    return SimpleNamespace(vec2=vec2, smooth_points=smooth_points)

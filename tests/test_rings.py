@@ -1,0 +1,409 @@
+"""Rings: channels that are closed, moved, split and smoothed as a whole, held against closed forms and conservation."""
+
+import numpy as np
+import pytest
+import reference_rings as twin
+
+import warpriver as wr
+from warpriver import MeanderParams, RiverNetwork, Simulation, metrics, taubin_smooth
+
+
+def circle(count, radius, turn=1.0, middle=(0.0, 0.0)):
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), turn * np.sin(angle)], axis=1) + middle
+
+
+def noisy_ring(radius=3000.0, spacing=40.0, noise=40.0, seed=1, middle=(0.0, 0.0)):
+    """A circle with bumps of 3 to 60 waves round it."""
+    rng = np.random.default_rng(seed)
+    count = round(2.0 * np.pi * radius / spacing)
+    angle = 2.0 * np.pi * np.arange(count) / count
+    bumps = sum(rng.normal(0.0, noise) * np.cos(k * angle + rng.uniform(0.0, 6.0)) for k in range(3, 60))
+    return circle(count, 1.0) * (radius + bumps)[:, None] + middle
+
+
+def ring_network(xy, width=60.0, **options):
+    return RiverNetwork.from_polylines([xy], width=width, closed=True, **options)
+
+
+def dumbbell(neck=30.0, spacing=20.0, left=200.0, right=300.0):
+    """Two circles joined by a neck of two parallel banks, ``neck`` apart: closed, about evenly spaced."""
+    half = 0.5 * neck
+    parts = []
+    for radius, middle, begin in ((right, 0.0, np.pi), (left, -(left + right + 60.0), 0.0)):
+        gap = np.arcsin(half / radius)
+        n = round((2.0 * np.pi - 2.0 * gap) * radius / spacing)
+        angle = begin + np.linspace(gap, 2.0 * np.pi - gap, n)
+        parts.append(np.stack([middle + radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+    return np.concatenate(parts)
+
+
+# ---- the circle
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
+@pytest.mark.parametrize(("gamma", "scaling"), [(2.5, "upstream"), (2.5, "whole"), (1.0, "none"), (0.4, "none")])
+def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dtype):
+    """C = 1/R everywhere, so that its upstream mean is 1/R too: dR/dt = k w (omega + gamma) / R,
+    R^2 = R0^2 + 2 k w (omega + gamma) t. It grows for gamma > 1, stays for 1, shrinks below, and stays round.
+
+    A step goes by the rate at its beginning: R is off by (R - R0) dt |dR/dt| / R at most, 2e-5 of R here.
+    """
+    radius, width, k = 1000.0, 50.0, 60.0
+    params = MeanderParams(time_step=0.05, spacing=25.0, migration_rate=k, upstream_weight=gamma,
+                           sinuosity_scaling=scaling)  # fmt: skip
+    sim = Simulation(ring_network(circle(251, radius, turn), width, dtype=dtype), params, check=True)
+    sim.run(steps=400, record_every=400)
+    xy = sim.network.polylines()[0]
+    found = np.hypot(*(xy - xy.mean(axis=0)).T)
+    expected = np.sqrt(radius**2 + 2.0 * k * width * (gamma - 1.0) * sim.time)
+    assert np.ptp(found) <= {"float64": 1e-4, "float32": 0.2}[dtype], "it stays a circle"
+    assert found.mean() == pytest.approx(expected, rel={"float64": 2e-5, "float32": 1e-4}[dtype])
+    assert np.hypot(*xy.mean(axis=0)) <= 0.05, "and where it is"
+    # Step by step, R' = R + dt k w (omega + gamma) / R, without the error of the step. What is left is the sinuosity of
+    # the polygon, whose area is short of the circle's: 1 + (pi / n)^2 / 6, where sinuosity slows the rate.
+    stepped = radius
+    for _ in range(400):
+        stepped += params.time_step * k * width * (gamma - 1.0) / stepped
+    if dtype == "float64":
+        assert found.mean() == pytest.approx(stepped, rel=1e-7 if scaling == "none" else 3e-6)
+
+
+def test_the_error_of_the_circle_is_that_of_the_step():
+    """It halves with the time step, first order."""
+    errors = []
+    for parts in (1, 2, 4):
+        params = MeanderParams(time_step=0.4 / parts, spacing=10.0)
+        sim = Simulation(ring_network(circle(630, 1000.0), 50.0), params)
+        sim.run(steps=50 * parts, record_every=1000)
+        found = np.hypot(*sim.network.polylines()[0].T).mean()
+        errors.append(found - np.sqrt(1000.0**2 + 2.0 * 60.0 * 50.0 * 1.5 * 20.0))
+    assert np.diff(np.log2(np.abs(errors))) == pytest.approx(-1.0, abs=0.05)
+
+
+# ---- a long run
+
+
+@pytest.mark.parametrize("policy", ["longer", "marked"])
+def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
+    """580 years: it grows bends and splits; where the longer part goes on, its mean radius stays within 0.6 and 1.35 of
+    the start's (0.75 and 1.02 are found); what it loses goes with the loops. The marked part may be a small one.
+    """
+    sim = Simulation(ring_network(noisy_ring()), MeanderParams(spacing=40.0, ring_policy=policy), check=False)
+    means, sizes = [], []
+
+    def note(now):
+        xy = now.network.polylines()[0]
+        means.append(np.hypot(*(xy - xy.mean(axis=0)).T).mean())
+        sizes.append((metrics.sinuosity(xy, closed=True), now.network.channel_lengths()[0]))
+
+    sim.run(steps=2000, record_every=2000, callbacks=[(wr.Every(steps=100), note)])
+    assert len(sim.history.cutoffs) > 10 and np.isfinite(sim.network.points()).all()
+    assert max(s for s, _ in sizes) > 2.0, "it meanders"
+    if policy == "longer":
+        assert 0.6 * 3000.0 < min(means) and max(means) < 1.35 * 3000.0
+    step = np.hypot(*np.diff(sim.network.polylines(close=True)[0], axis=0).T)
+    assert step.max() < 2.0 * 40.0
+    lake = sim.history.cutoffs[0].xy
+    assert np.hypot(*(lake[-1] - lake[0])) < 60.0 < metrics.oxbow_lengths([lake])[0]
+
+
+# ---- splits
+
+
+@pytest.mark.parametrize("shift", [0, 17, 40, 71])
+@pytest.mark.parametrize("policy", ["longer", "marked", "both"])
+def test_a_split_conserves_points_and_length(policy, shift):
+    """The parts together are as long as the ring was and twice the neck, to a spacing each, wherever it begins."""
+    xy = np.roll(dumbbell(), shift, axis=0)
+    params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy=policy, cutoff_min_arc=3.0)
+    sim = Simulation(ring_network(xy, width=40.0), params, check=True)
+    before, points = sim.network.channel_lengths()[0], sim.network.point_count
+    mark = sim.network.polylines()[0][0]
+    sim.step()
+    after = sim.network.channel_lengths()
+    if policy == "both":
+        assert sim.network.channel_count == 2 and not sim.history.cutoffs
+        assert sim.network.channel_closed.all() and sim.network.channel_id.tolist() == [0, 1]
+        parts, counts = after, np.diff(sim.network.starts())
+        assert (sim.network.channel_from == sim.network.channel_to).all() and sim.network.node_count == 2
+    else:
+        (cutoff,) = sim.history.cutoffs
+        assert sim.network.channel_count == 1 and cutoff.channel == 0
+        loop = np.concatenate([cutoff.xy, cutoff.xy[:1]])
+        lake = np.hypot(*np.diff(loop, axis=0).T).sum()
+        parts, counts = np.array([after[0], lake]), [sim.network.point_count, len(cutoff.xy)]
+        if policy == "longer":
+            assert after[0] > lake
+        else:
+            kept = sim.network.polylines()[0]
+            assert np.hypot(*(kept[0] - mark)) < 1.0, "the marked point goes on, and stays the first"
+    # The neck is counted twice, the smoothing of its corners in.
+    assert parts.sum() == pytest.approx(before + 2.0 * 30.0, abs=4.0 * 20.0)
+    assert abs(sum(counts) - points) <= 5
+    # The two circles; one of them keeps the banks between, 60 m each.
+    assert sorted(parts) == pytest.approx([2 * np.pi * 200.0, 2 * np.pi * 300.0], abs=150.0)
+
+
+def test_several_necks_in_a_step_are_cut_in_one_order():
+    """Three lobes on a ring close at once: all are cut in the first step, in the order of the points, or the next."""
+    lobes = []
+    for k in range(3):
+        turn = 2.0 * np.pi * k / 3.0
+        lobe = dumbbell()[:94] + [500.0, 0.0]  # the great circle, open to the west
+        spin = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        lobes.append(lobe @ spin)
+    ring = np.concatenate(lobes)
+    runs = []
+    for threads in (1, 2):
+        params = MeanderParams(spacing=20.0, time_step=1e-6, cutoff_min_arc=3.0)
+        sim = Simulation(ring_network(ring, width=40.0), params, threads=threads)
+        sim.run(steps=3)
+        runs.append([c.xy.tobytes() for c in sim.history.cutoffs])
+    assert runs[0] == runs[1] and len(runs[0]) >= 2
+
+
+def test_both_parts_go_on_and_split_again():
+    params = MeanderParams(spacing=40.0, ring_policy="both")
+    sim = Simulation(ring_network(noisy_ring()), params)
+    sim.run(steps=500)
+    network = sim.network
+    assert network.channel_count > 20 and not sim.history.cutoffs
+    assert len(set(network.channel_id.tolist())) == network.channel_count == network.node_count
+    assert np.isfinite(network.points()).all() and (np.diff(network.starts()) >= 8).all()
+    assert sim.history.network(-1).channel_closed.all()
+
+
+# ---- with lines
+
+
+def test_open_and_closed_channels_in_one_run():
+    """The lines do as they do alone, to the bit, and rings join none of them."""
+    lines = [wr.generate.noisy_line(6000.0, 40.0, 60.0, k) + [-3000.0, 5000.0 + 2500.0 * k] for k in range(2)]
+    ring = noisy_ring(radius=1500.0)
+    origin = np.zeros(2)
+    params = MeanderParams(spacing=40.0)
+    both = Simulation(RiverNetwork.from_polylines([lines[0], ring, lines[1]], 60.0, closed=[False, True, False],
+                                                  origin=origin), params)  # fmt: skip
+    alone = Simulation(RiverNetwork.from_polylines(lines, 60.0, origin=origin), params)
+    single = Simulation(ring_network(ring, origin=origin), params)
+    for sim in (both, alone, single):
+        sim.run(steps=600)
+    parts = both.network.polylines()
+    for part, other in zip((parts[0], parts[2], parts[1]), (*alone.network.polylines(), *single.network.polylines()),
+                           strict=True):  # fmt: skip
+        np.testing.assert_array_equal(part, other)
+    assert {c.channel for c in both.history.cutoffs} == {0, 1, 2} and not both.history.collisions
+    assert both.network.channel_closed.tolist() == [False, True, False]
+
+
+def test_a_ring_across_a_line_joins_nothing():
+    line = np.stack([np.linspace(-3000.0, 3000.0, 120), np.full(120, 10.0)], axis=1)
+    network = RiverNetwork.from_polylines([line, circle(200, 1200.0), line + [0.0, 4000.0]], 60.0,
+                                          closed=[False, True, False])  # fmt: skip
+    sim = Simulation(network, MeanderParams())
+    sim.run(steps=30)
+    assert sim.network.channel_count == 3 and not sim.history.collisions
+
+
+# ---- histories
+
+
+@pytest.mark.parametrize("policy", ["longer", "both"])
+def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
+    params = MeanderParams(spacing=40.0, ring_policy=policy)
+    whole = Simulation(ring_network(noisy_ring()), params)
+    whole.run(steps=330)
+    half = Simulation(ring_network(noisy_ring()), params)
+    half.run(steps=170, store=tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run")
+    assert rest.network.channel_closed.all()
+    rest.run(steps=160)
+    np.testing.assert_array_equal(rest.network.points(), whole.network.points())
+    assert [c.xy.tobytes() for c in rest.history.cutoffs] == [c.xy.tobytes() for c in whole.history.cutoffs]
+    assert rest.network.channel_id.tolist() == whole.network.channel_id.tolist()
+    assert len(whole.history.cutoffs) > 0 or whole.network.channel_count > 1
+
+
+def test_runs_without_rings_are_stored_as_they_were():
+    """Nothing of rings is in their records, so that older files and these are alike."""
+    sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0))
+    assert sim.history.record(-1).channel_closed is None and sim.channels.closed is None
+    assert not sim.history.network(-1).channel_closed.any()
+
+
+# ---- smoothing
+
+
+def test_taubin_keeps_the_area_of_a_ring_over_a_thousand_passes():
+    """Within 1 %, and its length but for the noise that goes; plain smoothing by the same strength loses half of it."""
+    rng = np.random.default_rng(0)
+    smooth = circle(300, 1000.0)
+    rough = smooth + rng.normal(0.0, 2.0, smooth.shape)
+    after = taubin_smooth(rough, 1000, closed=True)
+    assert twin.area(after) == pytest.approx(twin.area(rough), rel=1e-2)
+    assert twin.segments(after).sum() == pytest.approx(twin.segments(smooth).sum(), rel=1e-2)
+    assert np.abs(np.hypot(*after.T) - np.hypot(*after.T).mean()).max() < 2.0
+    plain = rough
+    for _ in range(1000):
+        plain = twin.smooth(twin.smooth(plain, 0.5), 0.5)
+    factor = (1.0 - 0.5 * (1.0 - np.cos(2.0 * np.pi / 300))) ** 2000
+    assert twin.area(plain) / twin.area(rough) == pytest.approx(factor**2, rel=5e-3) and factor**2 < 0.65
+
+
+@pytest.mark.parametrize("count", [8, 9, 40, 1000])
+def test_taubin_leaves_a_circle_as_it_is(count):
+    """Its one wave is the edge of the pass band, whatever the number of points."""
+    xy = circle(count, 500.0)
+    np.testing.assert_allclose(taubin_smooth(xy, 1000, closed=True), xy, rtol=0.0, atol=1e-8)
+
+
+def test_taubin_takes_out_the_shortest_wave_and_holds_ends():
+    xy = np.stack([50.0 * np.arange(101), 5.0 * (-1.0) ** np.arange(101)], axis=1)
+    after = taubin_smooth(xy, 30)
+    assert (after[[0, -1]] == xy[[0, -1]]).all()
+    assert np.abs(after[20:-20, 1]).max() < 0.1
+    network = RiverNetwork.from_polylines([xy, circle(40, 300.0) + [0.0, 2000.0]], 20.0, closed=[False, True])
+    smoothed = taubin_smooth(network, 30)
+    np.testing.assert_allclose(smoothed.polylines()[0], taubin_smooth(network.polylines()[0], 30), rtol=0.0, atol=1e-10)
+    assert smoothed.channel_closed.tolist() == [False, True]
+    band = taubin_smooth(circle(40, 300.0), 10, pass_band=0.1, closed=True)
+    k = 1.0 - np.cos(2.0 * np.pi / 40)
+    growth = (1.0 - 0.5 * k) * (1.0 - k / (0.1 - 2.0))
+    assert np.hypot(*band.T) == pytest.approx(300.0 * growth**10, rel=1e-12)
+
+
+def test_a_step_may_smooth():
+    """A pass a step keeps a circle on its closed form and changes a noisy ring; threads do not matter."""
+    params = MeanderParams(time_step=0.05, spacing=25.0, taubin_passes=1)
+    sim = Simulation(ring_network(circle(251, 1000.0), 50.0), params, check=True)
+    sim.run(steps=100)
+    found = np.hypot(*sim.network.polylines()[0].T)
+    assert found == pytest.approx(np.sqrt(1e6 + 2.0 * 60.0 * 50.0 * 1.5 * 5.0), rel=2e-5)
+    runs = {}
+    for passes, threads in ((0, 1), (2, 1), (2, 2)):
+        lines = [noisy_ring(middle=(0.0, 9000.0 * k), seed=k) for k in range(3)]
+        network = RiverNetwork.from_polylines(lines, 60.0, closed=True)
+        other = Simulation(network, MeanderParams(spacing=40.0, taubin_passes=passes), threads=threads)
+        other.run(steps=50)
+        runs[passes, threads] = other.network.points()
+    np.testing.assert_array_equal(runs[2, 1], runs[2, 2])
+    assert runs[0, 1].shape != runs[2, 1].shape or np.abs(runs[0, 1] - runs[2, 1]).max() > 0.1
+
+
+# ---- metrics, files, bad input
+
+
+def test_metrics_of_rings():
+    xy = circle(400, 800.0)
+    assert metrics.sinuosity(xy, closed=True) == pytest.approx(1.0, abs=1e-4)
+    assert metrics.curvature(xy, closed=True) == pytest.approx(1.0 / 800.0, rel=1e-9)
+    ellipse = xy * [2.0, 1.0]
+    around = twin.segments(ellipse).sum()
+    assert metrics.sinuosity(ellipse, closed=True) == pytest.approx(
+        around / (2 * np.pi * 800.0 * np.sqrt(2.0)), rel=1e-4
+    )
+    angle = 2.0 * np.pi * np.arange(1200) / 1200
+    gear = circle(1200, 1.0) * (2000.0 + 150.0 * np.cos(12 * angle))[:, None]
+    for shift in (0, 33, 50, 77):
+        rolled = np.roll(gear, shift, axis=0)
+        bends = metrics.bends(rolled, 60.0, closed=True)
+        assert len(bends.arc) == 24 and bends.arc.sum() == pytest.approx(twin.segments(gear).sum(), rel=1e-5)
+        assert metrics.wavelength(rolled, 60.0, closed=True) == pytest.approx(2.0 * np.pi * 2000.0 / 12, rel=0.03)
+    with pytest.raises(ValueError, match="repeats its first point"):
+        metrics.curvature(np.concatenate([xy, xy[:1]]), closed=True)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".geojson", ".gpkg", ".parquet", ".shp"])
+def test_files_keep_rings(tmp_path, suffix):
+    if suffix in (".gpkg", ".parquet", ".shp"):
+        pytest.importorskip("geopandas")
+        pytest.importorskip("pyogrio")
+    ring = noisy_ring(radius=500.0)
+    line = np.stack([np.linspace(-900.0, 900.0, 40), np.full(40, 900.0)], axis=1)
+    network = RiverNetwork.from_polylines([ring, line], 30.0, closed=[True, False])
+    path = tmp_path / f"rings{suffix}"
+    wr.write_network(network, path)
+    back = wr.read_network(path)
+    assert back.channel_closed.tolist() == [True, False]
+    for a, b in zip(back.polylines(), network.polylines(), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9)
+    assert not wr.read_network(path, closed=False).channel_closed.any()
+
+
+def test_an_unmarked_ring_in_a_file_is_one_only_when_asked_for(tmp_path):
+    ring = circle(30, 400.0)
+    path = tmp_path / "ring.csv"
+    np.savetxt(path, np.concatenate([ring, ring[:1]]), delimiter=",")
+    assert not wr.read_network(path, width=20.0).channel_closed.any()
+    network = wr.read_network(path, width=20.0, closed=True)
+    assert network.channel_closed.all() and network.point_count == 30
+
+
+def test_a_repeated_first_point_is_dropped():
+    ring, closed = circle(50, 300.0), np.concatenate([circle(50, 300.0), circle(50, 300.0)[:1]])
+    width = np.linspace(20.0, 30.0, 51)
+    network = ring_network(closed, [width])
+    np.testing.assert_array_equal(network.polylines()[0], ring)
+    np.testing.assert_array_equal(network.point_widths()[0], width[:50])
+    np.testing.assert_array_equal(network.polylines(close=True)[0], closed)
+    assert network.channel_lengths() == pytest.approx(twin.segments(ring).sum(), rel=1e-14)
+    assert network.node_count == 1 and "1 rings" in repr(network)
+
+
+LINE = np.stack([np.linspace(0.0, 3000.0, 60), np.zeros(60)], axis=1)
+RING = circle(60, 500.0)
+
+
+@pytest.mark.parametrize(
+    ("lines", "closed", "words"),
+    [
+        ([circle(7, 500.0)], True, "a ring of 7 points; a ring needs at least 8"),
+        ([LINE], True, "closed, but its ends are 3000 m apart"),
+        ([LINE, RING], [True, True], "channel 0: closed, but its ends"),
+        ([RING], [True, False], "closed is .*; give True or False"),
+        ([RING], "yes", "closed is 'yes'"),
+        ([RING, RING[5] + LINE], [True, False], "channel 0 is a ring and meets channel 1"),
+        ([RING[5] - LINE[::-1], RING], [False, True], "channel 1 is a ring and meets channel 0"),
+        ([RING, RING + [1000.0, 0.0]], True, "channel 0 is a ring and meets channel 1"),
+    ],
+)
+def test_bad_rings_are_refused(lines, closed, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        RiverNetwork.from_polylines(lines, 30.0, closed=closed)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_simulation_refuses_what_it_cannot_do_with_rings():
+    closed = np.concatenate([RING, RING[:1]])
+    with pytest.raises(ValueError, match="make it a ring"):
+        Simulation(RiverNetwork.from_polylines([closed], 50.0))
+    with pytest.raises(ValueError, match="is a ring, which PathMeander cannot move yet"):
+        Simulation(ring_network(RING, 60.0), wr.PathMeander())
+    with pytest.raises(ValueError, match="ring_policy is 'none'; use one of"):
+        MeanderParams(ring_policy="none")
+    with pytest.raises(ValueError, match="give a whole number"):
+        MeanderParams(taubin_passes=1.5)
+    for numbers, words in (
+        ({"passes": -1}, "passes is -1"),
+        ({"strength": 0.0}, "strength"),
+        ({"pass_band": 1.0}, "pass_band"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            taubin_smooth(RING, closed=True, **numbers)
+
+
+def test_the_command_line_runs_rings(tmp_path, capsys):
+    from warpriver.cli import main
+
+    ring = noisy_ring(radius=800.0)
+    path = tmp_path / "ring.csv"
+    np.savetxt(path, np.concatenate([ring, ring[:1]]), delimiter=",")
+    options = ["--width", "60", "--closed", "--ring-policy", "marked", "--taubin-passes", "1", "--years", "3"]
+    assert main(["simulate", str(path), *options, "-o", str(tmp_path / "out"), "--no-progress"]) == 0
+    assert wr.read_network(tmp_path / "out" / "channels.csv").channel_closed.all()
+    assert main(["info", str(tmp_path / "out" / "channels.csv")]) == 0
+    assert "sinuosity 1." in capsys.readouterr().out
+    assert main(["simulate", str(path), "--width", "60", "-o", str(tmp_path / "no"), "--no-progress"]) == 2
+    assert "make it a ring" in capsys.readouterr().err

@@ -1,0 +1,114 @@
+"""Smoothing of channels by pairs of passes that shrink and swell: short waves go, length and area stay [Taubin1995]."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver.kernels import smoothing as kernels
+from warpriver.kernels.polyline import Work
+from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
+from warpriver.meander.stages import Share, Stage
+from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.params import MeanderParams
+
+__all__ = ["smooth", "taubin_smooth"]
+
+# lambda of [Taubin1995]: with it the shortest wave of the points goes in one pair of passes.
+STRENGTH = 0.5
+# Stands for the longest wave of each channel, see the kernel.
+LONGEST_WAVE = -1.0
+
+
+def smooth(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams) -> list[Stage]:
+    """Return the stages that smooth ``buffers.point_moved``; none where no pass is asked for.
+
+    Args:
+        network: The network.
+        channels: Its channels; those at rest are left as they are.
+        buffers: ``point_moved`` is changed, ``point_smoothed`` is scratch.
+        params: ``taubin_passes``, pairs of passes.
+    """
+    passes = int(params.taubin_passes)
+    if passes == 0:
+        return []
+    if buffers.point_smoothed is None:
+        buffers.point_smoothed = wp.empty_like(buffers.point_moved)
+    there, back = buffers.point_moved, buffers.point_smoothed
+
+    def run(share: Share) -> None:
+        for _ in range(passes):
+            for swell, before, after in ((0, there, back), (1, back, there)):
+                _launch(
+                    network, [channels.start, channels.step, channels.closed, STRENGTH, LONGEST_WAVE, swell],
+                    share.work, share.point_threads, before, after,
+                )  # fmt: skip
+
+    return [Stage("smooth", run)]
+
+
+def taubin_smooth(
+    channels: Any, passes: int = 10, *, strength: float = STRENGTH, pass_band: float | None = None, closed: bool = False
+) -> Any:
+    """Smooth channels without shrinking them; ends of lines are held, rings keep their area [Taubin1995].
+
+    A pair of passes multiplies a wave of the line by 1 - strength |w| K (K - pass_band), K = 1 - cos a, a the angle of
+    the wave from point to point, 1/w = pass_band - 1/strength: waves longer than the pass band stay or grow slightly,
+    shorter ones fade. By default the band ends at the longest wave of each channel, once round a ring or twice a line's
+    length, so that none grows and a circle of even points stays as it is.
+
+    Args:
+        channels: A network, or one line as an (n, 2) array in m; evenly spaced points are assumed.
+        passes: Pairs of passes.
+        strength: lambda, 0 < strength <= 1.
+        pass_band: K at which the band ends, 0 to 1; 0.1 ends it at waves of 14 points.
+        closed: Whether the line given as an array is a ring, its first point not repeated.
+
+    Returns:
+        A new network, or an (n, 2) float64 array.
+
+    Raises:
+        ValueError: A number is out of its range, or the line is none.
+    """
+    if passes != int(passes) or passes < 0:
+        raise ValueError(f"passes is {passes!r}; give a whole number, 0 or more")
+    if not 0.0 < strength <= 1.0:
+        raise ValueError(f"strength is {strength:g}; give a number above 0 and up to 1")
+    if pass_band is not None and not 0.0 <= pass_band < 1.0:
+        raise ValueError(f"pass_band is {pass_band:g}; give a number from 0 to below 1")
+    given = isinstance(channels, RiverNetwork)
+    if given:
+        network = channels.to()
+    else:
+        line = np.asarray(channels, np.float64)
+        length = float(np.hypot(*np.diff(line, axis=0).T).sum()) if line.ndim == 2 and line.shape[1:] == (2,) else 1.0
+        width = length / max(len(line), 1) if length > 0.0 else 1.0
+        network = RiverNetwork.from_polylines([line], width=width, closed=closed)
+    band = LONGEST_WAVE if pass_band is None else pass_band
+    scalar, _, _ = PRECISIONS[network.dtype]
+    step = wp.full(network.channel_count, 1.0, dtype=scalar, device=network.device)
+    ring: wp.array | None = None
+    if network.channel_closed.any():
+        ring = wp.array(network.channel_closed.astype(np.int32), dtype=wp.int32, device=network.device)
+    work = Work()
+    work.chunk = CPU_COPY_CHUNK if network.device.is_cpu else CUDA_CHUNK
+    threads = math.ceil(network.point_count / work.chunk)
+    there, back = network.point_xy, wp.empty_like(network.point_xy)
+    for _ in range(int(passes)):
+        for swell, before, after in ((0, there, back), (1, back, there)):
+            numbers = [network.channel_start, step, ring, strength, band, swell]
+            _launch(network, numbers, work, threads, before, after)
+    return network if given else network.polylines()[0]
+
+
+def _launch(network: RiverNetwork, numbers: list[Any], work: Any, threads: int, before: Any, after: Any) -> None:
+    wp.launch(
+        kernels.build(PRECISIONS[network.dtype][0]).smooth_points,
+        dim=threads,
+        inputs=[*numbers, work, before],
+        outputs=[after],
+        device=network.device,
+    )
