@@ -1,0 +1,92 @@
+"""``warpriver demo``: from a made-up terrain to its rivers after centuries."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpriver.cli.runs import add_run_options, make_simulation, run_simulation, write_results
+from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp
+
+if TYPE_CHECKING:
+    from warpriver.history import History
+    from warpriver.terrain import Terrain
+
+__all__ = ["add"]
+
+# Frames of the demo's movie; more make the file larger, not the film better.
+DEMO_FRAMES = 40
+
+
+def add(commands: Any) -> None:
+    """Add the command to the parser."""
+    parser = command(
+        commands,
+        "demo",
+        _demo,
+        help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
+        description="Make up a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off\n"
+        "their bends and run into each other, and draw them before and after. Needs no file from outside.\n"
+        "Into FOLDER go terrain.npz, network.csv and network.png (the rivers as found), run (the simulation),\n"
+        "channels.csv and rivers.png (the rivers after it), before_after.png, and the movie rivers.gif.",
+        epilog="examples:\n"
+        "  warpriver demo\n"
+        "  warpriver demo --seed 3 --relief 600 --years 500 -o out/gentle\n"
+        "  warpriver demo --min-area 2 --cell-size 50 --no-movie -o out/fine",
+    )
+    ground = parser.add_argument_group("terrain and network")
+    ground.add_argument("--cell-size", type=float, default=100.0, metavar="M", help="terrain cell in m (default 100)")
+    ground.add_argument(
+        "--relief", type=float, default=1200.0, metavar="M", help="height of the mountains in m (default 1200)"
+    )
+    ground.add_argument(
+        "--min-area", type=float, default=8.0, metavar="KM2", help="least drainage area of a channel in km2 (default 8)"
+    )
+    parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest picture")
+    add_run_options(parser, out="out/demo", years=500.0, record_every=20, seed=1, reference="the widest channel's")
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from warpriver import generate, hydrology
+    from warpriver.io.lines import write_network
+    from warpriver.io.rasters import write_terrain
+
+    quiet_warp()
+    terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)
+    network = hydrology.extract_network(
+        terrain, min_drainage_area=1e6 * options.min_area, dtype=options.dtype, device=options.device
+    )
+    if options.reference_width is None:
+        options.reference_width = max(float(width.max()) for width in network.point_widths())
+    simulation = make_simulation(network, options, terrain)
+    folder = fresh_folder(options.out)
+    write_terrain(terrain, folder / "terrain.npz")
+    write_network(network, folder / "network.csv")
+    print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
+    code = run_simulation(simulation, options, folder)
+    write_results(simulation, folder)
+    _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
+    return code
+
+
+def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool) -> None:
+    """Draw the rivers before, after, and on the way."""
+    if not can_draw():
+        return
+    from warpriver import hydrology, viz
+
+    found = history.networks[0]
+    order = hydrology.strahler_order(found.channel_from, found.channel_to)
+    viz.draw_network(
+        found, folder / "network.png", terrain=terrain, color="order", order=order, title="Rivers of the terrain"
+    )
+    title = "Rivers of a basin"
+    viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
+    viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
+    for name in ("network.png", "rivers.png", "before_after.png"):
+        print(f"  picture  {folder / name}")
+    if movie:
+        every = -(-len(history) // DEMO_FRAMES)
+        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
+        print(f"  movie    {folder / 'rivers.gif'}")

@@ -1,0 +1,142 @@
+"""What several commands share: exit codes, flags, files, and a quiet start of Warp."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from warpriver.network import RiverNetwork
+    from warpriver.terrain import Terrain
+
+__all__ = [
+    "BAD_INPUT",
+    "INTERRUPTED",
+    "OK",
+    "STOPPED_EARLY",
+    "add_ground",
+    "add_heights",
+    "add_line_options",
+    "can_draw",
+    "command",
+    "fresh_folder",
+    "is_run",
+    "quiet_warp",
+    "read_ground",
+    "read_lines",
+]
+
+OK, STOPPED_EARLY, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], int], **texts: str
+) -> argparse.ArgumentParser:
+    """Add a command's parser; ``run`` takes its flags and returns the exit code."""
+    parser = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **texts)
+    parser.set_defaults(command=run, name=name)
+    return parser
+
+
+def can_draw() -> bool:
+    """Tell whether pictures can be drawn on this machine; that they cannot is said, and is no failure."""
+    if importlib.util.find_spec("matplotlib") is not None:
+        return True
+    print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+    return False
+
+
+def read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
+    """Read rivers as the flags say."""
+    from warpriver.io.lines import read_network
+
+    return read_network(
+        source,
+        width=options.width,
+        layer=options.layer,
+        short=options.short,
+        closed=options.closed or None,
+        crs=options.crs,
+        to_crs=options.to_crs,
+    )
+
+
+def add_heights(parser: Any) -> None:
+    """Flags of every command that reads heights from a file."""
+    parser.add_argument(
+        "--z-factor", type=float, metavar="M", help="metres in the file's unit of height, 0.3048 for feet (default 1)"
+    )
+    parser.add_argument(
+        "--nodata", type=float, metavar="H", help="height that stands for no data, besides what the file says"
+    )
+
+
+def add_ground(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that takes a terrain beside rivers."""
+    parser.add_argument("--terrain-crs", metavar="CRS", help="coordinate reference system of a --terrain without one")
+    add_heights(parser)
+
+
+def read_ground(path: str, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
+    """Read a terrain as the flags say."""
+    from warpriver.io.rasters import read_terrain
+
+    return read_terrain(
+        path, crs=crs, to_crs=options.to_crs, z_factor=options.z_factor, nodata=options.nodata, device=device
+    )
+
+
+def add_line_options(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that reads rivers from a file."""
+    parser.add_argument(
+        "--short",
+        default="error",
+        choices=("error", "drop", "narrow", "keep"),
+        help="lines shorter than they are wide, as linework has at junctions: refuse the file, drop them, narrow them "
+        "to their length, or keep them (default error)",
+    )
+    parser.add_argument(
+        "--closed",
+        action="store_true",
+        help="lines that end at their first point are rings: the water goes round (default: those that the file marks)",
+    )
+
+
+def is_run(source: Path) -> bool:
+    """Tell whether a path is a stored run, or the folder of results that holds one."""
+    return source.suffix == ".npz" or any((p / "run.json").is_file() for p in (source, source / "run"))
+
+
+def fresh_folder(path: str) -> Path:
+    """Make the folder for results; one that holds an earlier run is not written over."""
+    folder = Path(path)
+    if (folder / "run").exists():
+        raise ValueError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def quiet_warp() -> None:
+    """Start Warp without its greeting, and without its native warning where a machine has no CUDA driver."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        said.seek(0)
+        for line in said.read().decode(errors="replace").splitlines():
+            if "CUDA driver" not in line:
+                print(line, file=sys.stderr)
