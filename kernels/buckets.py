@@ -16,8 +16,8 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.buckets_{scalar.__name__}"
-    # Odd 32-bit constants with well mixed bits, to scatter tiles over the table.
-    HASH_X, HASH_Y, HASH_MIX = wp.uint32(0x9E3779B1), wp.uint32(0x85EBCA77), wp.uint32(0x27D4EB2F)
+    # The golden ratio's smaller brother: rows of cells that far apart in a table, in parts of it, are spread evenly.
+    GOLDEN = wp.float32(0.5 * (5.0**0.5 - 1.0))
 
     @wp.func(module=name)
     def floor_int(x: scalar) -> int:
@@ -37,9 +37,12 @@ def build(scalar):
 
     @wp.func(module=name)
     def bucket_of(x: int, y: int, mask: int) -> int:
-        """Bucket of a grid cell: cells of an 8 x 8 tile stay together in memory, tiles are scattered."""
-        tile = ((wp.uint32(x >> 3) * HASH_X) ^ (wp.uint32(y >> 3) * HASH_Y)) * HASH_MIX
-        inside = wp.uint32(((y & 7) << 3) | (x & 7))
-        return int((((tile >> wp.uint32(9)) << wp.uint32(6)) | inside) & wp.uint32(mask))
+        """Bucket of a grid cell: x + K y, K odd and near the table's golden section.
+
+        Cells that share a bucket form a lattice whose shortest vectors, in any direction, are about the root of the
+        table's size long: unlike those of a scattering hash, they are never near each other.
+        """
+        rows = int(GOLDEN * wp.float32(mask)) | 1
+        return int((wp.uint32(x) + wp.uint32(y) * wp.uint32(rows)) & wp.uint32(mask))
 
     return SimpleNamespace(floor_int=floor_int, bucket_mask=bucket_mask, bucket_of=bucket_of)

@@ -94,8 +94,17 @@ def build(scalar):
         x0 = table.floor_int(here[0] * per_cell - HALF)
         y0 = table.floor_int(here[1] * per_cell - HALF)
         found = int(last + 1)
+        head = wp.vec4i(
+            bucket_head[4 * first + table.bucket_of(x0, y0, mask)],
+            bucket_head[4 * first + table.bucket_of(x0 + 1, y0, mask)],
+            bucket_head[4 * first + table.bucket_of(x0, y0 + 1, mask)],
+            bucket_head[4 * first + table.bucket_of(x0 + 1, y0 + 1, mask)],
+        )
+        # Mostly nothing is near: one branch for all four cells tells.
+        if wp.max(head) <= lowest:
+            return found
         for corner in range(4):
-            j = bucket_head[4 * first + table.bucket_of(x0 + (corner & 1), y0 + (corner >> 1), mask)] - 1
+            j = head[corner] - 1
             while j >= lowest:
                 if j >= nearest and j < found:
                     reach = radius

@@ -157,38 +157,46 @@ def build(scalar):
             channel += 1
 
     @wp.func(module=name)
+    def segment_depth(
+        point_section: wp.array[vec2], form: vec4, friction: scalar, spacing: scalar, i: int, j: int
+    ) -> scalar:
+        """Optical depth of the segment between two points: alpha = 2 f / d, in the mean of both, times its length."""
+        return (
+            friction
+            * spacing
+            * (ONE / line.section_at(point_section, i, form)[1] + ONE / line.section_at(point_section, j, form)[1])
+        )
+
+    @wp.func(module=name)
     def warmup_start(
-        point_xy: wp.array[vec2], point_section: wp.array[vec2], form: vec4, friction: scalar, first: int, begin: int
+        point_section: wp.array[vec2], form: vec4, friction: scalar, spacing: scalar, first: int, begin: int
     ) -> int:
         """First point upstream of ``begin`` whose weight there is lost in rounding, or the channel's head."""
+        if not point_section:
+            # Compared as a real number: it may be far beyond the integers.
+            reach = REACH * form[1] / (TWO * friction * spacing)
+            if reach < scalar(begin - first):
+                return begin - int(reach) - 1
+            return first
         i = begin
         depth = scalar(0.0)
         while i > first and depth < REACH:
-            section = line.section_at(point_section, i, form)
-            depth += TWO * friction / section[1] * wp.length(point_xy[i] - point_xy[i - 1])
+            depth += segment_depth(point_section, form, friction, spacing, i - 1, i)
             i -= 1
         return i
 
     @wp.func(module=name)
     def ring_warmup(
-        point_xy: wp.array[vec2], point_section: wp.array[vec2], form: vec4, friction: scalar, first: int, last: int,
-        begin: int,
+        point_section: wp.array[vec2], form: vec4, friction: scalar, spacing: scalar, first: int, last: int, begin: int
     ):  # fmt: skip
         """Index upstream of ``begin``, once round at most, whose weight there is lost in rounding, and its depth."""
         i = int(begin)
         depth = scalar(0.0)
-        here = point_xy[line.round_index(i, first, last)]
-        section = line.section_at(point_section, line.round_index(i, first, last), form)
-        memory = TWO * friction / section[1]
         while i > begin - (last - first + 1) and depth < REACH:
+            after = line.round_index(i, first, last)
             i -= 1
-            k = line.round_index(i, first, last)
-            before = point_xy[k]
-            section = line.section_at(point_section, k, form)
-            memory_before = TWO * friction / section[1]
-            depth += HALF * (memory_before + memory) * wp.length(here - before)
-            here = before
-            memory = memory_before
+            before = line.round_index(i, first, last)
+            depth += segment_depth(point_section, form, friction, spacing, before, after)
         return i, depth
 
     @wp.func(module=name)
@@ -227,7 +235,8 @@ def build(scalar):
         """Rates of the points begin .. stop - 1 of one channel, by one run down it from ``warm``.
 
         weight = (factor of the local term, factor of the upstream term, root r of the smoothing at the widest point);
-        smoothing = (spacing, sinuosity factor, time step), from which r follows where the width varies; at ``head`` the
+        smoothing = (spacing, sinuosity factor, time step), from which r follows where the width varies; points are evenly
+        spaced, so that the optical depth of a segment needs no length of a chord; at ``head`` the
         upstream mean and the smoothed rate are those of ``start``. Returns both as they are at the end.
         """
         r = weight[2]
@@ -245,6 +254,10 @@ def build(scalar):
         if point_section:
             section = point_section[line.round_index(warm, first, last)]
         memory_before = TWO * law.friction / section[1]
+        # Where width and depth do not vary along the channel, these are the same at every point.
+        memory = memory_before
+        strength = strength_of(section[0], law)
+        q = decay_weights(memory * smoothing[0])
         value_before = scalar(0.0)
         upstream = scalar(0.0)
         smoothed = scalar(0.0)
@@ -260,11 +273,11 @@ def build(scalar):
                     k = line.round_index(j, first, last)
                 section = point_section[k]
                 r = smoothing_root(section[0], smoothing[0], smoothing[1], smoothing[2], law)
-            memory = TWO * law.friction / section[1]
-            strength = strength_of(section[0], law)
+                memory = TWO * law.friction / section[1]
+                strength = strength_of(section[0], law)
+                q = decay_weights(HALF * (memory_before + memory) * smoothing[0])
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
             value = strength * (k1 - SIXTH * change)
-            q = decay_weights(HALF * (memory_before + memory) * lb)
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
             rate = weight[0] * strength * (k1 - TWELFTH * change) + weight[1] * upstream
             smoothed = (ONE - r) * rate + r * smoothed
@@ -303,7 +316,7 @@ def build(scalar):
         """
         lap = wp.max(1, wp.min(last - first + 1, line.recurrence_reach(weight[2])))
         origin = begin - lap
-        warm, depth = ring_warmup(point_xy, point_section, form, law.friction, first, last, origin)
+        warm, depth = ring_warmup(point_section, form, law.friction, smoothing[0], first, last, origin)
         state = sweep_rate(
             point_xy, point_section, form, law, weight, smoothing, first, last, 1, warm, warm, vec2(ZERO, ZERO),
             origin + 1, origin + 1, point_rate_out,
@@ -374,7 +387,7 @@ def build(scalar):
                         point_xy, point_section, form, law, weight, smoothing, first, last, i, point_rate_out
                     )
                 else:
-                    warm = warmup_start(point_xy, point_section, form, law.friction, first, i)
+                    warm = warmup_start(point_section, form, law.friction, spacing, first, i)
                     warm = wp.max(first, warm - line.recurrence_reach(weight[2]))
                 sweep_rate(
                     point_xy, point_section, form, law, weight, smoothing, first, last, closed, warm, head, start, i,

@@ -30,7 +30,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
-    ZERO, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0))
+    ZERO, ONE, TWO, THREE, FOUR, THIRD = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0, 1.0 / 3.0))
     # Beyond this many e-foldings a weight is lost in the rounding of the sum.
     REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
     TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
@@ -127,16 +127,21 @@ def build(scalar):
     @wp.func(module=name)
     def central_tangent(a: vec2, b: vec2, la: scalar, lb: scalar) -> vec2:
         """First derivative by arc length where segments a and b meet (three points, uneven spacing)."""
+        whole = la + lb
         if la == ZERO or lb == ZERO:
-            return (a + b) / wp.max(la + lb, TINY)
-        return (a * (lb / la) + b * (la / lb)) / (la + lb)
+            return (a + b) / wp.max(whole, TINY)
+        # Divisions that need not wait for each other.
+        part = ONE / whole
+        return a * (lb / la * part) + b * (la / lb * part)
 
     @wp.func(module=name)
     def fourth_order_tangent(before: vec2, here: vec2, after: vec2, la: scalar, lb: scalar) -> vec2:
         """First derivative to fourth order: the central one less h^2/6 times its own second derivative."""
-        if la + lb == ZERO:
+        whole = la + lb
+        if whole == ZERO:
             return here
-        return here - (la * (after - here) - lb * (here - before)) / (THREE * (la + lb))
+        part = THIRD / whole
+        return here - (la * part * (after - here) - lb * part * (here - before))
 
     @wp.func(module=name)
     def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:

@@ -85,10 +85,10 @@ def upstream_mean(value, optical_depth):
     return mean
 
 
-def optical_depths(xy, depth, friction):
-    """Optical depth alpha ds of each segment, alpha = 2 f / d as the mean of both ends, (n - 1,)."""
+def optical_depths(spacing, depth, friction):
+    """Optical depth alpha ds of each segment of even length, alpha = 2 f / d as the mean of both ends, (n - 1,)."""
     alpha = 2.0 * friction / depth
-    return 0.5 * (alpha[1:] + alpha[:-1]) * np.linalg.norm(np.diff(xy, axis=0), axis=1)
+    return 0.5 * (alpha[1:] + alpha[:-1]) * spacing
 
 
 def sinuosity_factor(xy, spacing):
@@ -114,7 +114,7 @@ def migration_rate(xy, spacing, width, depth, law):
     factor = sinuosity_factor(xy, spacing)
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
-    upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depths(xy, depth, law.friction))
+    upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depths(spacing, depth, law.friction))
     return local * strength * (curvature - change / 12.0) + gamma * upstream
 
 

@@ -59,7 +59,7 @@ def migration_rate(xy, spacing, width, depth, law):
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
     alpha = 2.0 * law.friction / depth
-    optical_depth = 0.5 * (alpha + np.roll(alpha, -1)) * segments(xy)
+    optical_depth = 0.5 * (alpha + np.roll(alpha, -1)) * spacing
     upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depth)
     return local * strength * (curvature - change / 12.0) + gamma * upstream
 
