@@ -70,8 +70,8 @@ CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
 
 STEP = (
     Launch("migrate", "migration", "schedule_channels", (
-        *_read("channel_parts", per="channel"), Moved("substep", per="event"),
-        *_written("channel_step_out", "channel_pace_out", per="channel"),
+        *_read("channel_parts", per="channel"), *_read("substep", "share_contacts_sum", per="event"),
+        *_written("channel_step_out", "channel_pace_out", per="channel"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "migration", "compute_rate", (
         *_read("channel_closed", "channel_area", per="ring"),
@@ -107,7 +107,8 @@ STEP = (
     Launch("cut off", "cutoffs", "cut_necks", (
         *_read("channel_start", "channel_cuts_sum", "channel_cut_points_sum", per="channel"),
         *_read("chunk_necks", "point_neck", "section_moved", per="event"),
-        *_written("cut_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", "fault_io", per="event"),
+        *_written("cut_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
+        Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("resample", "resampling", "measure_arcs", (
         *_read("point_moved"), *_read("channel_start", "channel_step", per="channel"),
@@ -118,17 +119,18 @@ STEP = (
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", "point_arc", per="channel"),
         *_read("point_moved", per="channel"),
         *_read("chunk_offset", per="chunk"),
-        *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("fault_io", per="event"),
+        *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("status_io", per="event"),
     )),
     Launch("resample", "resampling", "resample_points", (
         *_read("channel_closed", per="ring"),
         *_read("point_moved", "point_arc"), *_read("section_moved", per="section"),
         *_read("channel_start", "channel_spacing", "channel_step", "channel_start_next", per="channel"),
-        *_read("chunk_offset", per="chunk"), Moved("fault", per="event"),
+        *_read("chunk_offset", per="chunk"), Moved("status", per="event"),
         *_written("point_xy_out"), *_written("point_section_out", per="section"),
     )),
     Launch("resample", "resampling", "commit_step", (
-        *_read("channel_start_next", "channel_spacing_next", per="channel"), Moved("fault", per="event"),
+        *_read("channel_start_next", "channel_spacing_next", per="channel"),
+        *_read("channel_cuts_sum", "channel_cut_points_sum", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
         *_written("channel_start_out", "channel_spacing_out", per="channel"), Moved("substep_io", per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (

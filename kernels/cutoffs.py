@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -348,26 +348,33 @@ def build(scalar):
         oxbow_xy_out: wp.array[vec2],
         oxbow_section_out: wp.array[vec2],
         point_moved_io: wp.array[vec2],
-        fault_io: wp.array[int],
+        status_io: wp.array[int],
     ):
         """Save each cut loop, ends included, and pull its inner points onto the point where it begins.
 
-        A cut is recorded as (channel, first loop point in the buffer, number of points, -), in the order of the
-        packed points; on a ring, what is cut off may be the part that holds its first point. The copies left behind
-        have no length; resampling passes over them.
+        A cut is recorded as (channel, first loop point in the buffer, number of points, sub-steps done before), in the
+        order of the packed points, after those of the sub-steps before; on a ring, what is cut off may be the part that
+        holds its first point. The copies left behind have no length; resampling passes over them.
         """
+        if status_io[HALT] != 0:
+            return
         count = channel_start.shape[0] - 1
-        if channel_cuts_sum[count - 1] > cut_out.shape[0] or channel_cut_points_sum[count - 1] > oxbow_xy_out.shape[0]:
-            wp.atomic_max(fault_io, 0, FAULT_OXBOWS_FULL)
+        cuts_before = status_io[CUTS]
+        points_before = status_io[CUT_POINTS]
+        if (
+            cuts_before + channel_cuts_sum[count - 1] > cut_out.shape[0]
+            or points_before + channel_cut_points_sum[count - 1] > oxbow_xy_out.shape[0]
+        ):
+            wp.atomic_max(status_io, FAULT, FAULT_OXBOWS_FULL)
             return
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
-            slot = int(0)
-            offset = int(0)
+            slot = int(cuts_before)
+            offset = int(points_before)
             if channel > 0:
-                slot = channel_cuts_sum[channel - 1]
-                offset = channel_cut_points_sum[channel - 1]
-            if channel_cuts_sum[channel] > slot:
+                slot += channel_cuts_sum[channel - 1]
+                offset += channel_cut_points_sum[channel - 1]
+            if cuts_before + channel_cuts_sum[channel] > slot:
                 first = channel_start[channel]
                 stop = channel_start[channel + 1]
                 for k in range(line.piece_count(work, first, stop)):
@@ -376,7 +383,7 @@ def build(scalar):
                         j = point_neck[i]
                         if j < -1:
                             count = stop - first - (-2 - j - i) + 1
-                            cut_out[slot] = wp.vec4i(channel, offset, count, 0)
+                            cut_out[slot] = wp.vec4i(channel, offset, count, status_io[DONE])
                             save_outside(
                                 section_moved, first, stop - 1, i, -2 - j, offset, oxbow_xy_out, oxbow_section_out,
                                 point_moved_io,
@@ -384,7 +391,7 @@ def build(scalar):
                             slot += 1
                             offset += count
                         if j >= 0:
-                            cut_out[slot] = wp.vec4i(channel, offset, j - i + 1, 0)
+                            cut_out[slot] = wp.vec4i(channel, offset, j - i + 1, status_io[DONE])
                             save_loop(section_moved, i, j, offset, oxbow_xy_out, oxbow_section_out, point_moved_io)
                             slot += 1
                             offset += j - i + 1

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline, raster
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import DONE, FAULT, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -235,9 +235,9 @@ def build(scalar):
         """Rates of the points begin .. stop - 1 of one channel, by one run down it from ``warm``.
 
         weight = (factor of the local term, factor of the upstream term, root r of the smoothing at the widest point);
-        smoothing = (spacing, sinuosity factor, time step), from which r follows where the width varies; points are evenly
-        spaced, so that the optical depth of a segment needs no length of a chord; at ``head`` the
-        upstream mean and the smoothed rate are those of ``start``. Returns both as they are at the end.
+        smoothing = (spacing, sinuosity factor, time step), from which r follows where the width varies; the points are
+        evenly spaced, so that a segment's optical depth needs no chord. At ``head`` the upstream mean and the smoothed
+        rate are those of ``start``; returns both as they are at the end.
         """
         r = weight[2]
         before = line.extended_point(point_xy, warm - 1, first, last, closed)
@@ -606,16 +606,29 @@ def build(scalar):
         time_step: scalar,
         # in
         substep: wp.array[int],
+        share_contacts_sum: wp.array[int],
         # out
         channel_step_out: wp.array[scalar],
         channel_pace_out: wp.array[scalar],
+        status_io: wp.array[int],
     ):
         """Time step in yr of each channel in a sub-step, 0 where it rests: n of the N sub-steps are its own, evenly.
 
         substep = (number of this one, N). Every channel that moves at all does so in the first; the paces begin anew
         there, if they are given.
+
+        Of several sub-steps in a row the first that fails halts those after it, and so does one after which channels
+        touch: joining them is for the host.
         """
         channel = wp.tid()
+        halt = status_io[FAULT] != 0 or status_io[HALT] != 0
+        if share_contacts_sum and status_io[DONE] > 0:
+            halt = halt or share_contacts_sum[share_contacts_sum.shape[0] - 1] > 0
+        if halt:
+            # Every thread comes to the same answer, whether it sees this or not.
+            if channel == 0:
+                status_io[HALT] = 1
+            return
         parts = wp.min(channel_parts[channel], substep[1])
         step = scalar(0.0)
         if (substep[0] * parts) % substep[1] < parts:

@@ -8,14 +8,21 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
+# How a step went, as integers on the device: why the sub-step at hand cannot be taken over (0: it can), 1 where the
+# sub-steps that are still to come must leave all as it is, the sub-steps done, and the cutoffs and their points so far.
+FAULT, HALT, DONE, CUTS, CUT_POINTS, STATUS_SIZE = 0, 1, 2, 3, 4, 5
+
+
 @wp.struct
 class Work:
     """How the points of a network are dealt out to the threads of a launch.
 
     A thread takes a *slab*, the whole channels slab_channel[k] .. slab_channel[k + 1] - 1, or, where ``chunk`` is not
-    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread.
+    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread. Where ``status`` says
+    halt, there is nothing to do.
     """
 
+    status: wp.array[int]
     slab_channel: wp.array[int]
     chunk: int
     first: int
@@ -51,6 +58,8 @@ def build(scalar):
     @wp.func(module=name)
     def point_range(work: Work, channel_start: wp.array[int], channel_count: int, k: int) -> wp.vec3i:
         """Points of a slab or chunk as (first, stop, channel of the first); empty beyond the last one."""
+        if work.status[HALT] != 0:
+            return wp.vec3i(0, 0, 0)
         if work.chunk == 0:
             channel = work.slab_channel[k]
             return wp.vec3i(channel_start[channel], channel_start[work.slab_channel[k + 1]], channel)
@@ -63,6 +72,8 @@ def build(scalar):
     @wp.func(module=name)
     def channel_range(work: Work, k: int) -> wp.vec2i:
         """Channels (first, stop) of a thread that works on whole channels: those of its slab, or one."""
+        if work.status[HALT] != 0:
+            return wp.vec2i(0, 0)
         if work.chunk == 0:
             return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
         return wp.vec2i(k, k + 1)

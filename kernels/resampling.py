@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,7 +22,7 @@ def build(scalar):
     line = polyline.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
-    FAULT_NOT_FINITE = 1
+    FAULT_NOT_FINITE, FAULT_POINTS_FULL = 1, 4
     # Least number of points of a ring; the network refuses rings of fewer.
     RING_POINTS = 8
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
@@ -104,7 +104,7 @@ def build(scalar):
         # out
         channel_samples_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
-        fault_io: wp.array[int],
+        status_io: wp.array[int],
     ):
         """Number of new points of each channel, from its length and the spacing asked for, and the even spacing.
 
@@ -129,7 +129,7 @@ def build(scalar):
                     channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
                 else:
                     # Nothing of this step is taken over, so that the state before the fault can still be looked at.
-                    wp.atomic_max(fault_io, 0, FAULT_NOT_FINITE)
+                    wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)
                 channel_samples_out[channel] = pieces + 1 - closed
 
     @wp.func(module=name)
@@ -323,7 +323,7 @@ def build(scalar):
         section_moved: wp.array[vec2],
         point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.float64],
-        fault: wp.array[int],
+        status: wp.array[int],
         # out
         point_xy_out: wp.array[vec2],
         point_section_out: wp.array[vec2],
@@ -334,7 +334,7 @@ def build(scalar):
         ``channel_spacing`` is the new one. The points of a channel whose step is 0 are taken over as they are.
         """
         channel_count = channel_spacing.shape[0]
-        if fault[0] != 0 or channel_start_next[channel_count] > point_xy_out.shape[0]:
+        if status[FAULT] != 0 or channel_start_next[channel_count] > point_xy_out.shape[0]:
             return
         share = line.point_range(work, channel_start_next, channel_count, work.first + wp.tid())
         i = int(share[0])
@@ -366,22 +366,31 @@ def build(scalar):
         # in
         channel_start_next: wp.array[int],
         channel_spacing_next: wp.array[scalar],
-        fault: wp.array[int],
+        channel_cuts_sum: wp.array[int],
+        channel_cut_points_sum: wp.array[int],
         # out
         channel_start_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
         substep_io: wp.array[int],
+        status_io: wp.array[int],
     ):
         """Take over the new starts and spacings and count the sub-step, unless it failed or its points do not fit."""
         channel = wp.tid()
         last = channel_start_next.shape[0] - 1
-        if fault[0] != 0 or channel_start_next[last] > point_capacity:
+        if status_io[HALT] != 0 or status_io[FAULT] != 0:
+            return
+        if channel_start_next[last] > point_capacity:
+            wp.atomic_max(status_io, FAULT, FAULT_POINTS_FULL)
             return
         channel_start_out[channel] = channel_start_next[channel]
         if channel < last:
             channel_spacing_out[channel] = channel_spacing_next[channel]
         else:
             substep_io[0] = (substep_io[0] + 1) % substep_io[1]
+            status_io[DONE] = status_io[DONE] + 1
+            if last > 0:
+                status_io[CUTS] = status_io[CUTS] + channel_cuts_sum[last - 1]
+                status_io[CUT_POINTS] = status_io[CUT_POINTS] + channel_cut_points_sum[last - 1]
 
     return SimpleNamespace(
         vec2=vec2,

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import FAULT, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -268,14 +268,14 @@ def build(scalar):
         point_link_out: wp.array[int],
         link_from_out: wp.array[int],
         link_to_out: wp.array[int],
-        fault_io: wp.array[int],
+        status_io: wp.array[int],
     ):
         """List all shortcuts (i, j), ascending in i and then in j, whatever the order in the grid's lists.
 
         A point at which any begin notes the first of them.
         """
         if share_links_sum[share_links_sum.shape[0] - 1] > link_to_out.shape[0]:
-            wp.atomic_max(fault_io, 0, FAULT_SHORTCUTS_FULL)
+            wp.atomic_max(status_io, FAULT, FAULT_SHORTCUTS_FULL)
             return
         k = work.first + wp.tid()
         slot = first_link(share_links_sum, k)

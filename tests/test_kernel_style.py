@@ -215,12 +215,17 @@ def test_kernels_import_warp_and_each_other_only(path):
 
 
 def imports_shared_structs(node):
-    """Tell whether an import takes nothing but structs from a kernel file that has no kernels and serves the others."""
+    """Tell whether an import takes but structs and constants from a kernel file that has no kernels, for the others."""
     module = node.module or ""
     path = ROOT / "kernels" / f"{module.split('.')[-1]}.py"
     if not module.startswith("warpriver.kernels.") or path not in FILES or list(decorated(parsed(path), "wp.kernel")):
         return False
-    return {a.name for a in node.names} <= {struct.name for struct in decorated(parsed(path), "wp.struct")}
+    tree = parsed(path)
+    shared = {struct.name for struct in decorated(tree, "wp.struct")}
+    # Numbers of fields of an array, in capitals.
+    assigned = [name for node in tree.body if isinstance(node, ast.Assign) for name in ast.walk(node.targets[0])]
+    shared |= {name.id for name in assigned if isinstance(name, ast.Name) and name.id.isupper()}
+    return {a.name for a in node.names} <= shared
 
 
 def imported_kernel_files(path):

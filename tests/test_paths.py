@@ -67,7 +67,7 @@ def pushed_points(state, time_step):
     """Points after one push of so many years, (n, 2)."""
     law = path_law(state.params, state.network.dtype)
     move = push(state.network, state.channels, state.buffers, None, law)
-    launch(state, [schedule(state.network, state.channels, time_step), *move])
+    launch(state, [schedule(state.network, state.channels, state.buffers, time_step), *move])
     return state.buffers.point_moved.numpy() + state.network.origin
 
 
@@ -76,12 +76,12 @@ def cut(lines, params, **options):
     state = prepare(lines, params, **options)
     b = state.buffers
     while True:
-        b.fault.zero_()
+        b.status.zero_()
         take(state)
-        if b.fault.numpy()[0] != step_buffers.FAULT_SHORTCUTS_FULL:
+        if b.read_status()[0] != step_buffers.FAULT_SHORTCUTS_FULL:
             break
         b.make_room_for_shortcuts()
-    assert b.fault.numpy()[0] == 0
+    assert b.read_status()[0] == 0
     found = b.link_count
     links = np.stack([b.link_from.numpy()[:found], b.link_to.numpy()[:found]], axis=1)
     start, neck = state.network.starts(), b.point_neck.numpy()
@@ -158,7 +158,7 @@ def test_the_same_route_every_time(curves, monkeypatch):
         assert len(state.channels.slabs) == (1 if slab == 10**6 else math.ceil(b.point_capacity / slab))
         b._allocate_links(100_000)
         take(state)
-        assert b.fault.numpy()[0] == 0
+        assert b.read_status()[0] == 0
         necks.append(b.point_neck.numpy())
     assert (necks[0] >= 0).sum() > 200
     assert all((neck == necks[0]).all() for neck in necks[1:])

@@ -5,6 +5,7 @@ import pytest
 from trees import assert_forest, random_tree
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.kernels.polyline import DONE, FAULT
 from warpriver.meander import buffers, shortcuts
 from warpriver.meander.stages import Stage, run_stages
 
@@ -141,7 +142,10 @@ def references():
     def run(name):
         if name not in done:
             model, steps = MODELS[name]
-            sim = model(threads=1, capture=False)
+            with pytest.MonkeyPatch.context() as patch:
+                # The test that asks first may have patched it.
+                patch.setattr(buffers, "SLAB_POINTS", 100_000)
+                sim = model(threads=1, capture=False)
             assert len(sim.channels.slabs) == 1 or not sim.device.is_cpu
             sim.run(steps=steps, record_every=10_000)
             done[name] = sim
@@ -206,6 +210,33 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name)
     assert_same(sim, references(name))
 
 
+@pytest.mark.parametrize("tight", [False, True], ids=["roomy", "tight"])
+@pytest.mark.parametrize("row", [2, 7])
+@pytest.mark.parametrize("name", [name for name in MODELS if name != "rings in two"])
+def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, tight):
+    """As a GPU does them: the host looks after so many, and those behind an event or a fault change nothing."""
+    monkeypatch.setattr(shortcuts, "LEAST_SHORTCUTS", 1)
+    monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
+    model, steps = MODELS[name]
+    sim = model(threads=2)
+    if tight:
+        sim._allocate(sim.network.point_count, 1, 4)
+    launch, asked, done = sim._launch, [], []
+
+    def noted(count):
+        launch(count)
+        asked.append(count)
+        done.append(sim.buffers.read_status()[DONE])
+
+    sim._in_a_row, sim._launch = row, noted
+    sim.run(steps=steps, record_every=10_000)
+    if sim._plan_holds() or sim.substeps >= row:
+        assert set(asked) == {1, row} and max(done) == row
+    if sim._plan_holds() and ("tree" in name or tight):
+        assert (np.array(done) < asked).any(), "none was halted"
+    assert_same(sim, references(name))
+
+
 def test_slabs_hold_every_channel_once(monkeypatch):
     monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
     sim = plain()
@@ -246,8 +277,10 @@ def test_a_number_of_threads_that_is_none_is_refused(threads):
 class Watched(Simulation):
     """Notes the step of every channel in every sub-step."""
 
-    def _advance(self):
-        super()._advance()
+    def _launch(self, count):
+        super()._launch(count)
+        if self.buffers.read_status()[FAULT] != 0:
+            return  # it is repeated
         step = self.channels.step.numpy()[: self.network.channel_count].copy()
         self.__dict__.setdefault("watched", []).append((self.step_count, step))
 

@@ -19,8 +19,10 @@ import warp as wp
 from warpriver import progress as progress_bar
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, StopReason
+from warpriver.kernels.polyline import CUTS, DONE, FAULT
 from warpriver.meander import checks
 from warpriver.meander.buffers import (
+    FAULT_NONE,
     FAULT_NOT_FINITE,
     FAULT_OXBOWS_FULL,
     FAULT_SHORTCUTS_FULL,
@@ -56,6 +58,9 @@ NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
 HEADROOM = 1.5
 # Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
 COLLISION_ROUNDS = 8
+# Sub-steps that a GPU does in a row before the host looks at them, once as many went without an event that is for the
+# host. On the CPU looking costs nothing.
+SUBSTEPS_IN_A_ROW = 16
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
 
@@ -115,7 +120,7 @@ class Simulation:
     _solver: Solver
     _law: Any
     _fixed: np.ndarray
-    _replay: Replay | None
+    _replays: dict[int, Replay]
     _collisions: Any
 
     def __init__(
@@ -244,14 +249,7 @@ class Simulation:
             FloatingPointError: A point is no longer finite; the state before is kept.
             AssertionError: ``check`` is on and a phase broke its promise.
         """
-        begin = self.time
-        self._plan_substeps()
-        for k in range(self.substeps):
-            now = begin + (k + 1) * self.params.time_step / self.substeps
-            self._advance()
-            self._collect_cutoffs(now)
-            self._resolve_collisions(now)
-        self.step_count += 1
+        self._do_steps(1)
 
     def run(
         self,
@@ -311,20 +309,29 @@ class Simulation:
         advance: Callable[[int], None],
     ) -> StopReason:
         """Do so many steps, or fewer; return why they ended."""
-        for _ in range(count):
+        last, dues = self.step_count + count, [schedule, *(every for every, _ in hooks)]
+        while self.step_count < last:
             if interrupted.is_set():
                 return StopReason.INTERRUPTED
+            # As far as nothing is to be done between the steps.
+            until = self.step_count + 1
+            while until < min(last, self.step_count + self._in_a_row) and not self._any_due(dues, until):
+                until += 1
+            steps = until - self.step_count
             try:
-                self.step()
+                self._do_steps(steps)
             except FloatingPointError:
                 return StopReason.NOT_FINITE
             if schedule.due(self.step_count, self.params.time_step):
                 self._record()
-            advance(1)
+            advance(steps)
             due = [hook for every, hook in hooks if every.due(self.step_count, self.params.time_step)]
             if any([hook(self) is True for hook in due]):
                 return StopReason.CALLBACK
         return StopReason.COMPLETED
+
+    def _any_due(self, schedules: list[Every], step: int) -> bool:
+        return any(every.due(step, self.params.time_step) for every in schedules)
 
     def _check_network(self, network: RiverNetwork) -> None:
         looped = (network.channel_from == network.channel_to) & ~network.channel_closed
@@ -368,7 +375,12 @@ class Simulation:
         self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
         self.step_count = 0
         self.substeps = 0
-        self._capture = capture
+        self._replays = {}
+        self._capture = capture and not check
+        # Rings that split are for the host at once.
+        alone = network.device.is_cpu or not self._capture or bool(network.channel_closed.any())
+        self._in_a_row = 1 if alone else SUBSTEPS_IN_A_ROW
+        self._calm = 0
         if self.terrain is not None and self.terrain.device != network.device:
             self.terrain = self.terrain.to(network.device)
         self.network = network
@@ -434,7 +446,7 @@ class Simulation:
             self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
             self.channels.substep = before.substep
             self.channels.deal_out(network, self.buffers, anew=True)
-            self._replay = None
+            self._replays = {}
         form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
         drift = self.params.junction_drift * self._solver.rate(network.channel_width, self.params)
         self.channels.fill(
@@ -443,23 +455,26 @@ class Simulation:
         )  # fmt: skip
         law = collision_law(network, self.params, form, self._collisions)
         if law is not self._collisions:
-            self._collisions, self._replay = law, None
+            self._collisions, self._replays = law, {}
         self._planned = False
 
     def _plan_substeps(self) -> None:
         """Choose the parts in which a step is done, as the channels and the ground are now."""
-        # On a plain a step that is stable for any bend needs no plan but the first.
-        if not self._planned or self.terrain is not None or self.params.time_step > self.stable_dt:
+        if not self._planned or not self._plan_holds():
             self.substeps = max(1, plan_steps(self.network, self.channels, self.terrain, self.params))
             self.channels.substep.assign(np.array([0, self.substeps], np.int32))
             self._planned = True
+
+    def _plan_holds(self) -> bool:
+        """On a plain a step that is stable for any bend needs no plan but the first."""
+        return self.terrain is None and self.params.time_step <= self.stable_dt
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
         network = self.network
         self.buffers = self._solver.buffers(network, points, cuts, oxbow_points)
         self.channels.deal_out(network, self.buffers, anew=True)
-        self._replay = None
+        self._replays = {}
         if points == network.point_xy.shape[0]:
             return
         for name in ("point_xy", "point_section"):
@@ -488,7 +503,7 @@ class Simulation:
         network = self.network
         while True:
             buffers = self.buffers
-            buffers.fault.zero_()
+            buffers.status.zero_()
             self._run(resample(network, self.channels, buffers))
             needed = int(self.channels.start_next.numpy()[-1])
             if needed <= buffers.point_capacity:
@@ -503,7 +518,7 @@ class Simulation:
         """What moves the points in one (sub-)step."""
         network, channels = self.network, self.channels
         return [
-            schedule(network, channels, self.params.time_step),
+            schedule(network, channels, self.buffers, self.params.time_step),
             *self._solver.move(network, channels, self.buffers, self.terrain, self._law),
         ]
 
@@ -522,73 +537,117 @@ class Simulation:
     def _run(self, stages: Iterable[Stage]) -> None:
         run_stages(stages, self.channels.whole, self.channels.slabs)
 
-    def _launch(self) -> None:
-        """Run a (sub-)step on the device: replayed from a recording, or as it stands, phase by phase when checked."""
-        self.buffers.fault.zero_()
-        stages = self._stages() if self._replay is None else []
+    def _do_steps(self, count: int) -> None:
+        """Do so many steps, in a row where one plan holds for all of them."""
+        while count > 0:
+            self._plan_substeps()
+            steps = count if self._plan_holds() else 1
+            self._advance(steps * self.substeps)
+            count -= steps
+
+    def _advance(self, count: int) -> None:
+        """Do the sub-steps of whole steps; one that did not fit into the buffers changed nothing and is repeated."""
+        begin, done = self.step_count, 0
+
+        def time_after(k: int) -> float:
+            steps, parts = divmod(k - 1, self.substeps)
+            return (begin + steps + (parts + 1) / self.substeps) * self.params.time_step
+
+        while done < count:
+            asked = self._in_a_row if self._calm >= self._in_a_row <= count - done else 1
+            self._launch(asked)
+            status = self.buffers.read_status()
+            finished, before = status[DONE], done
+            done += finished
+            self._calm = self._calm + finished if finished == asked else 0
+            if finished > 0:
+                self.network.point_count = int(self.channels.start.numpy()[-1])
+                self._collect_cutoffs(status[CUTS], lambda k, before=before: time_after(before + k + 1))
+            if status[FAULT] != FAULT_NONE:
+                self.step_count = begin + done // self.substeps
+                self._make_room(status[FAULT])
+            else:
+                self._resolve_collisions(time_after(done), finished < asked)
+        self.step_count = begin + count // self.substeps
+
+    def _launch(self, count: int) -> None:
+        """Run sub-steps on the device: replayed from a recording, or as they stand, phase by phase when checked."""
+        self.buffers.status.zero_()
         if self.check:
-            for phase, group in itertools.groupby(stages, lambda stage: stage.phase):
+            for phase, group in itertools.groupby(self._stages(), lambda stage: stage.phase):
                 self._run(group)
                 checks.check_phase(phase, self.network, self.channels, self.buffers, self.params.junction_drift == 0.0)
         elif not self._capture:
-            self._run(stages)
+            self._run(self._stages())
         else:
-            if self._replay is None:
-                self._replay = Replay(stages, self.channels.whole, self.channels.slabs, self.device, self._pool)
-            self._replay.run()
+            if count not in self._replays:
+                stages, channels = self._stages() * count, self.channels
+                self._replays[count] = Replay(stages, channels.whole, channels.slabs, self.device, self._pool)
+            self._replays[count].run()
 
-    def _advance(self) -> None:
-        """One (sub-)step; when it did not fit into the buffers, it changed nothing: make room and repeat."""
-        while True:
-            buffers, channels = self.buffers, self.channels
-            self._launch()
-            fault = int(buffers.fault.numpy()[0])
-            if fault == FAULT_NOT_FINITE:
-                raise FloatingPointError(
-                    f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
-                )
+    def _make_room(self, fault: int) -> None:
+        """Enlarge what a sub-step found too small.
+
+        Raises:
+            FloatingPointError: That was not what is wrong.
+        """
+        buffers, channels = self.buffers, self.channels
+        if fault == FAULT_NOT_FINITE:
+            raise FloatingPointError(
+                f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
+            )
+        if fault == FAULT_SHORTCUTS_FULL:
+            assert isinstance(buffers, PathBuffers)
+            buffers.make_room_for_shortcuts()
+            self._replays = {}
+        elif fault == FAULT_OXBOWS_FULL:
+            cuts = int(channels.cuts_sum.numpy()[-1])
+            loop_points = int(channels.cut_points_sum.numpy()[-1])
+            self._allocate(
+                buffers.point_capacity,
+                max(buffers.cut_capacity, 2 * cuts),
+                max(buffers.oxbow_capacity, 2 * loop_points),
+            )
+        else:
             needed = int(channels.start_next.numpy()[-1])
-            if fault == FAULT_SHORTCUTS_FULL:
-                assert isinstance(buffers, PathBuffers)
-                buffers.make_room_for_shortcuts()
-                self._replay = None
-            elif fault == FAULT_OXBOWS_FULL:
-                cuts = int(channels.cuts_sum.numpy()[-1])
-                loop_points = int(channels.cut_points_sum.numpy()[-1])
-                self._allocate(
-                    buffers.point_capacity,
-                    max(buffers.cut_capacity, 2 * cuts),
-                    max(buffers.oxbow_capacity, 2 * loop_points),
-                )
-            elif needed > buffers.point_capacity:
-                self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
-            else:
-                self.network.point_count = needed
-                return
+            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
 
-    def _collect_cutoffs(self, time: float) -> None:
-        """Move the cutoffs of the (sub-)step just done into the history; of a ring, both parts may go on."""
-        buffers, network = self.buffers, self.network
-        count = int(self.channels.cuts_sum.numpy()[-1])
+    def _collect_cutoffs(self, count: int, time_after: Callable[[int], float]) -> None:
+        """Move the cutoffs of the sub-steps just done into the history; of a ring, both parts may go on.
+
+        Args:
+            count: How many there are.
+            time_after: Time after the sub-step of which so many were done before, yr.
+        """
         if count == 0:
             return
+        buffers, network = self.buffers, self.network
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
         both = isinstance(self.params, MeanderParams) and self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
-        for channel, begin, length, _ in cut[~split]:
+        for channel, begin, length, substep in cut[~split].tolist():
             width = network.channel_width[channel] if section is None else section[begin, 0]
             loop = self._solver.oxbow(xy[begin : begin + length])
-            self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
+            now = time_after(substep)
+            self.history.cutoffs.append(Cutoff(now, int(network.channel_id[channel]), float(width), loop))
         if split.any():
             self._adopt(split_rings(network, cut[split, :3], xy))
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
 
-    def _resolve_collisions(self, time: float) -> None:
-        """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
+    def _resolve_collisions(self, time: float, halted: bool) -> None:
+        """Join the channels that touch after the (sub-)step just done, until none can be joined any more.
+
+        Args:
+            time: Time after that sub-step, yr.
+            halted: Whether others were to follow, which have emptied the table of the search.
+        """
         if self._collisions is None:
             return
+        if halted:
+            self.buffers.status.zero_()
+            self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
         for _ in range(COLLISION_ROUNDS):
             if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
                 return
@@ -653,7 +712,8 @@ class Simulation:
         self._resample_moved()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         start: wp.array = wp.array([0, self.substeps], dtype=wp.int32, device=self.device)
-        schedule_channels(network, self.channels, self.params.time_step, start)
+        buffers.status.zero_()
+        schedule_channels(network, self.channels, buffers, self.params.time_step, start)
 
     def _place_nodes(self) -> None:
         """Bring the nodes to where junctions have wandered."""

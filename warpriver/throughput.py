@@ -263,18 +263,18 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
     seconds: dict[str, float] = {}
     launch, resolve = sim._launch, sim._resolve_collisions
 
-    def timed_launch() -> None:
-        if sim._replay is None:
-            sim._replay = _PhaseReplay(sim, sim._stages(), seconds)  # type: ignore[assignment]
-        launch()
+    def timed_launch(count: int) -> None:
+        if count not in sim._replays:
+            sim._replays[count] = _PhaseReplay(sim, sim._stages() * count, seconds)  # type: ignore[assignment]
+        launch(count)
 
-    def timed_resolve(now: float) -> None:
+    def timed_resolve(now: float, halted: bool) -> None:
         begin = time.perf_counter()
-        resolve(now)
+        resolve(now, halted)
         wp.synchronize_device(sim.device)
         seconds["join"] = seconds.get("join", 0.0) + time.perf_counter() - begin
 
-    sim._replay = None
+    sim._replays = {}
     sim._launch, sim._resolve_collisions = timed_launch, timed_resolve  # type: ignore[method-assign,assignment]
     try:
         for _ in range(warmup):
@@ -287,7 +287,7 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
         total = time.perf_counter() - begin
     finally:
         del sim._launch, sim._resolve_collisions
-        sim._replay = None
+        sim._replays = {}
     joins = seconds.pop("join", 0.0)
     rest = max(total - joins - sum(seconds.values()), 0.0)
     host = dict(zip(HOST_PHASES, (joins, rest), strict=True))

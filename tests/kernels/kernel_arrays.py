@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import STATUS_SIZE, Work
 
 REALS = {"float64": np.float64, "float32": np.float32}
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
@@ -68,6 +68,11 @@ def slab_bounds(deal, channels):
     return [0, channels]
 
 
+def going_on(device):
+    """Status of a step of which nothing is done and nothing wrong."""
+    return wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
+
+
 def share_out(deal, channels, capacity, device):
     """Launches that do the work of all channels, dealt out in one of the ways of ``DEALS``.
 
@@ -79,7 +84,7 @@ def share_out(deal, channels, capacity, device):
     """
     if isinstance(deal, int):
         work = Work()
-        work.chunk = deal
+        work.status, work.chunk = going_on(device), deal
         return [Part(work, chunk_count(capacity, deal), channels)]
     bounds = slab_bounds(deal, channels)
     slabs = to_device(np.array(bounds, np.int32), wp.int32, device)
@@ -89,7 +94,7 @@ def share_out(deal, channels, capacity, device):
     parts = []
     for first, stop in spans:
         work = Work()
-        work.slab_channel, work.first = slabs, first
+        work.status, work.slab_channel, work.first = going_on(device), slabs, first
         parts.append(Part(work, stop - first, stop - first))
     return parts
 

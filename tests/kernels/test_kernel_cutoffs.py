@@ -24,6 +24,7 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import buckets, cutoffs
+from warpriver.kernels.polyline import FAULT
 
 SPACING = 10.0
 FAULT_OXBOWS_FULL = 2
@@ -184,8 +185,11 @@ class Case:
         assert points.numpy().tolist() == [sum(j - i + 1 for i, j in pairs) for pairs in kept]
         return kept
 
-    def cut(self, kept, deal=64, cut_capacity=None, oxbow_capacity=None):
-        """Cut those pairs: (points by channel, records, loop points, loop sections, fault)."""
+    def cut(self, kept, deal=64, cut_capacity=None, oxbow_capacity=None, done=0, before=(0, 0)):
+        """Cut those pairs: (points by channel, records, loop points, loop sections, fault).
+
+        ``done`` sub-steps left ``before`` cuts and loop points in the buffers.
+        """
         necks = [np.full(len(xy), -1) for xy in self.lines]
         for neck, pairs in zip(necks, kept, strict=True):
             for i, j in pairs:
@@ -193,22 +197,22 @@ class Case:
         point_neck, chunk_necks, _ = self.packed_necks(necks, deal)
         cuts = np.cumsum([len(pairs) for pairs in kept])
         loop_points = np.cumsum([sum(j - i + 1 for i, j in pairs) for pairs in kept])
-        cut_capacity = cuts[-1] + 3 if cut_capacity is None else cut_capacity
-        oxbow_capacity = loop_points[-1] + 3 if oxbow_capacity is None else oxbow_capacity
+        cut_capacity = before[0] + cuts[-1] + 3 if cut_capacity is None else cut_capacity
+        oxbow_capacity = before[1] + loop_points[-1] + 3 if oxbow_capacity is None else oxbow_capacity
         records = unwritten(int(cut_capacity), wp.vec4i, self.device)
         loops = unwritten(int(oxbow_capacity), self.kernel.vec2, self.device)
         loop_sections = None
         if self.section is not None:
             loop_sections = unwritten(int(oxbow_capacity), self.kernel.vec2, self.device)
         points = to_device(self.packed, self.kernel.vec2, self.device)
-        fault = wp.zeros(1, dtype=wp.int32, device=self.device)
+        status = to_device([0, 0, done, before[0], before[1]], wp.int32, self.device)
         sums = [to_device(v, wp.int32, self.device) for v in (cuts, loop_points)]
         inputs = [chunk_necks, *sums, point_neck, self.section]
-        self.launch_channels(self.kernel.cut_necks, deal, inputs, [records, loops, loop_sections, points, fault])
+        self.launch_channels(self.kernel.cut_necks, deal, inputs, [records, loops, loop_sections, points, status])
         after = points.numpy()
         assert np.isnan(after[self.count :]).all()
         loop_sections = None if loop_sections is None else loop_sections.numpy()
-        return split(after, self.start), records.numpy(), loops.numpy(), loop_sections, int(fault.numpy()[0])
+        return split(after, self.start), records.numpy(), loops.numpy(), loop_sections, int(status.numpy()[FAULT])
 
 
 def assert_same_necks(actual, expected):
@@ -516,6 +520,20 @@ def test_too_many_cuts_or_loop_points_change_nothing_and_set_the_fault(device):
         if fails:
             assert all((a == xy).all() for a, xy in zip(after, lines, strict=True))
             assert (records == UNWRITTEN).all() and np.isnan(loops).all()
+
+
+def test_cuts_of_a_row_of_sub_steps_come_behind_each_other(device):
+    """Each is told when it was; what does not fit behind those before is a fault, too."""
+    rng = np.random.default_rng(2)
+    lines = [wandering_line(rng, n) for n in (20, 30)]
+    kept = [[(0, 7), (9, 14)], [(3, 8)]]
+    case = Case(lines, device=device)
+    first, again = case.cut(kept), case.cut(kept, done=5, before=(2, 17))
+    assert again[4] == 0 and (again[1][:2] == UNWRITTEN).all() and np.isnan(again[2][:17]).all()
+    assert (again[1][2:5] == first[1][:3] + np.array([0, 17, 0, 5])).all()
+    np.testing.assert_array_equal(again[2][17:], first[2])
+    assert case.cut(kept, cut_capacity=4, done=5, before=(2, 17))[4] == FAULT_OXBOWS_FULL
+    assert case.cut(kept, oxbow_capacity=36, done=5, before=(2, 17))[4] == FAULT_OXBOWS_FULL
 
 
 def test_found_necks_are_cut_from_end_to_end(device):

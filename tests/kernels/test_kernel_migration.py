@@ -16,6 +16,7 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     forms,
+    going_on,
     nested,
     ring_flags,
     share_out,
@@ -28,6 +29,7 @@ from reference import Law
 from scipy.integrate import quad
 
 from warpriver.kernels import migration
+from warpriver.kernels.polyline import HALT
 from warpriver.meander import migration as launcher
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.stages import run_stages
@@ -520,7 +522,7 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
         channels.deal_out(network, buffers, anew=True)
         law = launcher.migration_law(params, dtype)
         move = launcher.migrate(network, channels, buffers, None, law)
-        begin = launcher.schedule(network, channels, params.time_step)
+        begin = launcher.schedule(network, channels, buffers, params.time_step)
         run_stages([begin, *move], channels.whole, channels.slabs)
         results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
@@ -829,6 +831,28 @@ def planned(limit, pace, mobility, time_step, dtype, device, before=0):
     return parts.numpy().tolist(), int(most.numpy()[0])
 
 
+@pytest.mark.parametrize(
+    ("status", "contacts", "halts"),
+    [
+        ((0, 0, 0), 0, False), ((0, 0, 3), 0, False), ((0, 0, 0), 2, False), ((0, 0, 3), 2, True), ((1, 0, 0), 0, True),
+        ((0, 1, 2), 0, True),
+    ],
+)  # fmt: skip
+def test_a_fault_and_contacts_halt_what_is_to_follow(device, status, contacts, halts):
+    """Contacts that the host knows of, from before the first sub-step of a row, do not; steps and paces stay then."""
+    kernel = migration.build(wp.float64)
+    out, pace = unwritten(3, wp.float64, device), to_device(np.ones(3), wp.float64, device)
+    state = to_device([*status, 0, 0], wp.int32, device)
+    inputs = [to_device([1, 1, 1], wp.int32, device), 0.3, to_device([0, 1], wp.int32, device)]
+    inputs += [to_device([0, contacts], wp.int32, device)]
+    wp.launch(kernel.schedule_channels, dim=3, inputs=inputs, outputs=[out, pace, state], device=device)
+    assert state.numpy()[HALT] == halts
+    if halts:
+        assert np.isnan(out.numpy()).all() and (pace.numpy() == 1.0).all()
+    else:
+        assert (out.numpy() == 0.3).all() and (pace.numpy() == 0.0).all()
+
+
 def scheduled(parts, time_step, total, dtype, device):
     """Step of each channel in each sub-step, (total, C); the paces are cleared in the first."""
     scalar = SCALARS[dtype]
@@ -837,11 +861,11 @@ def scheduled(parts, time_step, total, dtype, device):
     for k in range(total):
         out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
         number = to_device([k, total], wp.int32, device)
-        inputs = [to_device(parts, wp.int32, device), time_step, number]
-        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace], device=device)
+        inputs, status = [to_device(parts, wp.int32, device), time_step, number, None], going_on(device)
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace, status], device=device)
         assert (pace.numpy() == (k > 0)).all()
         steps.append(out.numpy())
-        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None], device=device)
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None, status], device=device)
     return np.array(steps)
 
 

@@ -106,7 +106,7 @@ class Case:
         self.launch_points(self.kernel.measure_arcs, deal, self.capacity, inputs, [arc, length])
         return arc, length
 
-    def counted(self, deal, arc, offset, fault):
+    def counted(self, deal, arc, offset, status):
         """Points and even spacing of each channel, both on the device."""
         samples = unwritten(len(self.lines), wp.int32, self.device)
         spacing = unwritten(len(self.lines), self.scalar, self.device)
@@ -114,17 +114,18 @@ class Case:
         for part in share_out(deal, len(self.lines), self.capacity, self.device):
             inputs = [self.channel_start, self.form, before, self.channel_step, self.closed, part.work]
             inputs += [self.point_moved, arc, offset]
-            self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, fault])
+            self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, status])
         return samples, spacing
 
-    def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5)):
+    def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5), halt=0):
         """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
-        channels, flag = len(self.lines), to_device([fault], wp.int32, self.device)
+        channels = len(self.lines)
+        status = to_device([fault, halt, 0, 0, 0], wp.int32, self.device)
         arc, length = self.measured(deal)
         offset = unwritten(len(length), wp.float64, self.device)
         if isinstance(deal, int):
             wp.utils.array_scan(length, offset, inclusive=True)
-        samples, spacing = self.counted(deal, arc, offset, flag)
+        samples, spacing = self.counted(deal, arc, offset, status)
         start_next = wp.zeros(channels + 1, dtype=wp.int32, device=self.device)
         wp.utils.array_scan(samples, start_next[1:], inclusive=True)
         needed = int(start_next.numpy()[-1])
@@ -132,20 +133,23 @@ class Case:
         points = unwritten(capacity, self.kernel.vec2, self.device)
         sections = None if self.sections is None else unwritten(capacity, self.kernel.vec2, self.device)
         inputs = [self.channel_start, spacing, self.channel_step, self.closed, ..., start_next, self.point_moved]
-        inputs += [self.section_moved, arc, offset, flag]
+        inputs += [self.section_moved, arc, offset, status]
         self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [points, sections])
         start_out = to_device(self.start, wp.int32, self.device)
         spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
         count = to_device(substep, wp.int32, self.device)
-        inputs = [capacity, start_next, spacing, flag]
-        self.launch(self.kernel.commit_step, channels + 1, inputs, [start_out, spacing_out, count])
+        sums = [to_device(factor * np.arange(1, channels + 1), wp.int32, self.device) for factor in (1, 10)]
+        outputs = [start_out, spacing_out, count, status]
+        self.launch(self.kernel.commit_step, channels + 1, [capacity, start_next, spacing, *sums], outputs)
         raw, start = points.numpy().astype(np.float64), start_out.numpy()
         by_channel = split(raw, start_next.numpy())
         if sections is not None:
             sections = split(sections.numpy().astype(np.float64), start_next.numpy())
         done, total = count.numpy().tolist()
         assert total == substep[1]
-        fault = int(flag.numpy()[0])
+        fault, _, counted, *cut = status.numpy().tolist()
+        assert counted == (done != substep[0] or (total == 1 and fault == 0 and not halt))
+        assert cut == [counted * channels, counted * 10 * channels]
         return Sampled(by_channel, sections, spacing_out.numpy(), start, fault, needed, raw, done)
 
     def twins(self):
@@ -485,6 +489,7 @@ def test_sub_steps_are_counted_where_the_step_is_taken_over(device):
     assert case.sampled(substep=(0, 1)).done == 0
     assert case.sampled(substep=(1, 3), fault=2).done == 1
     assert case.sampled(substep=(1, 3), capacity=10).done == 1
+    assert case.sampled(substep=(1, 3), halt=1).done == 1
 
 
 # ---- shared functions

@@ -13,6 +13,7 @@ from kernel_arrays import (
     REALS,
     SCALARS,
     SLABS,
+    going_on,
     ring_flags,
     share_out,
     split,
@@ -24,6 +25,7 @@ from reference import Law
 from test_kernel_collisions import Search
 
 from warpriver.kernels import smoothing
+from warpriver.kernels.polyline import FAULT
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -307,9 +309,9 @@ def assert_cut(case, kept, deal, point_neck, chunk_necks, cuts, points):
     records = unwritten(total + 2, wp.vec4i, case.device)
     loops = unwritten(loop_points + 2, case.kernel.vec2, case.device)
     moved = to_device(case.packed, case.kernel.vec2, case.device)
-    fault = wp.zeros(1, dtype=wp.int32, device=case.device)
+    status = going_on(case.device)
     inputs = [chunk_necks, cut_sum, point_sum, point_neck, None]
-    case.launch_channels(case.kernel.cut_necks, deal, inputs, [records, loops, None, moved, fault])
+    case.launch_channels(case.kernel.cut_necks, deal, inputs, [records, loops, None, moved, status])
     after = split(moved.numpy(), case.start)
     expected = []
     for c, xy in enumerate(case.lines):
@@ -320,7 +322,7 @@ def assert_cut(case, kept, deal, point_neck, chunk_necks, cuts, points):
     assert found[:, 0].tolist() == [c for c, _ in expected]
     for (_, begin, count, _), (_, loop) in zip(found, expected, strict=True):
         np.testing.assert_array_equal(loops.numpy()[begin : begin + count], loop)
-    assert fault.numpy()[0] == 0 and np.isnan(loops.numpy()[loop_points:]).all()
+    assert status.numpy()[FAULT] == 0 and np.isnan(loops.numpy()[loop_points:]).all()
 
 
 # ---- collisions, smoothing

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.stages import Share
 from warpriver.network import PRECISIONS, RiverNetwork
 
@@ -16,13 +16,14 @@ __all__ = [
     "FAULT_NONE",
     "FAULT_NOT_FINITE",
     "FAULT_OXBOWS_FULL",
+    "FAULT_POINTS_FULL",
     "FAULT_SHORTCUTS_FULL",
     "StepBuffers",
     "StepChannels",
 ]
 
-# Values of ``fault``; the kernels write the same numbers.
-FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL = 0, 1, 2, 3
+# What may be wrong with a sub-step; the kernels write the same numbers.
+FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
@@ -48,7 +49,7 @@ class StepBuffers:
         cut: (K,) vec4i records; ``oxbow_xy``, ``oxbow_section``: their points, end to end.
         block_bucket: grid of the search for collisions, four integers a cell; ``point_next`` and ``point_neck`` serve
             it as the lists' links and the blocks' channels.
-        fault: one int32, 0 while all is well.
+        status: how the sub-steps went; see ``kernels/polyline.py``.
         chunk: Points that a thread takes, 0 where it takes whole channels.
         share_count: Number of chunks, or of the slabs of whole channels.
     """
@@ -83,7 +84,14 @@ class StepBuffers:
         self.cut = zeros(cut_capacity, wp.vec4i)
         self.oxbow_xy = zeros(oxbow_capacity, vec2)
         self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
-        self.fault = zeros(1, wp.int32)
+        self.status = zeros(STATUS_SIZE, wp.int32)
+        # On the CPU what the host reads is what the device has written: made once, it saves a call a step.
+        self._status = self.status.numpy() if device.is_cpu else None
+
+    def read_status(self) -> list[int]:
+        """Return ``status`` as it is now on the device."""
+        status = self.status.numpy() if self._status is None else self._status
+        return status.tolist()
 
     @property
     def nbytes(self) -> int:
@@ -207,7 +215,8 @@ class StepChannels:
         if anew:
             self._slab_channel = wp.zeros(threads + 1 if by_slab else 1, dtype=wp.int32, device=network.device)
             work = Work()
-            work.slab_channel, work.chunk, work.first = self._slab_channel, buffers.chunk, 0
+            work.status, work.slab_channel = buffers.status, self._slab_channel
+            work.chunk, work.first = buffers.chunk, 0
             self.whole = Share(work, threads, threads if by_slab else self.capacity)
             self.slabs = [self.whole.slab(k) for k in range(threads)] if by_slab and threads > 1 else [self.whole]
             self.share_contacts = wp.zeros(threads, dtype=wp.int32, device=network.device)

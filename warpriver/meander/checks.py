@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpriver.kernels.polyline import FAULT
 from warpriver.meander.buffers import FAULT_NONE, StepBuffers, StepChannels
 from warpriver.network import RiverNetwork
 
@@ -33,7 +34,7 @@ def check_phase(
     Raises:
         PhaseError: A promise is broken.
     """
-    if int(buffers.fault.numpy()[0]) != FAULT_NONE:
+    if buffers.read_status()[FAULT] != FAULT_NONE:
         return  # the step will not be taken over
     if phase == "resample":
         if int(channels.start_next.numpy()[-1]) <= buffers.point_capacity:

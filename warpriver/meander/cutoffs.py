@@ -110,7 +110,7 @@ def cut_loops(network: RiverNetwork, channels: StepChannels, buffers: StepBuffer
                 channels.start, share.work, buffers.chunk_necks, channels.cuts_sum,
                 channels.cut_points_sum, buffers.point_neck, buffers.section_moved,
             ],
-            outputs=[buffers.cut, buffers.oxbow_xy, buffers.oxbow_section, buffers.point_moved, buffers.fault],
+            outputs=[buffers.cut, buffers.oxbow_xy, buffers.oxbow_section, buffers.point_moved, buffers.status],
             device=device,
         )  # fmt: skip
 

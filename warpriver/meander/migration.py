@@ -147,13 +147,19 @@ def plan_steps(
 
 
 def schedule_channels(
-    network: RiverNetwork, channels: StepChannels, time_step: float, substep: wp.array, pace: wp.array | None = None
+    network: RiverNetwork,
+    channels: StepChannels,
+    buffers: StepBuffers,
+    time_step: float,
+    substep: wp.array,
+    pace: wp.array | None = None,
 ) -> None:
     """Set the time step of every channel in a sub-step, ``channels.step``: 0 where it rests.
 
     Args:
         network: The network.
         channels: Its channels.
+        buffers: ``status`` may halt all that follows.
         time_step: The whole of it, yr.
         substep: Two int32, the number of the sub-step and how many there are.
         pace: ``channels.pace``, to be cleared in the first sub-step.
@@ -161,17 +167,17 @@ def schedule_channels(
     wp.launch(
         kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
         dim=channels.capacity,
-        inputs=[channels.parts, time_step, substep],
-        outputs=[channels.step, pace],
+        inputs=[channels.parts, time_step, substep, channels.share_contacts_sum],
+        outputs=[channels.step, pace, buffers.status],
         device=network.device,
     )
 
 
-def schedule(network: RiverNetwork, channels: StepChannels, time_step: float) -> Stage:
+def schedule(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, time_step: float) -> Stage:
     """Return the stage that begins a sub-step of any solver: :func:`schedule_channels` for ``channels.substep``."""
 
     def run(_: Share) -> None:
-        schedule_channels(network, channels, time_step, channels.substep, channels.pace)
+        schedule_channels(network, channels, buffers, time_step, channels.substep, channels.pace)
 
     return Stage("migrate", run, shared=False)
 

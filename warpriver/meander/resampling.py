@@ -43,7 +43,7 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
 
     A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
     ring gets n points for its n segments, at least 8. A channel at rest keeps its points. Nothing is taken over when
-    ``buffers.fault`` is set, or when the points do not fit into the capacity: then the last entry of
+    ``buffers.status`` tells of a fault. It does when the points do not fit into the capacity: then the last entry of
     ``channels.start_next`` tells how much room the step needs.
 
     Args:
@@ -62,7 +62,7 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
                 start, channels.form, channels.spacing, channels.step, channels.closed, share.work,
                 buffers.point_moved, buffers.point_arc, offset,
             ],
-            outputs=[channels.samples, channels.spacing_next, buffers.fault],
+            outputs=[channels.samples, channels.spacing_next, buffers.status],
             device=device,
         )  # fmt: skip
 
@@ -75,7 +75,7 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
             dim=share.point_threads,
             inputs=[
                 start, channels.spacing_next, channels.step, channels.closed, share.work, channels.start_next,
-                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.fault,
+                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.status,
             ],
             outputs=[network.point_xy, network.point_section],
             device=device,
@@ -85,10 +85,13 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
         wp.launch(
             kernel.commit_step,
             dim=channels.capacity + 1,
-            inputs=[buffers.point_capacity, channels.start_next, channels.spacing_next, buffers.fault],
-            outputs=[start, channels.spacing, channels.substep],
+            inputs=[
+                buffers.point_capacity, channels.start_next, channels.spacing_next, channels.cuts_sum,
+                channels.cut_points_sum,
+            ],
+            outputs=[start, channels.spacing, channels.substep, buffers.status],
             device=device,
-        )
+        )  # fmt: skip
 
     name = "resample"
     return [

@@ -88,7 +88,7 @@ def find_shortcuts(
     """Return the stages that list all pairs of ``buffers.point_moved`` that a shortcut joins, and what each saves.
 
     All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
-    bound a point, only the room for all of them, which the host enlarges on ``buffers.fault``.
+    bound a point, only the room for all of them, which the host enlarges on a fault.
 
     Args:
         network: The network whose points moved.
@@ -121,7 +121,7 @@ def find_shortcuts(
             kernel.list_shortcuts,
             dim=share.point_threads,
             inputs=[*shape, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
-            outputs=[b.point_link, b.link_from, b.link_to, b.fault],
+            outputs=[b.point_link, b.link_from, b.link_to, b.status],
             device=device,
         )
         wp.launch(

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.kernels import smoothing as kernels
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
@@ -94,6 +94,7 @@ def taubin_smooth(
     if network.channel_closed.any():
         ring = wp.array(network.channel_closed.astype(np.int32), dtype=wp.int32, device=network.device)
     work = Work()
+    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=network.device)
     work.chunk = CPU_COPY_CHUNK if network.device.is_cpu else CUDA_CHUNK
     threads = math.ceil(network.point_count / work.chunk)
     there, back = network.point_xy, wp.empty_like(network.point_xy)

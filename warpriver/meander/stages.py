@@ -33,7 +33,8 @@ class Share:
     def slab(self, k: int) -> Share:
         """Return the k-th slab alone."""
         work = Work()
-        work.slab_channel, work.chunk, work.first = self.work.slab_channel, self.work.chunk, k
+        work.status, work.slab_channel = self.work.status, self.work.slab_channel
+        work.chunk, work.first = self.work.chunk, k
         return Share(work, 1, 1)
 
 
