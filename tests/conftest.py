@@ -34,3 +34,14 @@ def kernels_are_compiled_once(tmp_path_factory):
             fcntl.flock(lock, fcntl.LOCK_EX)
             for device in wp.get_devices():
                 kernel_module(stem, SCALARS[dtype]).load(device)
+
+
+@pytest.fixture
+def coarse_pictures(monkeypatch):
+    """Draw 60 dots an inch where nothing else is asked for: all that is drawn, in a tenth of the pixels."""
+    from warpriver import viz
+
+    for name in viz.__all__:
+        defaults = getattr(getattr(viz, name), "__kwdefaults__", None) or {}
+        if "dpi" in defaults:
+            monkeypatch.setitem(defaults, "dpi", 60.0)

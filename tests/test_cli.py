@@ -22,6 +22,8 @@ from warpriver import (
 )
 from warpriver.cli import main
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
+
 
 @pytest.fixture
 def river(tmp_path):
