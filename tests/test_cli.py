@@ -206,13 +206,10 @@ def test_a_wrong_flag_exits_with_2(capsys):
     assert caught.value.code == 2
 
 
-def test_help_is_quick_and_explains_units_and_defaults():
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-m", "warpriver", "simulate", "--help"], capture_output=True, text=True, check=True
-    )
-    # Generous: it takes 0.1 s where nothing else runs; waiting for Warp would take 0.6 s more.
-    assert time.perf_counter() - begin < 5.0
+def test_help_does_not_wait_for_warp_and_explains_units_and_defaults():
+    code = "import sys, warpriver.cli\ntry: warpriver.cli.main(['simulate', '--help'])\n"
+    code += "finally: assert 'warp' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     for word in ("m/yr", "default 60.0", "widths", "examples:", "--step-days", "106"):
         assert word in done.stdout
 

@@ -305,7 +305,7 @@ def test_random_trees_stay_forests(dtype, seeds):
         assert_forest(network)
         sim = Simulation(network, MeanderParams(spacing=20.0), dtype=dtype)
         before = outlet_area(network)
-        for k in range(500):
+        for k in range(300):
             sim.step()
             if k % 10 == 0 or (sim.history.collisions and sim.history.collisions[-1].time > sim.time - 0.3):
                 assert_forest(sim.network)
