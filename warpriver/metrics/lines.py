@@ -144,7 +144,7 @@ def checked_line(xy: ArrayLike, name: str = "xy") -> FloatArray:
 
 
 def checked_ring(xy: ArrayLike) -> FloatArray:
-    """The points of a ring, the first not repeated, as `_polyline` has those of a line."""
+    """The points of a ring, the first not repeated, as `checked_line` has those of a line."""
     points = checked_line(xy)
     if (points[0] == points[-1]).all():
         raise ValueError("xy repeats its first point at its end; leave it out of a closed line.")
