@@ -1,4 +1,4 @@
-"""Migration kernels against the O(n^2) twins in reference.py, closed forms, symmetries and convergence orders."""
+"""Rates, by ``compute_rate``, against O(n^2) twins in reference.py, closed forms, symmetries and convergence orders."""
 
 import dataclasses
 from decimal import Decimal, localcontext

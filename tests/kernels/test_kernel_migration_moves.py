@@ -1,4 +1,4 @@
-"""Moves of points by their rates, on plain and on sloping ground, against the twins in reference.py."""
+"""``move_points`` and ``measure_mobility``, on plain and on sloping ground, against the twins in reference.py."""
 
 import numpy as np
 import pytest

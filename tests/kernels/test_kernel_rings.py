@@ -1,4 +1,4 @@
-"""Rings in the kernels of a step, among lines, against dense periodic twins and closed forms."""
+"""Rings in the kernels of a step and ``measure_rings``, among lines, against dense periodic twins and closed forms."""
 
 import migration_case as moving
 import numpy as np
