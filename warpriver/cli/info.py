@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.cli.shared import OK, add_line_options, command, is_run, quiet_warp, read_lines
+from warpriver.cli.shared import OK, add_line_options, command, quiet_warp, read_lines, stored_run
 
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
@@ -71,8 +71,9 @@ def _info_file(options: argparse.Namespace) -> int:
     from warpriver.history import History
 
     source = Path(options.file)
-    if is_run(source):
-        history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+    run = stored_run(source)
+    if run is not None:
+        history = History.load(run)
         print(history)
         network = history.networks[-1]
     else:

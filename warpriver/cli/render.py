@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.shared import OK, add_ground, add_line_options, command, is_run, quiet_warp, read_ground, read_lines
+from warpriver.cli.shared import (
+    OK,
+    add_ground,
+    add_line_options,
+    command,
+    quiet_warp,
+    read_ground,
+    read_lines,
+    stored_run,
+)
 
 if TYPE_CHECKING:
     pass
@@ -60,7 +69,8 @@ def _render(options: argparse.Namespace) -> int:
     window, terrain = options.window, None
     if options.terrain is not None:
         terrain = read_ground(options.terrain, options.terrain_crs, options)
-    if not is_run(source):
+    run = stored_run(source)
+    if run is None:
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
         network = read_lines(source, options)
@@ -70,7 +80,7 @@ def _render(options: argparse.Namespace) -> int:
             viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
-    history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+    history = History.load(run)
     until = None
     if options.until is not None:
         until = int((history.times <= options.until).sum()) - 1
