@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from warpriver.cli.shared import (
     OK,
     add_ground,
-    add_line_options,
+    add_lines,
     command,
     quiet_warp,
     read_ground,
@@ -50,11 +50,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
     parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
     parser.add_argument("--title", help="title of a map or movie")
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
-    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+    add_lines(parser)
 
 
 def _render(options: argparse.Namespace) -> int:

@@ -23,6 +23,7 @@ __all__ = [
     "add_ground",
     "add_heights",
     "add_line_options",
+    "add_lines",
     "can_draw",
     "command",
     "fresh_folder",
@@ -107,6 +108,15 @@ def add_line_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="lines that end at their first point are rings: the water goes round (default: those that the file marks)",
     )
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that only looks at rivers: all that :func:`read_lines` asks for."""
+    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    add_line_options(parser)
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
 
 
 def stored_run(source: Path) -> Path | None:
