@@ -25,8 +25,8 @@ demo: $(STAMP)  ## a terrain, its rivers, centuries of them: pictures and files 
 	@rm -rf out/demo
 	$(RUN)/warpriver demo -o out/demo
 
-test: $(STAMP)  ## all tests
-	$(RUN)/python -m pytest
+test: $(STAMP)  ## all tests, in a process for each core
+	$(RUN)/python -m pytest -n auto --dist worksteal
 
 lint: $(STAMP)  ## ruff and mypy
 	$(RUN)/ruff check .

@@ -7,24 +7,21 @@ import contextlib
 import json
 import math
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 # One core: set before NumPy is loaded.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from machine import baseline, machine
+from machine import baseline, forget_peak, in_child, machine, memory_status, write_result
 
 from warpriver import hydrology
 from warpriver.terrain import Terrain
 
 CELL = 10.0
-RESULTS = Path(__file__).parent / "results"
 # Spectral exponents of the height: the higher, the smoother, and the fewer pits.
 TERRAINS = {"rough": 3.0, "smooth": 4.0}
 PEERS = ("richdem", "fastscapelib")
@@ -117,12 +114,6 @@ def fastscapelib(height: np.ndarray, rounds: int) -> dict[str, float] | None:
     }
 
 
-def status(field: str) -> int:
-    """Bytes in a field of the process status of Linux."""
-    rows = Path("/proc/self/status").read_text().splitlines()
-    return next(1024 * int(row.split()[1]) for row in rows if row.startswith(field + ":"))
-
-
 def measure_memory(size: int) -> None:
     """Print the peak of bytes a cell of each call, the terrain included; for a process of its own."""
     hydrology.drainage_area(hydrology.carve_depressions(Terrain(np.eye(8), CELL)), method="mfd")
@@ -136,20 +127,16 @@ def measure_memory(size: int) -> None:
     }
     peaks = {}
     for name, call in calls.items():
-        Path("/proc/self/clear_refs").write_text("5")  # sets the peak back
-        before = status("VmRSS")
+        forget_peak()
+        before = memory_status("VmRSS")
         call()
-        peaks[name] = 8.0 + (status("VmHWM") - before) / size**2
+        peaks[name] = 8.0 + (memory_status("VmHWM") - before) / size**2
     print(json.dumps(peaks))
 
 
 def memory(size: int) -> dict[str, float] | None:
     """Peak bytes a cell of each call; None where the system does not tell."""
-    command = [sys.executable, __file__, "--measure-memory", str(size)]
-    # Arrays go back to the system when they are freed, else the next call seems to need nothing.
-    environment = os.environ | {"MALLOC_MMAP_THRESHOLD_": "65536"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    return json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else None
+    return in_child(__file__, "--measure-memory", size) if forget_peak() else None
 
 
 def main() -> None:
@@ -190,10 +177,7 @@ def main() -> None:
         "exponent": slope,
         "peak_bytes_per_cell": used,
     }
-    target = Path(options.out) if options.out else RESULTS / "hydrology.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"written to {target}")
+    write_result(result, options.out, "hydrology")
 
 
 def print_row(row: dict) -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import sys
 import time
-from pathlib import Path
 
 # First: it sets the libraries to one core before NumPy is loaded.
 import step
@@ -15,7 +13,7 @@ import step
 # isort: split
 import numpy as np
 import warp as wp
-from machine import machine
+from machine import machine, write_result
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -175,10 +173,7 @@ def main() -> None:
         "sizes": rows,
         "exponent": slope,
     }
-    target = Path(options.out) if options.out else step.RESULTS / f"paths-{options.device.split(':')[0]}.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"written to {target}")
+    write_result(result, options.out, f"paths-{options.device.split(':')[0]}")
 
 
 if __name__ == "__main__":

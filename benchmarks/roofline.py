@@ -130,7 +130,7 @@ STEP = (
     )),
     Launch("resample", "resampling", "commit_step", (
         *_read("channel_start_next", "channel_spacing_next", per="channel"),
-        *_read("channel_cuts_sum", "channel_cut_points_sum", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
+        *_read("channel_cuts_sum", "channel_cut_points_sum", per="channel"), Moved("status_io", 1.0, 1.0, per="event"),
         *_written("channel_start_out", "channel_spacing_out", per="channel"), Moved("substep_io", per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (

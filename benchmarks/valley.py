@@ -10,11 +10,8 @@ import argparse
 import json
 import math
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 # One core: set before NumPy is loaded.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -22,11 +19,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 import warp as wp
-from machine import machine
+from machine import forget_peak, in_child, machine, memory_status, write_result
 
 import warpriver as wr
 
-RESULTS = Path(__file__).parent / "results"
 NAMES = ("S1", "S2", "S3", "S4", "S5", "S6")
 # Spacing of the paper's points across the channel, m.
 SPACING = 0.1
@@ -116,27 +112,17 @@ def measure_memory(size: int) -> None:
     """Print the peak of bytes a cell of a raster of S6; for a process of its own."""
     valley = wr.synthetic_valley("S6")
     valley.raster(40.0)
-    Path("/proc/self/clear_refs").write_text("5")  # sets the peak back
-    before = status("VmRSS")
+    forget_peak()
+    before = memory_status("VmRSS")
     valley.raster((SQUARE[2] - SQUARE[0]) / size, SQUARE)
-    print(json.dumps((status("VmHWM") - before) / size**2))
-
-
-def status(field: str) -> int:
-    """Bytes in a field of the process status of Linux."""
-    rows = Path("/proc/self/status").read_text().splitlines()
-    return next(1024 * int(row.split()[1]) for row in rows if row.startswith(field + ":"))
+    print(json.dumps((memory_status("VmHWM") - before) / size**2))
 
 
 def memory(sizes: list[int]) -> dict[int, float] | None:
     """Peak bytes a cell by size; None where the system does not tell."""
-    found = {}
-    for size in sizes:
-        command = [sys.executable, __file__, "--measure-memory", str(size)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return None
-        found[size] = json.loads(done.stdout.splitlines()[-1])
+    if not forget_peak():
+        return None
+    found = {size: in_child(__file__, "--measure-memory", size) for size in sizes}
     print("peak bytes a cell: " + ", ".join(f"{size}: {used:.1f}" for size, used in found.items()))
     return found
 
@@ -161,10 +147,7 @@ def main() -> None:
         "triangulation": measure_peer(),
         "peak_bytes_per_cell": memory(sizes[1:]),
     }
-    target = Path(options.out) if options.out else RESULTS / f"valley-{options.device.replace(':', '')}.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"written to {target}")
+    write_result(result, options.out, f"valley-{options.device.split(':')[0]}")
 
 
 if __name__ == "__main__":

@@ -60,6 +60,13 @@ def build(scalar):
         return (row + 1) * stride + column + 1
 
     @wp.func(module=name)
+    def own_cell(cell: int, rows: int, stride: int, cell_state: wp.array[wp.uint8]) -> int:
+        """The cell, or of a ghost the cell of which it is the copy."""
+        if cell_state[cell] == IS_GHOST:
+            return original(cell, rows, stride)
+        return cell
+
+    @wp.func(module=name)
     def distance(k: int) -> scalar:
         """Cells from a centre to that of neighbour k."""
         if (k & 1) == 1:
@@ -94,9 +101,7 @@ def build(scalar):
             if height < cell_height[lowest] or (height == cell_height[lowest] and cell < lowest):
                 lowest = cell
             for k in range(8):
-                n = neighbor(cell, stride, k)
-                if cell_reached_io[n] == IS_GHOST:
-                    n = original(n, rows, stride)
+                n = own_cell(neighbor(cell, stride, k), rows, stride, cell_reached_io)
                 if cell_reached_io[n] != IS_DONE:
                     cell_reached_io[n] = IS_DONE
                     stack_io[size] = n
@@ -138,6 +143,7 @@ def build(scalar):
         column_step=column_step,
         neighbor=neighbor,
         original=original,
+        own_cell=own_cell,
         distance=distance,
         nearness=nearness,
         drain_landlocked=drain_landlocked,

@@ -19,7 +19,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.depressions_{scalar.__name__}"
     raster = cells.build(scalar)
-    neighbor, original, distance = raster.neighbor, raster.original, raster.distance
+    neighbor, original, own_cell, distance = raster.neighbor, raster.original, raster.own_cell, raster.distance
     ZERO, ONE = scalar(0.0), scalar(1.0)
     # Half a step between numbers near 1. The sum h + ABOVE |h| rounds to the number after h, as ABOVE is a bit more.
     HALF_STEP = 2.0**-53 if scalar is wp.float64 else 2.0**-24
@@ -380,9 +380,7 @@ def build(scalar):
             if cell_state[cell] == IS_OUTLET:
                 found = wp.uint8(DRAINED)
             for k in range(8):
-                n = neighbor(cell, stride, k)
-                if cell_state[n] == IS_GHOST:
-                    n = original(n, rows, stride)
+                n = own_cell(neighbor(cell, stride, k), rows, stride, cell_state)
                 if cell_state[n] != IS_DONE:
                     if cell_height[n] < height:
                         found = wp.uint8(DRAINED)
@@ -432,9 +430,7 @@ def build(scalar):
             if cell_state[cell] == IS_OUTLET:
                 return cell
             for k in range(8):
-                n = neighbor(cell, stride, k)
-                if cell_state[n] == IS_GHOST:
-                    n = original(n, rows, stride)
+                n = own_cell(neighbor(cell, stride, k), rows, stride, cell_state)
                 if cell_state[n] != IS_DONE and cell_mark_io[n] != mark:
                     length = cell_length_io[cell] + distance(k)
                     depth = cell_height[n] - bottom

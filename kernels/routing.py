@@ -19,12 +19,12 @@ def build(scalar):
     """
     name = f"warpriver.kernels.routing_{scalar.__name__}"
     raster = cells.build(scalar)
-    neighbor, original = raster.neighbor, raster.original
+    neighbor, own_cell = raster.neighbor, raster.own_cell
     row_step, column_step, nearness, distance = raster.row_step, raster.column_step, raster.nearness, raster.distance
     vec8 = wp.types.vector(8, scalar)
     vec8i = wp.types.vector(8, wp.int32)
     ZERO, ONE = scalar(0.0), scalar(1.0)
-    IS_OPEN, IS_DONE, IS_GHOST = (wp.uint8(v) for v in (cells.OPEN, cells.DONE, cells.GHOST))
+    IS_OPEN, IS_DONE = wp.uint8(cells.OPEN), wp.uint8(cells.DONE)
     # Count of contributors of a cell that has been dealt with.
     NO_COUNT = wp.uint8(255)
 
@@ -298,9 +298,7 @@ def build(scalar):
                 if cell_state[cell] != IS_OPEN:
                     gathered = ZERO
                 for i in range(count):
-                    n = lower[i]
-                    if cell_state[n] == IS_GHOST:
-                        n = original(n, rows, stride)
+                    n = own_cell(lower[i], rows, stride, cell_state)
                     cell_sum_io[n] = cell_sum_io[n] + share[i] * gathered
                     donors = cell_donors_io[n] - wp.uint8(1)
                     cell_donors_io[n] = donors

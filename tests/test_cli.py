@@ -22,6 +22,8 @@ from warpriver import (
 )
 from warpriver.cli import main
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
+
 
 @pytest.fixture
 def river(tmp_path):
@@ -204,20 +206,19 @@ def test_a_wrong_flag_exits_with_2(capsys):
     assert caught.value.code == 2
 
 
-def test_help_is_quick_and_explains_units_and_defaults():
-    begin = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-m", "warpriver", "simulate", "--help"], capture_output=True, text=True, check=True
-    )
-    # Generous: it takes 0.1 s where nothing else runs; waiting for Warp would take 0.6 s more.
-    assert time.perf_counter() - begin < 5.0
+def test_help_does_not_wait_for_warp_and_explains_units_and_defaults():
+    code = "import sys, warpriver.cli\ntry: warpriver.cli.main(['simulate', '--help'])\n"
+    code += "finally: assert 'warp' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     for word in ("m/yr", "default 60.0", "widths", "examples:", "--step-days", "106"):
         assert word in done.stdout
 
 
 def test_an_interrupted_command_leaves_a_readable_run(river, tmp_path):
+    # Few records, since the map draws each of them.
+    command = [sys.executable, "-m", "warpriver", "simulate", str(river), "--years", "1e6", "--record-every", "200"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "warpriver", "simulate", str(river), "--years", "1e6", "-o", str(tmp_path / "out")],
+        [*command, "-o", str(tmp_path / "out")],
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

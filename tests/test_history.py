@@ -40,7 +40,7 @@ def test_records_are_in_order_of_time(history):
     assert len(history) == len(history.networks) == 21
     assert history.networks[-1].crs == "EPSG:32620"
     assert [n.point_count for n in history.networks[2:5]] == [history.network(k).point_count for k in (2, 3, 4)]
-    assert [len(history.cutoffs_until(k)) for k in (0, -1)] == [0, len(history.cutoffs)]
+    assert [history.record(k).cutoffs_before for k in (0, -1)] == [0, len(history.cutoffs)]
 
 
 def test_a_file_gives_everything_back(history, tmp_path):

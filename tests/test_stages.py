@@ -181,9 +181,17 @@ def test_slabs_and_threads_change_no_bit(references, monkeypatch, name, threads)
     assert_same(sim, references(name))
 
 
-@pytest.mark.parametrize("points", [70, 110, 1000])
-@pytest.mark.parametrize("options", [{"capture": False}, {"check": True}, {"threads": 2}], ids=str)
-@pytest.mark.parametrize("name", ["on hills", "tree", "paths in parts", "rings in two"])
+WAYS = ({"capture": False}, {"check": True}, {"threads": 2})
+SLABS = (70, 110, 1000)
+# Each model in each way, with slabs of every size, and each way with each size.
+DEALT = [
+    (name, way, SLABS[(m + k) % len(SLABS)])
+    for m, name in enumerate(["on hills", "tree", "paths in parts", "rings in two"])
+    for k, way in enumerate(WAYS)
+]
+
+
+@pytest.mark.parametrize(("name", "options", "points"), DEALT, ids=str)
 def test_any_slabs_plain_checked_or_replayed_are_equal_to_the_bit(references, monkeypatch, name, options, points):
     monkeypatch.setattr(buffers, "SLAB_POINTS", points)
     model, steps = MODELS[name]

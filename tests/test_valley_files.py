@@ -183,8 +183,9 @@ def test_a_series_of_a_file_is_checked(tmp_path):
         wr.read_valley(tmp_path / "v.toml")
 
 
-def test_the_schema_lists_every_key():
+def test_the_schema_lists_every_key(capsys):
     text = valley_schema()
+    assert run(capsys, "valley", "--schema")[:2] == (0, text + "\n")
     for kind in (wr.ValleyParams, g.CrossSection, g.CovarianceTarget, g.Thread, g.ObjectField, *TERMS.values()):
         for f in dataclasses.fields(kind):
             if f.metadata:
@@ -313,10 +314,6 @@ def test_the_command_runs_on_its_own(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert wr.read_terrain(tmp_path / "s2.npz").shape == wr.synthetic_valley("S2").terrain.shape
-    done = subprocess.run(
-        [sys.executable, "-m", "warpriver", "valley", "--schema"], capture_output=True, text=True, timeout=100
-    )
-    assert done.returncode == 0 and "amplitude" in done.stdout
 
 
 @pytest.mark.parametrize("name", ["S2", "S5"])

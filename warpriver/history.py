@@ -274,10 +274,6 @@ class History:
             dtype=self.dtype,
         )
 
-    def cutoffs_until(self, index: int) -> list[Cutoff]:
-        """Return the cutoffs up to the time of one record."""
-        return self.cutoffs[: self.record(index).cutoffs_before]
-
     def __repr__(self) -> str:
         if not self._times:
             return "History(empty)"

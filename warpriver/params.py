@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 __all__ = [
     "DAYS_PER_YEAR",
@@ -17,6 +17,8 @@ __all__ = [
 ]
 
 DAYS_PER_YEAR = 365.25
+
+P = TypeVar("P", bound="Params")
 
 
 def parameter(
@@ -86,7 +88,19 @@ def check_ranges(params: Any) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class MeanderParams:
+class Params:
+    """What all constants of a process can do: their ranges are checked when they are made."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def replace(self: P, **changes: Any) -> P:
+        """Return a copy with some fields changed (and checked again)."""
+        return dataclasses.replace(self, **changes)
+
+
+@dataclasses.dataclass(frozen=True)
+class MeanderParams(Params):
     """Constants of meander migration and neck cutoffs [Paris2023], Table 1.
 
     The defaults are the paper's values in metres and years; ``MeanderParams.paper()`` gives its Table 1 to the digit.
@@ -191,7 +205,6 @@ class MeanderParams:
         source="Paris2023",
         doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
     )
-
     taubin_passes: int = parameter(
         0,
         "-",
@@ -222,7 +235,6 @@ class MeanderParams:
         source="warpriver",
         doc="two points that lie together within this arc of a node that their channels share never collide",
     )
-
     junction_drift: float = parameter(
         0.0,
         "-",
@@ -234,7 +246,7 @@ class MeanderParams:
     )
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         if self.taubin_passes != int(self.taubin_passes):
             raise ValueError(f"MeanderParams.taubin_passes is {self.taubin_passes:g}; give a whole number")
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
@@ -248,13 +260,9 @@ class MeanderParams:
         """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5."""
         return cls(migration_rate=0.164 * DAYS_PER_YEAR)
 
-    def replace(self, **changes: Any) -> MeanderParams:
-        """Return a copy with some fields changed (and checked again)."""
-        return dataclasses.replace(self, **changes)
-
 
 @dataclasses.dataclass(frozen=True)
-class LehenyParams:
+class LehenyParams(Params):
     """Constants of Leheny's erosion by rain [Leheny1995], in the values that are in use for it on unit cells.
 
     The model knows no metres: it has one unit of height, in which the constants are given, and cells. On a terrain the
@@ -293,9 +301,6 @@ class LehenyParams:
         doc="neighbours of a cell, for water and for slides; with 4 nothing slides until ways are deep",
     )
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
     def scaled(self, unit: float) -> LehenyParams:
         """Return the constants for a model whose unit of height is ``unit`` m: E / unit, D unit, M unit."""
         if not (math.isfinite(unit) and unit > 0.0):
@@ -304,13 +309,15 @@ class LehenyParams:
             flow_bias=self.flow_bias / unit, depth=self.depth * unit, slide_threshold=self.slide_threshold * unit
         )
 
-    def replace(self, **changes: Any) -> LehenyParams:
-        """Return a copy with some fields changed (and checked again)."""
-        return dataclasses.replace(self, **changes)
+
+def shared(name: str, **told: str) -> Any:
+    """Declare a constant that :class:`MeanderParams` has too: as it stands there, but for a doc or source ``told``."""
+    field = MeanderParams.__dataclass_fields__[name]
+    return dataclasses.field(default=field.default, metadata={**field.metadata, **told})
 
 
 @dataclasses.dataclass(frozen=True)
-class PathMeander:
+class PathMeander(Params):
     """Constants of meandering by shortest paths [PathStudy2026]: give them to ``Simulation`` in place of migration.
 
     Each point is pushed by its signed curvature C, outward by k w C and downstream by a share of it; the push is
@@ -324,28 +331,10 @@ class PathMeander:
     2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
     """
 
-    time_step: float = parameter(
-        106.0 / DAYS_PER_YEAR,
-        "yr",
-        low=0.0,
-        low_open=True,
-        source="Paris2023",
-        doc="time between two recorded states; done in equal sub-steps where stability asks for it",
-    )
-    spacing: float = parameter(
-        50.0,
-        "m",
-        low=0.0,
-        low_open=True,
-        source="Paris2023",
-        doc="distance between the points of a channel; at most the channel width",
-    )
-    spacing_in_widths: float = parameter(
-        0.0,
-        "widths",
-        low=0.0,
-        high=1.0,
-        source="warpriver",
+    time_step: float = shared("time_step")
+    spacing: float = shared("spacing")
+    spacing_in_widths: float = shared(
+        "spacing_in_widths",
         doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer",
     )
     displacement_rate: float = parameter(
@@ -396,62 +385,32 @@ class PathMeander:
         source="PathStudy2026",
         doc="greatest angle between the lines of two strands that a shortcut joins; 90: any",
     )
-    cutoff_min_arc: float = parameter(
-        5.0,
-        "widths",
-        low=1.0,
-        source="warpriver",
-        doc="points closer than this along the channel are neighbours, never joined",
+    cutoff_min_arc: float = shared(
+        "cutoff_min_arc", doc="points closer than this along the channel are neighbours, never joined"
     )
-    end_damping: float = parameter(
-        5.0,
-        "widths",
-        low=0.0,
+    end_damping: float = shared(
+        "end_damping",
         source="PathStudy2026",
         doc="reach at both ends of a channel over which the push fades to nothing; 0: only the end points are held",
     )
-    slope_threshold: float = parameter(
-        0.15,
-        "m/m",
-        low=0.0,
-        low_open=True,
-        source="Paris2023",
+    slope_threshold: float = shared(
+        "slope_threshold",
         doc="on a terrain, the push and the smoothing fade with the slope and stop where it is this steep",
     )
-    collision_distance: float = parameter(
-        1.0,
-        "mean widths",
-        low=0.0,
-        source="Paris2023",
-        doc="two channels closer than this join where they touch; 0: never",
-    )
-    junction_reach: float = parameter(
-        10.0,
-        "widths",
-        low=0.0,
-        source="warpriver",
-        doc="two points that lie together within this arc of a node that their channels share never collide",
-    )
-    junction_drift: float = parameter(
-        0.0,
-        "-",
-        low=0.0,
-        high=1.0,
-        source="warpriver",
+    collision_distance: float = shared("collision_distance")
+    junction_reach: float = shared("junction_reach")
+    junction_drift: float = shared(
+        "junction_drift",
         doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
     )
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         if self.cutoff_min_arc <= self.search_radius:
             raise ValueError(
                 f"PathMeander.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above search_radius "
                 f"({self.search_radius:g} widths): a straight line would be cut"
             )
-
-    def replace(self, **changes: Any) -> PathMeander:
-        """Return a copy with some fields changed (and checked again)."""
-        return dataclasses.replace(self, **changes)
 
 
 # The parameters of each solver that a simulation knows, by the name that files and the command line use.

@@ -557,12 +557,12 @@ class Simulation:
             asked = self._in_a_row if self._calm >= self._in_a_row <= count - done else 1
             self._launch(asked)
             status = self.buffers.read_status()
-            finished, before = status[DONE], done
-            done += finished
+            finished = status[DONE]
             self._calm = self._calm + finished if finished == asked else 0
             if finished > 0:
                 self.network.point_count = int(self.channels.start.numpy()[-1])
-                self._collect_cutoffs(status[CUTS], lambda k, before=before: time_after(before + k + 1))
+                self._collect_cutoffs(status[CUTS], [time_after(done + k + 1) for k in range(finished)])
+            done += finished
             if status[FAULT] != FAULT_NONE:
                 self.step_count = begin + done // self.substeps
                 self._make_room(status[FAULT])
@@ -612,12 +612,12 @@ class Simulation:
             needed = int(channels.start_next.numpy()[-1])
             self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
 
-    def _collect_cutoffs(self, count: int, time_after: Callable[[int], float]) -> None:
+    def _collect_cutoffs(self, count: int, times: list[float]) -> None:
         """Move the cutoffs of the sub-steps just done into the history; of a ring, both parts may go on.
 
         Args:
             count: How many there are.
-            time_after: Time after the sub-step of which so many were done before, yr.
+            times: Time after each of those sub-steps, yr.
         """
         if count == 0:
             return
@@ -630,8 +630,7 @@ class Simulation:
         for channel, begin, length, substep in cut[~split].tolist():
             width = network.channel_width[channel] if section is None else section[begin, 0]
             loop = self._solver.oxbow(xy[begin : begin + length])
-            now = time_after(substep)
-            self.history.cutoffs.append(Cutoff(now, int(network.channel_id[channel]), float(width), loop))
+            self.history.cutoffs.append(Cutoff(times[substep], int(network.channel_id[channel]), float(width), loop))
         if split.any():
             self._adopt(split_rings(network, cut[split, :3], xy))
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))

@@ -1,10 +1,10 @@
-"""Rings in the kernels of a step, among lines, against dense periodic twins and closed forms."""
+"""Rings in the kernels of a step and ``measure_rings``, among lines, against dense periodic twins and closed forms."""
 
+import migration_case as moving
 import numpy as np
 import pytest
 import reference_rings as twin
 import test_kernel_cutoffs as cutting
-import test_kernel_migration as moving
 import test_kernel_resampling as sampling
 import warp as wp
 from kernel_arrays import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.cli.shared import OK, add_line_options, command, is_run, quiet_warp, read_lines
+from warpriver.cli.shared import OK, add_lines, command, quiet_warp, read_lines, stored_run
 
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
@@ -34,11 +34,7 @@ def add(commands: Any) -> None:
         "With FILE: what the run or the lines hold.",
     )
     parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
-    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+    add_lines(parser)
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -71,8 +67,9 @@ def _info_file(options: argparse.Namespace) -> int:
     from warpriver.history import History
 
     source = Path(options.file)
-    if is_run(source):
-        history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+    run = stored_run(source)
+    if run is not None:
+        history = History.load(run)
         print(history)
         network = history.networks[-1]
     else:

@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.shared import OK, add_ground, add_line_options, command, is_run, quiet_warp, read_ground, read_lines
+from warpriver.cli.shared import (
+    OK,
+    add_ground,
+    add_lines,
+    command,
+    quiet_warp,
+    read_ground,
+    read_lines,
+    stored_run,
+)
 
 if TYPE_CHECKING:
     pass
@@ -41,11 +50,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--every", type=int, default=1, help="records a frame of a movie (default 1)")
     parser.add_argument("--fps", type=float, default=12.0, help="frames a second of a movie (default 12)")
     parser.add_argument("--title", help="title of a map or movie")
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
-    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+    add_lines(parser)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -60,7 +65,8 @@ def _render(options: argparse.Namespace) -> int:
     window, terrain = options.window, None
     if options.terrain is not None:
         terrain = read_ground(options.terrain, options.terrain_crs, options)
-    if not is_run(source):
+    run = stored_run(source)
+    if run is None:
         if is_movie:
             raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
         network = read_lines(source, options)
@@ -70,7 +76,7 @@ def _render(options: argparse.Namespace) -> int:
             viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
-    history = History.load(source if source.is_file() or (source / "run.json").is_file() else source / "run")
+    history = History.load(run)
     until = None
     if options.until is not None:
         until = int((history.times <= options.until).sum()) - 1

@@ -23,13 +23,14 @@ __all__ = [
     "add_ground",
     "add_heights",
     "add_line_options",
+    "add_lines",
     "can_draw",
     "command",
     "fresh_folder",
-    "is_run",
     "quiet_warp",
     "read_ground",
     "read_lines",
+    "stored_run",
 ]
 
 OK, STOPPED_EARLY, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -52,8 +53,8 @@ def can_draw() -> bool:
     return False
 
 
-def read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
-    """Read rivers as the flags say."""
+def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> RiverNetwork:
+    """Read rivers as the flags say, and as ``further`` arguments of ``read_network`` do."""
     from warpriver.io.lines import read_network
 
     return read_network(
@@ -64,6 +65,7 @@ def read_lines(source: Path, options: argparse.Namespace) -> RiverNetwork:
         closed=options.closed or None,
         crs=options.crs,
         to_crs=options.to_crs,
+        **further,
     )
 
 
@@ -108,9 +110,20 @@ def add_line_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def is_run(source: Path) -> bool:
-    """Tell whether a path is a stored run, or the folder of results that holds one."""
-    return source.suffix == ".npz" or any((p / "run.json").is_file() for p in (source, source / "run"))
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that only looks at rivers: all that :func:`read_lines` asks for."""
+    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    add_line_options(parser)
+    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
+    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+
+
+def stored_run(source: Path) -> Path | None:
+    """The stored run at a path: the file or folder itself, or the one in a folder of results; None without one."""
+    if source.suffix == ".npz":
+        return source
+    return next((p for p in (source, source / "run") if (p / "run.json").is_file()), None)
 
 
 def fresh_folder(path: str) -> Path:

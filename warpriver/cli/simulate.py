@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
-from warpriver.cli.shared import add_ground, add_line_options, command, fresh_folder, is_run, quiet_warp, read_ground
+from warpriver.cli.shared import (
+    add_ground,
+    add_line_options,
+    command,
+    fresh_folder,
+    quiet_warp,
+    read_ground,
+    read_lines,
+    stored_run,
+)
 
 if TYPE_CHECKING:
     pass
@@ -49,7 +58,6 @@ def add(commands: Any) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from warpriver.io.lines import read_network
     from warpriver.simulation import Simulation
 
     quiet_warp()
@@ -57,25 +65,14 @@ def _simulate(options: argparse.Namespace) -> int:
     terrain = None
     if options.terrain is not None:
         terrain = read_ground(options.terrain, options.terrain_crs, options)
-    if is_run(source):
-        run = source if (source / "run.json").is_file() or source.is_file() else source / "run"
+    run = stored_run(source)
+    if run is not None:
         simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = fresh_folder(options.out or f"out/{run.stem}")
     else:
-        network = read_network(
-            source,
-            width=options.width,
-            depth=options.depth,
-            layer=options.layer,
-            short=options.short,
-            closed=options.closed or None,
-            crs=options.crs,
-            to_crs=options.to_crs,
-            dtype=options.dtype,
-            device=options.device,
-        )
+        network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
         simulation = make_simulation(network, options, terrain)
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = run_simulation(simulation, options, folder)

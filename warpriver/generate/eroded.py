@@ -119,9 +119,7 @@ def erosion_plane(
         slope: m/m, above 0.
         device: Warp device name.
     """
-    rows, columns = _grid_size(shape)
-    if not (math.isfinite(slope) and slope > 0.0):
-        raise ValueError(f"slope is {slope}; give a positive number: on level ground water goes nowhere")
+    rows, columns = _checked_start(shape, slope)
     height = np.repeat((slope * cell_size * np.arange(rows)[::-1])[:, None], columns, axis=1)
     terrain = Terrain(height, cell_size, (0.0, rows * cell_size), device=device)
     return ErodedTerrain._with_account(terrain, terrain.height, PLANE_EDGES, "outlet", LehenyParams())
@@ -140,19 +138,19 @@ def erosion_peak(
         slope: m/m, above 0.
         device: Warp device name.
     """
-    rows, columns = _grid_size(shape)
-    if not (math.isfinite(slope) and slope > 0.0):
-        raise ValueError(f"slope is {slope}; give a positive number: on level ground water goes nowhere")
+    rows, columns = _checked_start(shape, slope)
     y, x = np.arange(rows)[:, None] - 0.5 * (rows - 1), np.arange(columns)[None, :] - 0.5 * (columns - 1)
     far = np.hypot(x, y)
     terrain = Terrain(slope * cell_size * (far.max() - far), cell_size, (0.0, rows * cell_size), device=device)
     return ErodedTerrain._with_account(terrain, terrain.height, side_rules("open"), "outlet", LehenyParams())
 
 
-def _grid_size(shape: Sequence[int]) -> tuple[int, int]:
-    """Rows and columns; raises ``ValueError`` unless there are two of each."""
+def _checked_start(shape: Sequence[int], slope: float) -> tuple[int, int]:
+    """Rows and columns; raises ``ValueError`` unless there are two of each and the ground slopes."""
     rows, columns = (int(n) for n in shape)
     if min(rows, columns) < 2:
         raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each")
+    if not (math.isfinite(slope) and slope > 0.0):
+        raise ValueError(f"slope is {slope}; give a positive number: on level ground water goes nowhere")
     require_memory((rows, columns), START_BYTES)
     return rows, columns

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["beside", "decoded", "need"]
+__all__ = ["beside", "check_readable", "decoded", "is_number", "need"]
 
 
 def need(purpose: str, *names: str) -> list[Any]:
@@ -25,6 +25,25 @@ def need(purpose: str, *names: str) -> list[Any]:
         except ImportError as error:
             raise ImportError(f'{purpose} needs {name.split(".")[0]}: pip install "warpriver[gis]"') from error
     return modules
+
+
+def check_readable(path: Path) -> None:
+    """Raise ``FileNotFoundError`` or ``ValueError`` unless there is a file that holds something."""
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a directory; give a file")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty")
+
+
+def is_number(word: str) -> bool:
+    """Tell whether a word of a text file is a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def decoded(path: Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from warpriver.io.crs import crs_text
-from warpriver.io.files import decoded, need
+from warpriver.io.files import decoded, is_number, need
 from warpriver.io.raster_source import Raster, north_up
 from warpriver.terrain import Terrain, require_memory
 
@@ -67,20 +67,12 @@ def _numbers(path: Path, body: str, count: int) -> np.ndarray:
         try:
             height = np.fromstring(body, np.float64, sep=" ")
         except (DeprecationWarning, ValueError):
-            bad = next((word for word in body.split() if not _is_number(word)), "?")
+            bad = next((word for word in body.split() if not is_number(word)), "?")
             raise ValueError(f"{path}: {bad[:40]!r} among the heights is no number (decimals need a point)") from None
     if len(height) != count:
         cause = "is the file cut short?" if len(height) < count else "is the header right?"
         raise ValueError(f"{path}: {len(height)} heights where the header promises {count}; {cause}")
     return height
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _placed(path: Path, header: dict[str, float], rows: int) -> tuple[float, ...]:

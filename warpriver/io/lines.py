@@ -30,7 +30,7 @@ from warpriver.io.features import (
     write_ogr,
     write_parquet,
 )
-from warpriver.io.files import beside
+from warpriver.io.files import beside, check_readable
 from warpriver.io.source import Line, Source
 from warpriver.io.text import TEXT, read_text, write_text
 from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
@@ -306,12 +306,7 @@ def _suffix(path: Path) -> str:
 def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> Source:
     """Read one file; ``wanted`` are the roles to look for beyond the coordinates."""
     suffix = _suffix(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise ValueError(f"{path}: is a directory; give a file")
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path}: the file is empty")
+    check_readable(path)
     if layer is not None and suffix not in OGR:
         raise ValueError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
     if suffix in TEXT:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.io.crs import crs_text, one_crs, reproject, settled_crs, within_degrees
-from warpriver.io.files import beside
+from warpriver.io.files import beside, check_readable
 from warpriver.io.geotiff import TIFF, read_geotiff, write_geotiff
 from warpriver.io.grids import ASCII, NUMPY, PROJECTION, read_ascii, read_numpy, write_ascii, write_numpy
 from warpriver.io.heightmaps import PNG, RAW, read_heightmap, write_heightmap
@@ -110,12 +110,7 @@ def read_terrain(
     """
     path = Path(path)
     suffix = _suffix(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise ValueError(f"{path}: is a directory; give a file")
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path}: the file is empty")
+    check_readable(path)
     if range is not None and suffix not in (PNG, *RAW):
         raise ValueError(f"{path}: {suffix} holds heights themselves; leave range= out")
     if suffix in TIFF:

@@ -17,7 +17,7 @@ import numpy as np
 
 from warpriver.io.attributes import GENERIC, read_names, write_columns
 from warpriver.io.crs import crs_text
-from warpriver.io.files import decoded
+from warpriver.io.files import decoded, is_number
 from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
 
@@ -53,10 +53,10 @@ def read_text(path: Path, wanted: Sequence[str]) -> Source:
     columns, lonlat = _columns(names, wanted)
     crs, upstream, degrees = _header_facts(path, comments)
     channel, fields = columns.get("channel"), _fields(rows[first])
-    if channel is not None and channel < len(fields) and not _is_number(fields[channel]):
+    if channel is not None and channel < len(fields) and not is_number(fields[channel]):
         del columns["channel"]
     for role in OPTIONAL:
-        if role in columns and (columns[role] >= len(fields) or not _is_number(fields[columns[role]])):
+        if role in columns and (columns[role] >= len(fields) or not is_number(fields[columns[role]])):
             del columns[role]
     table = dict(zip(columns, _load_columns(path, rows, first, separator, columns).T, strict=True))
     if channel is None:
@@ -148,7 +148,7 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
             comments.append(row.strip().lstrip("# "))
             continue
         fields = _fields(row)
-        if names or _is_number(fields[0]):
+        if names or is_number(fields[0]):
             first = k
             break
         words = _words(fields)
@@ -158,7 +158,7 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
     if not names and comments:
         said = _words(_fields(comments[-1]))
         names = said if _has_xy(said) and len(said) == len(fields) else []
-    if not names and len(words) == len(fields) > 1 and not any(map(_is_number, words)):
+    if not names and len(words) == len(fields) > 1 and not any(map(is_number, words)):
         raise ValueError(f"{path}: its columns are {', '.join(words)}; name two of them x and y (or lon and lat)")
     return first, names, comments
 
@@ -184,7 +184,7 @@ def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bo
 def _stated_origin(comments: list[str]) -> tuple[float, float] | None:
     """Return from comments the zero of the device coordinates, if they state one."""
     found = dict(re.findall(r"\b(origin_[xy])=([^\s,;]+)", " ".join(comments)))
-    if len(found) < 2 or not all(map(_is_number, found.values())):
+    if len(found) < 2 or not all(map(is_number, found.values())):
         return None
     x, y = float(found["origin_x"]), float(found["origin_y"])
     return (x, y) if math.isfinite(x) and math.isfinite(y) else None
@@ -231,14 +231,6 @@ def _words(fields: list[str]) -> list[str]:
     return [field.strip(" \"'").lower() for field in fields]
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def _data_rows(rows: list[str], first: int) -> Iterator[tuple[int, str]]:
     """Yield the rows that hold numbers with their line number in the file."""
     for k in range(first, len(rows)):
@@ -259,7 +251,7 @@ def _load_columns(
                 if column >= len(fields):
                     text = f"{len(fields)} columns; {role} should be in column {column + 1}"
                     raise ValueError(f"{path}, line {number}: {text}") from error
-                if not _is_number(fields[column]):
+                if not is_number(fields[column]):
                     text = f"{fields[column]!r} is not a number (column {column + 1}, {role})"
                     raise ValueError(f"{path}, line {number}: {text}") from error
         raise ValueError(f"{path}: its numbers cannot be read ({error})") from error

@@ -36,7 +36,7 @@ from warpriver.generate.valley_params import (
     Thread,
     ValleyParams,
 )
-from warpriver.io.files import beside
+from warpriver.io.files import beside, is_number
 
 __all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
 
@@ -191,7 +191,7 @@ def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
         raise ValueError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
     with source.open(encoding="utf-8") as file:
         names = [word.strip() for word in file.readline().split(",")]
-    heads = not all(_is_number(word) for word in names)
+    heads = not all(is_number(word) for word in names)
     if column is not None and (not heads or column not in names):
         raise ValueError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
     at = names.index(column) if column is not None else len(names) - 1
@@ -268,14 +268,6 @@ def _nearest(word: str, known: Any) -> str:
 
     close = difflib.get_close_matches(word, list(known), 1)
     return f"did you mean {close[0]}?" if close else f"use one of {', '.join(sorted(known))}"
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _summary(kind: type) -> str:

@@ -1,0 +1,47 @@
+"""Tests in several processes (pytest -n): each has its share of the cores, and none compiles what another does."""
+
+import os
+
+import pytest
+
+# Set by pytest-xdist.
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+
+
+def pytest_configure():
+    """Give each process cores of its own: simulations and NumPy take a thread for each core that they may use."""
+    if WORKER and hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores[int(WORKER.removeprefix("gw")) :: WORKERS] or cores)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels_are_compiled_once(tmp_path_factory):
+    """Load all kernels, file by file behind a lock, each process from another file on: one compiles, the rest read."""
+    if not WORKER:
+        return
+    import fcntl
+
+    import warp as wp
+    from cuda_kernels import SCALARS, kernel_files, kernel_module
+
+    folder = tmp_path_factory.getbasetemp().parent  # that of all processes
+    modules = [(stem, dtype) for stem in kernel_files() for dtype in SCALARS]
+    first = int(WORKER.removeprefix("gw")) * len(modules) // WORKERS
+    for stem, dtype in modules[first:] + modules[:first]:
+        with open(folder / f"{stem}_{dtype}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            for device in wp.get_devices():
+                kernel_module(stem, SCALARS[dtype]).load(device)
+
+
+@pytest.fixture
+def coarse_pictures(monkeypatch):
+    """Draw 60 dots an inch where nothing else is asked for: all that is drawn, in a tenth of the pixels."""
+    from warpriver import viz
+
+    for name in viz.__all__:
+        defaults = getattr(getattr(viz, name), "__kwdefaults__", None) or {}
+        if "dpi" in defaults:
+            monkeypatch.setitem(defaults, "dpi", 60.0)

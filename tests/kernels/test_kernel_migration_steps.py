@@ -1,0 +1,121 @@
+"""Sub-steps of migration: how many each channel needs and which of them it takes, against the twins in reference.py."""
+
+import math
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from kernel_arrays import REALS, SCALARS, going_on, to_device, unwritten
+
+from warpriver.kernels import migration
+from warpriver.kernels.polyline import HALT
+
+
+def planned(limit, pace, mobility, time_step, dtype, device, before=0):
+    """Parts of each channel's time step, and the most of them, ``before`` at least."""
+    scalar = SCALARS[dtype]
+    kernel = migration.build(scalar)
+    mobility, pace = (
+        None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, pace)
+    )
+    limits = to_device(np.array(limit, np.float64), kernel.vec3, device)
+    parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
+    inputs = [limits, time_step, mobility, pace]
+    wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
+    return parts.numpy().tolist(), int(most.numpy()[0])
+
+
+@pytest.mark.parametrize(
+    ("status", "contacts", "halts"),
+    [
+        ((0, 0, 0), 0, False), ((0, 0, 3), 0, False), ((0, 0, 0), 2, False), ((0, 0, 3), 2, True), ((1, 0, 0), 0, True),
+        ((0, 1, 2), 0, True),
+    ],
+)  # fmt: skip
+def test_a_fault_and_contacts_halt_what_is_to_follow(device, status, contacts, halts):
+    """Contacts that the host knows of, from before the first sub-step of a row, do not; steps and paces stay then."""
+    kernel = migration.build(wp.float64)
+    out, pace = unwritten(3, wp.float64, device), to_device(np.ones(3), wp.float64, device)
+    state = to_device([*status, 0, 0], wp.int32, device)
+    inputs = [to_device([1, 1, 1], wp.int32, device), 0.3, to_device([0, 1], wp.int32, device)]
+    inputs += [to_device([0, contacts], wp.int32, device)]
+    wp.launch(kernel.schedule_channels, dim=3, inputs=inputs, outputs=[out, pace, state], device=device)
+    assert state.numpy()[HALT] == halts
+    if halts:
+        assert np.isnan(out.numpy()).all() and (pace.numpy() == 1.0).all()
+    else:
+        assert (out.numpy() == 0.3).all() and (pace.numpy() == 0.0).all()
+
+
+def scheduled(parts, time_step, total, dtype, device):
+    """Step of each channel in each sub-step, (total, C); the paces are cleared in the first."""
+    scalar = SCALARS[dtype]
+    kernel = migration.build(scalar)
+    steps = []
+    for k in range(total):
+        out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
+        number = to_device([k, total], wp.int32, device)
+        inputs, status = [to_device(parts, wp.int32, device), time_step, number, None], going_on(device)
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace, status], device=device)
+        assert (pace.numpy() == (k > 0)).all()
+        steps.append(out.numpy())
+        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None, status], device=device)
+    return np.array(steps)
+
+
+def test_parts_of_a_step_match_the_twin(device, dtype):
+    rng = np.random.default_rng(18)
+    time_step, count = 0.29, 400
+    limit = np.stack([*10.0 ** rng.uniform(-3.0, 1.0, (2, count)), rng.uniform(1.0, 90.0, count)], axis=1)
+    pace, mobility = 10.0 ** rng.uniform(-3.0, 3.0, count), rng.uniform(0.0, 1.0, count)
+    mobility[::7], limit[5::9] = 0.0, 0.0
+    pace[3::11], limit[4::13, :2] = np.inf, np.inf
+    for g in (mobility, None):
+        twin = [
+            reference.step_count(*row, v, 1.0 if g is None else g[c], time_step)
+            for c, (row, v) in enumerate(zip(limit, pace, strict=True))
+        ]
+        assert planned(limit, pace, g, time_step, dtype, device) == (twin, max(twin))
+        assert planned(limit, pace, g, time_step, dtype, device, before=max(twin) + 5)[1] == max(twin) + 5
+        assert max(twin) > 50 and min(twin) == 0
+
+
+def test_a_step_that_divides_evenly_is_not_divided_further(device, dtype):
+    def parts(limit, pace, mobility=1.0, time_step=0.29):
+        return planned([limit], [pace], [mobility], time_step, dtype, device)[0][0]
+
+    for time_step in (0.29, 106.0 / 365.25, 3.0):
+        for n in (1, 2, 3, 7, 10, 49, 333, 5000):
+            for limit, pace in (
+                ((np.inf, time_step / n, 9.0), 0.0),  # waves
+                ((time_step / n, np.inf, 9.0), np.inf),  # the tightest bend
+                ((0.0 * n + 1e-9, np.inf, 9.0), 4.5 * n / time_step),  # bends as they are: half a width a part
+            ):
+                assert parts(limit, pace, time_step=time_step) == n
+                shorter = (limit[0] * (1.0 - 1e-5), limit[1] * (1.0 - 1e-5), limit[2])
+                assert parts(shorter, pace * (1.0 + 1e-5), time_step=time_step) == n + 1
+            assert parts((np.inf, 0.25 * time_step / n, 9.0), 0.0, 0.25, time_step) == n
+    assert parts((np.inf, np.inf, 9.0), 0.0) == 1
+    assert parts((1e-30, 1e-30, 9.0), np.inf) == 1_000_000
+    assert parts((1e-30, 1e-30, 9.0), np.inf, 0.0) == parts((0.0, 0.0, 0.0), 0.0) == 0
+
+
+@pytest.mark.parametrize("total", [1, 2, 3, 7, 12, 60, 97])
+def test_every_channel_takes_its_own_sub_steps(device, dtype, total):
+    """Of N sub-steps n for each n up to N, the first always, evenly spread, and together the time step."""
+    time_step = 0.29
+    asked = np.arange(total + 3)  # 0: held by the ground; of more than N only N are taken
+    for steps in (scheduled(asked, time_step, total, dtype, device),):
+        for n, column in zip(asked, steps.T, strict=True):
+            parts = min(int(n), total)
+            own = np.flatnonzero(column > 0.0)
+            assert own.tolist() == reference.own_substeps(parts, total)
+            assert (column[np.setdiff1d(np.arange(total), own)] == 0.0).all()
+            if parts == 0:
+                continue
+            assert own[0] == 0 and set(np.diff([*own, total])) <= {total // parts, -(-total // parts)}
+            assert (column[own] == column[0]).all()
+            # The time step and its part are rounded once each.
+            rounding = float(np.finfo(REALS[dtype]).eps)
+            assert math.fsum(column[own].tolist()) == pytest.approx(time_step, rel=rounding)
