@@ -411,9 +411,12 @@ def marks_beside(marks: NDArray[np.uint64], shape: tuple[int, int], wraps: tuple
         (rows * words,) uint64.
     """
     rows, columns = shape
-    word = marks.reshape(rows, -1).copy()
+    table = marks.reshape(rows, -1)
     one, carry, last = np.uint64(1), np.uint64(WORD - 1), np.uint64((columns - 1) % WORD)
     end = np.uint64(2 ** (int(last) + 1) - 1)
+    # Sweeps soon have few rows left.
+    row = np.flatnonzero(table.any(axis=1))
+    word = table[row]
     word[:, -1] &= end
     # A bit where there is a mark to the east of a cell, and where there is one to the west.
     east, west = word >> one, word << one
@@ -422,11 +425,10 @@ def marks_beside(marks: NDArray[np.uint64], shape: tuple[int, int], wraps: tuple
     if wraps[1]:
         east[:, -1] |= (word[:, 0] & one) << last
         west[:, 0] |= word[:, -1] >> last
-    beside = word | east
-    around = beside | west
-    beside[:-1] |= around[1:]
-    if wraps[0]:
-        beside[-1] |= around[0]
+    beside = np.zeros_like(table)
+    beside[row] = word | east
+    above = slice(None) if wraps[0] or not len(row) or row[0] > 0 else slice(1, None)
+    beside[row[above] - 1] |= (word | east | west)[above]
     beside[:, -1] &= end
     return beside.reshape(-1)
 
