@@ -27,22 +27,22 @@ def build(scalar):
     ZERO, QUARTER = scalar(0.0), scalar(0.25)
     OUTLET = wp.uint8(cells.OUTLET)
     NO, YES = wp.uint8(0), wp.uint8(1)
-    # A choice is kept as 16 times the batch it holds for, and the number of the neighbour; this one: none is lower.
+    # Number of no neighbour: none is lower.
     NONE = 8
+    # Where water goes from a cell whose first visitor has yet to come.
+    UNKNOWN = -1
+    # Cells of a row are marked by the bits of words of 64.
+    NO_BITS, BIT, BYTE = wp.uint64(0), wp.uint64(1), wp.uint64(255)
 
     @wp.struct
     class Law:
-        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m.
-
-        ``block`` is the length in cells of the parts of rows whose slides are looked for together.
-        """
+        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m."""
 
         rows: int
         columns: int
         wraps_rows: int
         wraps_columns: int
         four: int
-        block: int
         bias: scalar
         depth: scalar
         threshold: scalar
@@ -66,10 +66,8 @@ def build(scalar):
         return row * law.columns + column
 
     @wp.func(module=name)
-    def is_inner(law: Law, cell: int) -> bool:
+    def is_inner(law: Law, row: int, column: int) -> bool:
         """Whether all eight neighbours of a cell lie beside it in the raster."""
-        row = cell // law.columns
-        column = cell - row * law.columns
         return row > 0 and row < law.rows - 1 and column > 0 and column < law.columns - 1
 
     @wp.func(module=name)
@@ -80,7 +78,8 @@ def build(scalar):
         so that no exponential exceeds 1. ``part``, in [0, 1), chooses along the cumulated probabilities.
         """
         height = cell_height[base + cell]
-        inner = is_inner(law, cell)
+        row = cell // law.columns
+        inner = is_inner(law, row, cell - row * law.columns)
         fall = vec8()
         steepest = scalar(0.0)
         for k in range(8):
@@ -142,7 +141,8 @@ def build(scalar):
             cell = stack_io[base + size]
             cell_waiting_io[base + cell] = NO
             height = cell_height_io[base + cell]
-            inner = is_inner(law, cell)
+            row = cell // law.columns
+            inner = is_inner(law, row, cell - row * law.columns)
             for k in range(8):
                 n = cell + row_step(k) * law.columns + column_step(k)
                 if not inner or law.four == 1:
@@ -220,13 +220,12 @@ def build(scalar):
         seed: int,
         turn_seed: int,
         first: int,
-        batch: int,
         # in
         ground: wp.array[int],
         cell_state: wp.array[wp.uint8],
         cell_height: wp.array[scalar],
         # out
-        cell_choice_io: wp.array[int],
+        cell_next_io: wp.array[int],
         cell_visits_io: wp.array[int],
         tally_io: wp.array[wp.int64],
     ):
@@ -234,29 +233,75 @@ def build(scalar):
 
         All walks of a batch leave a cell by the same neighbour: its random number belongs to batch and cell. So no
         cell loses more than the one that its water goes to, and no pit can come up. What a cell's first visitor has
-        worked out is kept for the others; any of them would write the same.
+        worked out is kept for the others; any of them would write the same. ``cell_next_io`` is ``UNKNOWN`` before.
         """
         event = first + wp.tid()
         random = wp.rand_init(seed, event)
         cell = ground[wp.randi(random, 0, ground.shape[0])]
         size = int(0)
-        k = int(0)
-        while k != NONE:
+        while cell >= 0:
             wp.atomic_add(cell_visits_io, cell, 1)
             size += 1
-            k = NONE
+            below = int(UNKNOWN)
             if cell_state[cell] != OUTLET:
-                choice = cell_choice_io[cell]
-                k = choice & 15
-                if choice >> 4 != batch:
+                below = cell_next_io[cell]
+                if below == UNKNOWN:
                     turn = wp.rand_init(turn_seed, cell)
                     k = lower_neighbor(law, 0, cell, scalar(wp.randf(turn)), cell_height)
-                    cell_choice_io[cell] = 16 * batch + k
-                if k == NONE:
-                    wp.atomic_add(tally_io, 2, wp.int64(1))
-                else:
-                    cell = neighbor(law, cell, k)
+                    if k == NONE:
+                        wp.atomic_add(tally_io, 2, wp.int64(1))
+                    else:
+                        below = neighbor(law, cell, k)
+                        cell_next_io[cell] = below
+            cell = below
         wp.atomic_add(tally_io, 0, wp.int64(size))
+
+    @wp.func(module=name)
+    def words_of_row(law: Law) -> int:
+        """Words that have the marks of a row's cells: column c is bit c % 64 of the word c / 64."""
+        return (law.columns + 63) >> 6
+
+    @wp.func(module=name)
+    def bit_of(column: int) -> wp.uint64:
+        """Mark of a column in its word."""
+        return BIT << wp.uint64(column & 63)
+
+    @wp.func(module=name)
+    def slide_pair(
+        law: Law,
+        row: int,
+        column: int,
+        k: int,
+        cell_height_io: wp.array[scalar],
+        word_marks_io: wp.array[wp.uint64],
+    ) -> int:
+        """Lower the higher one of a cell and its neighbour k, which exists, by quarters of the difference, and mark it.
+
+        Returns the number of slides.
+        """
+        high = row * law.columns + column
+        low = high + row_step(k) * law.columns + column_step(k)
+        if not is_inner(law, row, column):
+            low = neighbor(law, high, k)
+        difference = cell_height_io[high] - cell_height_io[low]
+        if not wp.abs(difference) > law.threshold:
+            return 0
+        own = int(row)
+        place = int(column)
+        if difference < ZERO:
+            n = high
+            high = low
+            low = n
+            difference = -difference
+            own = high // law.columns
+            place = high - own * law.columns
+        slides = int(0)
+        while difference > law.threshold:
+            difference -= slip(law, difference)
+            slides += 1
+        cell_height_io[high] = cell_height_io[low] + difference
+        wp.atomic_or(word_marks_io, own * words_of_row(law) + (place >> 6), bit_of(place))
+        return slides
 
     @wp.kernel(module=name, enable_backward=False)
     def lower_visited(
@@ -266,57 +311,62 @@ def build(scalar):
         # out
         cell_height_io: wp.array2d[scalar],
         cell_visits_io: wp.array2d[int],
-        block_active_io: wp.array[int],
+        cell_next_out: wp.array2d[int],
+        word_marks_io: wp.array[wp.uint64],
     ):
-        """Lower the cells of a part of a row by D a visit, count anew, and mark its block where that has changed some.
+        """Lower the cells of a part of a row by D a visit, mark them, and make them ready for the next batch.
 
-        ``chunk``, the length of a part, divides that of a block.
+        ``chunk``, the length of a part, divides 64.
         """
         row, part = wp.tid()
-        changed = int(0)
+        marks = wp.uint64(0)
         for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
             visits = cell_visits_io[row, column]
             if visits > 0:
                 cell_height_io[row, column] = cell_height_io[row, column] - scalar(visits) * law.depth
                 cell_visits_io[row, column] = 0
-                changed = 1
-        if changed == 1:
-            blocks = (law.columns + law.block - 1) // law.block
-            wp.atomic_max(block_active_io, row * blocks + part * chunk // law.block, 1)
+                cell_next_out[row, column] = UNKNOWN
+                marks = marks | bit_of(column)
+        if marks != NO_BITS:
+            wp.atomic_or(word_marks_io, row * words_of_row(law) + (part * chunk >> 6), marks)
 
     @wp.kernel(module=name, enable_backward=False)
-    def mark_unstable(
+    def mark_steep(
         # params
         law: Law,
         chunk: int,
         # in
         listed: wp.array[int],
+        word_beside: wp.array[wp.uint64],
         cell_height: wp.array[scalar],
         # out
-        block_unstable_io: wp.array[int],
+        word_steep_io: wp.array2d[wp.uint64],
     ):
-        """Mark those of the listed blocks in which a pair begins that differs by more than M.
+        """Mark the pairs that differ by more than M: those of marked cells and their neighbours 2 + i in line i.
 
-        ``chunk``, the length of a thread's part of a block, divides it.
+        Only listed words of marks are looked at. ``chunk``, the length of a thread's part of a word, divides 64.
         """
         place, part = wp.tid()
-        blocks = (law.columns + law.block - 1) // law.block
-        row = listed[place] // blocks
-        begin = (listed[place] % blocks) * law.block + part * chunk
-        found = int(0)
-        for column in range(begin, wp.min(begin + chunk, law.columns)):
-            cell = row * law.columns + column
-            height = cell_height[cell]
-            inner = is_inner(law, cell)
-            for k in range(2, 6):
-                n = cell + row_step(k) * law.columns + column_step(k)
-                if not inner or law.four == 1:
-                    n = neighbor(law, cell, k)
-                if n >= 0:
-                    if wp.abs(height - cell_height[n]) > law.threshold:
-                        found = 1
-        if found == 1:
-            wp.atomic_max(block_unstable_io, listed[place], 1)
+        word = listed[place]
+        row = word // words_of_row(law)
+        column = (word - row * words_of_row(law)) * 64 + part * chunk
+        end = column + chunk
+        rest = word_beside[word] >> wp.uint64(part * chunk)
+        while rest != NO_BITS and column < end:
+            if (rest & BIT) != NO_BITS:
+                cell = row * law.columns + column
+                height = cell_height[cell]
+                inner = is_inner(law, row, column)
+                for k in range(2, 6):
+                    n = cell + row_step(k) * law.columns + column_step(k)
+                    if not inner or law.four == 1:
+                        n = neighbor(law, cell, k)
+                    if n >= 0:
+                        if wp.abs(height - cell_height[n]) > law.threshold:
+                            wp.atomic_or(word_steep_io, k - 2, word, bit_of(column))
+            step = wp.where((rest & BYTE) == NO_BITS, 8, 1)
+            rest = rest >> wp.uint64(step)
+            column += step
 
     @wp.kernel(module=name, enable_backward=False)
     def slide_pairs(
@@ -327,67 +377,39 @@ def build(scalar):
         chunk: int,
         # in
         listed: wp.array[int],
+        word_steep: wp.array2d[wp.uint64],
         # out
         cell_height_io: wp.array[scalar],
-        block_moved_io: wp.array[int],
+        word_marks_io: wp.array[wp.uint64],
         tally_io: wp.array[wp.int64],
     ):
-        """Bring the pairs of cells and their neighbours k, of one colour, to rest; k is 2, 3, 4 or 5.
+        """Bring those of the marked pairs to rest that have one colour, of cells and their neighbours k, 2 to 5.
 
         Pairs are coloured by the parity of the column (k = 2) or row that they begin in; where that wraps around and is
         odd in number, the last one has colour 2. No cell is in two pairs of a k and colour: the order does not matter.
-        Only pairs that begin in listed blocks are looked at; blocks are marked in which a cell was lowered. ``chunk``,
-        the length of a thread's part of a block, divides it.
+        Only listed words are looked at; cells that were lowered are marked. ``chunk``, the length of a thread's part of
+        a word, divides 64.
         """
         place, part = wp.tid()
-        blocks = (law.columns + law.block - 1) // law.block
-        row = listed[place] // blocks
-        below = row
-        column = (listed[place] % blocks) * law.block + part * chunk
-        end = wp.min(column + chunk, law.columns)
-        step = int(1)
-        own = int(color)
-        aside = column_step(k)
-        threshold = law.threshold
-        if k == 2:
-            step = 2
-            column += (column + color) & 1
-            if color == 2:
-                column = law.columns - 1
-        else:
-            below = row + 1
-            own = pair_color(row, law.rows, law.wraps_rows)
-            if below == law.rows:
-                below = wp.where(law.wraps_rows == 1, 0, row)
-                own = wp.where(law.wraps_rows == 1, own, -1)
-        if own != color:
+        word = listed[place]
+        rest = word_steep[k - 2, word] >> wp.uint64(part * chunk)
+        if rest == NO_BITS:
+            return
+        row = word // words_of_row(law)
+        column = (word - row * words_of_row(law)) * 64 + part * chunk
+        end = column + chunk
+        own = pair_color(row, law.rows, law.wraps_rows)
+        if k != 2 and own != color:
             end = 0
         slides = int(0)
-        while column < end:
-            beside = column + aside
-            if beside < 0 or beside >= law.columns:
-                # Only there may a pair not exist, or one to the east have colour 2.
-                beside = (beside + law.columns) % law.columns
-                if law.wraps_columns == 0:
-                    beside = -1
-                if k == 2 and pair_color(column, law.columns, law.wraps_columns) != color:
-                    beside = -1
-            if beside >= 0:
-                high = row * law.columns + column
-                low = below * law.columns + beside
-                difference = cell_height_io[high] - cell_height_io[low]
-                if wp.abs(difference) > threshold:
-                    if difference < ZERO:
-                        n = high
-                        high = low
-                        low = n
-                        difference = -difference
-                    while difference > threshold:
-                        difference -= slip(law, difference)
-                        slides += 1
-                    cell_height_io[high] = cell_height_io[low] + difference
-                    moved = (high // law.columns) * blocks + (high % law.columns) // law.block
-                    wp.atomic_max(block_moved_io, moved, 1)
+        while rest != NO_BITS and column < end:
+            if (rest & BIT) != NO_BITS:
+                if k == 2:
+                    own = pair_color(column, law.columns, law.wraps_columns)
+                if own == color:
+                    slides += slide_pair(law, row, column, k, cell_height_io, word_marks_io)
+            step = wp.where((rest & BYTE) == NO_BITS, 8, 1)
+            rest = rest >> wp.uint64(step)
             column += step
         if slides > 0:
             wp.atomic_add(tally_io, 1, wp.int64(slides))
@@ -420,7 +442,7 @@ def build(scalar):
         erode_serially=erode_serially,
         walk_together=walk_together,
         lower_visited=lower_visited,
-        mark_unstable=mark_unstable,
+        mark_steep=mark_steep,
         slide_pairs=slide_pairs,
         raise_courses=raise_courses,
     )

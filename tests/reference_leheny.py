@@ -43,7 +43,6 @@ class Ground:
         self.bias, self.depth, self.threshold, self.quantum = bias, depth, threshold, quantum
         self.cells = [tuple(int(v) for v in rc) for rc in np.argwhere(~np.isnan(self.height))]
         self.slides = 0
-        self.block = 4
 
     def neighbor(self, cell, k):
         """Neighbour k, around periodic sides; None beyond the others, and where there is no data."""
@@ -101,8 +100,8 @@ class Ground:
 
     # ---- in batches
 
-    def batch(self, seed, turn_seed, numbers):
-        """Ways over heights that stay, one turn a cell; then all they take, then slides; returns the ways."""
+    def walk_together(self, seed, turn_seed, numbers):
+        """Ways over heights that stay, one turn a cell; then all they take; returns the ways."""
         ways = []
         for number in numbers:
             way = [self.cells[Lots(seed, number).whole(len(self.cells))]]
@@ -113,7 +112,6 @@ class Ground:
         for way in ways:
             for cell in way:
                 self.height[cell] -= self.depth
-        self.rest({self.block_of(cell) for way in ways for cell in way})
         return ways
 
     def color(self, place, axis):
@@ -127,41 +125,23 @@ class Ground:
         pairs = [(cell, self.neighbor(cell, k)) for cell in self.cells if self.color(cell[axis], axis) == color]
         return [(a, b) for a, b in pairs if b is not None]
 
-    def block_of(self, cell):
-        """Row, and number of the part of it, that a cell lies in."""
-        return cell[0], cell[1] // self.block
+    def groups(self):
+        """The pairs of all groups, one after another: by direction, then by colour."""
+        return [self.pairs(k, color) for k in (2, 3, 4, 5) for color in range(3)]
 
-    def looked_at(self, a, active):
-        """Whether a pair that begins in a is in a sweep: blocks around a's, in its row or below, are active."""
-        blocks = -(-self.height.shape[1] // self.block)
-        around = [self.block_of(a)[1] + step for step in (-1, 0, 1)]
-        around = [n % blocks if self.wraps[1] else n for n in around]
-        below = (a[0] + 1) % self.height.shape[0] if self.wraps[0] else a[0] + 1
-        return any((row, n) in active for row in (a[0], below) for n in around)
+    def steep(self, a, b):
+        return abs(self.height[a] - self.height[b]) > self.threshold
 
-    def sweep(self, active, rng=None):
-        """Every group of pairs once, those in or beside active blocks, in any order; returns the blocks that moved."""
-        moved = set()
-        for k in (2, 3, 4, 5):
-            for color in range(3):
-                pairs = [(a, b) for a, b in self.pairs(k, color) if self.looked_at(a, active)]
-                if rng is not None:
-                    rng.shuffle(pairs)
-                for a, b in pairs:
-                    moved |= (
-                        {self.block_of(a)} if self.slide(a, b) else {self.block_of(b)} if self.slide(b, a) else set()
-                    )
-        return moved
-
-    def unstable(self, active):
-        """Blocks in which a pair begins that has to slide, in or beside active ones."""
-        pairs = [pair for k in (2, 3, 4, 5) for color in range(3) for pair in self.pairs(k, color)]
-        steep = [(a, b) for a, b in pairs if abs(self.height[a] - self.height[b]) > self.threshold]
-        return {self.block_of(a) for a, b in steep if self.looked_at(a, active)}
-
-    def rest(self, active):
-        while unstable := self.unstable(active):
-            active = self.sweep(unstable)
+    def sweep(self, rng=None):
+        """Note all pairs that are too steep, then bring them to rest group by group, in any order; says if any was."""
+        noted = [[pair for pair in pairs if self.steep(*pair)] for pairs in self.groups()]
+        for pairs in noted:
+            if rng is not None:
+                rng.shuffle(pairs)
+            for a, b in pairs:
+                if not self.slide(a, b):
+                    self.slide(b, a)
+        return any(noted)
 
     # ---- what must hold
 

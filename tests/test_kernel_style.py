@@ -11,10 +11,12 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted((ROOT / "kernels").glob("*.py"))
 LONGEST_BODY, MOST_ARGUMENTS = 60, 16
 GROUPS = ["# network", "# terrain", "# params", "# in", "# out"]
-ATOMICS = {"atomic_add", "atomic_min", "atomic_max", "atomic_exch"}
+ATOMICS = {"atomic_add", "atomic_min", "atomic_max", "atomic_or", "atomic_exch"}
 # The greatest of some numbers is the same in any order, whatever they are; a sum of them is rounded differently.
 ORDERLESS = {"atomic_min", "atomic_max"}
-INTEGERS = ("wp.array[int]", "wp.array[wp.int32]", "wp.array[wp.int64]")
+INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64", "wp.uint64")) + (
+    "wp.array2d[wp.uint64]",
+)
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 
 

@@ -18,9 +18,17 @@ BANDS = {
     (8, 10_000): ((32e3, 36e3), (4, 5), (4.3, 5.5), (5.0, 7.1), (2.9, 4.0), (0.71, 0.73), (0.29, 0.32)),
     (8, 40_000): ((0.77e6, 0.93e6), (4, 5), (5.2, 8.4), (6.1, 9.5), (2.9, 4.2), (0.64, 0.70), (0.35, 0.42)),
 }
-# The mean of our five seeds may lie outside by this much: a band of three seeds is narrower than the scatter of one.
-# Ratios count few streams of the higher orders and scatter by 10 to 15 %; exponents by 0.02.
-SLACK = {"slides": 0.05, "orders": 0.0, "R_B": 0.1, "R_A": 0.2, "R_L": 0.1, "Hack": 0.02, "P(A > a)": 0.05}
+# Standard deviations of one seed, from forty of another program for the same model, a loop in numba.
+SCATTER = {
+    (4, 10_000): (0, 0, 0.22, 0.57, 0.29, 0.008, 0.011),
+    (8, 10_000): (3.2e3, 0, 0.52, 0.90, 0.48, 0.005, 0.012),
+    (8, 40_000): (5.5e4, 0, 1.21, 1.37, 0.55, 0.006, 0.025),
+}
+FIGURES = ("slides", "orders", "R_B", "R_A", "R_L", "Hack", "P(A > a)")
+# Of log R_L / log R_A, which scatters less than the two, for they go up and down together.
+RATIO_SCATTER = {(4, 10_000): 0.015, (8, 10_000): 0.026, (8, 40_000): 0.029}
+# A band is the span of three seeds, and ours is a mean of five: three standard errors of the difference of two means.
+ERRORS = 3.0 * np.sqrt(1.0 / 3.0 + 1.0 / 5.0)
 
 
 def outlets(terrain, edges, nodata="outlet"):
@@ -75,27 +83,83 @@ def ensembles():
 
 
 def test_the_table_is_reproduced(ensembles):
-    """Networks of cells with A >= 10 after 10,000 and 40,000 events, means of five seeds, within the bands.
+    """Networks of cells with A >= 10 after 10,000 and 40,000 events: means of five seeds, beside bands of three others.
 
-    How the laws are fitted is said in ``NetworkLaws``; the bands are met by ratios without the highest order, Hack's
-    law over all cells that drain three or more, and P(A > a) between 10 cells and 5 % of the largest area. With four
-    neighbours a pair of outlets may differ by more than M after 10,000 events, by chance: up to some tens of slides.
+    The bands do not say how the laws were fitted. Which fit it was is told by the covariance of the ratios of one seed,
+    over forty seeds of the other program: chi-squared of the nine ratios together, 9 degrees of freedom. Without the
+    highest order, with lengths of main stems from the divide on, as ``NetworkLaws`` has it, it is 11; as the mean of
+    successive ratios 15; with A > 10 instead, 6; with D8 on the terrain of four neighbours 10; with areas less the cell
+    itself 16; with A >= 9, 18. With lengths of streams in their own order alone it is 59, for R_A = 5.2 and R_L = 3.2
+    do not go together then; with the highest order 690; without streams that leave through the edge 45; medians,
+    geometric means, means over links or cells, areas at the junction, basins that are large, the largest, and fits
+    weighted by streams are farther off, or no better where they have so few streams that they scatter widely.
+
+    What is aside is R_A of four neighbours: one seed has 5.9 +- 0.57 in either program, and three between 5.1 and 5.3
+    are a low draw (two standard errors). No rule of the walk moves it there: other E, D and M, noise on the start,
+    walls in the east and west, slides without the last row. Hack's law over all cells that drain three or more, and
+    P(A > a) between 10 cells and 5 % of the largest area meet the bands. With four neighbours a pair of outlets
+    may differ by more than M after 10,000 events, by chance, in two seeds of five: tens of slides.
     """
     print()
     for case, made in ensembles.items():
         found = np.array([figures(e) for e in made])
         print(f"{case[0]} neighbours, {case[1]} events")
-        for name, values, band in zip(SLACK, found.T, BANDS.get(case, [None] * len(SLACK)), strict=True):
-            print(f"  {name:9} {values.min():9.4g} .. {values.max():9.4g}, mean {values.mean():9.4g}; band {band}")
-            if band is None:
-                continue
-            slack = SLACK[name]
+        for name, values in zip(FIGURES, found.T, strict=True):
+            print(f"  {name:9} {values.min():9.4g} .. {values.max():9.4g}, mean {values.mean():9.4g}")
+        if case not in BANDS:
+            continue
+        for name, values, band, scatter in zip(FIGURES, found.T, BANDS[case], SCATTER[case], strict=True):
             if name == "orders":
                 assert band[0] <= values.min() and values.max() <= band[1], case
             elif case == (4, 10_000) and name == "slides":
                 assert values.max() < 300 and np.median(values) < 30
             else:
-                assert band[0] * (1.0 - slack) <= values.mean() <= band[1] * (1.0 + slack), (case, name)
+                off = ERRORS * scatter
+                assert band[0] - off <= values.mean() <= band[1] + off, (case, name)
+        # Bands of R_A and R_L go together: log R_L / log R_A at their ends.
+        low, high = (np.log(BANDS[case][4][end]) / np.log(BANDS[case][3][end]) for end in (0, 1))
+        exponent = (np.log(found[:, 4]) / np.log(found[:, 3])).mean()
+        off = ERRORS * RATIO_SCATTER[case]
+        print(f"  log R_L / log R_A {exponent:.3f}; band {low:.3f} to {high:.3f}, +- {off:.3f}")
+        assert low - off <= exponent <= high + off, case
+
+
+def test_laws_are_those_of_streams_followed_cell_by_cell():
+    """Orders, areas and lengths from the definitions, cell after cell downstream, on a small plane."""
+    eroded = wr.erode(erosion_plane((110, 90), 10.0), events=4000, seed=1)
+    flow = eroded.flow()
+    receiver, area = flow.receiver.ravel(), drainage_area(flow).ravel()
+    course, order, arrived = np.zeros(area.size), np.zeros(area.size, int), [[] for _ in area]
+    ends = {}
+    for cell in np.argsort(area, kind="stable"):
+        below = receiver[cell]
+        step = np.subtract(divmod(below, 90), divmod(cell, 90))
+        if below != cell:
+            course[below] = max(course[below], course[cell] + 10.0 * np.hypot(step[0], min(abs(step[1]), 1)))
+        if area[cell] >= 1000.0:
+            highest = sorted(arrived[cell])[-2:]
+            order[cell] = 1 if not highest else highest[-1] + (len(highest) == 2 and highest[0] == highest[1])
+            if below != cell:
+                arrived[below].append(order[cell])
+    for cell in np.flatnonzero(order):
+        if receiver[cell] == cell or order[receiver[cell]] != order[cell]:
+            ends.setdefault(order[cell], []).append(cell)
+    laws = network_laws(flow, 1000.0)
+    assert laws.streams.tolist() == [len(ends[k]) for k in sorted(ends)] and len(ends) == 4
+    for found, values in ((laws.area_ratio, area), (laws.length_ratio, course)):
+        means = [values[ends[k]].mean() for k in sorted(ends)]
+        # Least squares over three orders: half the step from the first to the third.
+        assert found == pytest.approx(np.sqrt(means[2] / means[0]), rel=1e-9)
+    assert laws.bifurcation_ratio == pytest.approx(np.sqrt(laws.streams[0] / laws.streams[2]), rel=1e-9)
+
+
+def test_streams_of_single_cells_have_areas_but_no_lengths():
+    """Four cells that join in pairs, which join: 1, 3 and 7 cells, and sources of length 0; the rest are outlets."""
+    receiver = np.arange(12).reshape(3, 4)
+    receiver[0], receiver[1, 1:3] = (5, 5, 6, 6), 9
+    laws = network_laws(wr.hydrology.Flow(wr.Terrain(np.zeros((3, 4)), 1.0), receiver.astype(np.int32)), 1.0)
+    assert laws.streams.tolist() == [9, 2, 1]
+    assert laws.area_ratio == pytest.approx(3.0) and np.isnan(laws.length_ratio)
 
 
 def test_more_events_bring_the_exponents_towards_those_of_rivers(ensembles):
@@ -170,7 +234,7 @@ def test_same_seed_same_bits_and_another_seed_another_land():
         assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
-@pytest.mark.parametrize("batch", [1, 8])
+@pytest.mark.parametrize("batch", [1, 32])
 def test_records_change_nothing_and_erosion_goes_on(batch):
     """Any schedule of records, and any division into two runs at a batch's end, give the same bits."""
     plane, params = erosion_plane((40, 50)), wr.LehenyParams(slide_threshold=100.0)

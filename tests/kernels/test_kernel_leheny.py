@@ -6,6 +6,7 @@ import warp as wp
 from kernel_arrays import REALS, SCALARS, to_device
 from reference_leheny import Ground
 
+from warpriver.generate.leheny import marks_beside
 from warpriver.kernels import cells, leheny
 
 # Wraps (north-south, east-west), four neighbours, shape: all kinds of edges, odd and even rings.
@@ -46,7 +47,7 @@ class Case:
         self.kernel = leheny.build(self.scalar)
         law = self.kernel.Law()
         law.rows, law.columns = shape
-        law.wraps_rows, law.wraps_columns, law.four, law.block = int(wraps[0]), int(wraps[1]), int(four), 4
+        law.wraps_rows, law.wraps_columns, law.four = int(wraps[0]), int(wraps[1]), int(four)
         law.bias, law.depth, law.threshold, law.quantum = 0.05, 10.0, threshold, 0.125
         self.law = law
         self.height = to_device(height.ravel(), self.scalar, device)
@@ -101,67 +102,100 @@ def test_grids_side_by_side_know_nothing_of_each_other(device):
         np.testing.assert_array_equal(found, case.twin.height)
 
 
-def around(case, marked):
-    """Blocks that the twin would look at, as a list on the device."""
-    blocks = -(-case.shape[1] // 4)
-    active = {divmod(int(b), blocks) for b in np.flatnonzero(marked.numpy())}
-    every = [divmod(b, blocks) for b in range(marked.size)]
-    listed = [r * blocks + b for r, b in every if case.twin.looked_at((r, 4 * b), active)]
-    return to_device(np.array(listed, np.int32), wp.int32, case.device)
+def marked(case, marks):
+    """Cells that have a mark, by the definition of the words."""
+    words = marks.reshape(case.shape[0], -1)
+    rows, columns = case.shape
+    return {(r, c) for r in range(rows) for c in range(columns) if int(words[r, c // 64]) >> c % 64 & 1}
 
 
-def swept(case, listed, chunk):
-    """One sweep by the kernel; returns the blocks that moved."""
-    moved = wp.zeros(case.shape[0] * -(-case.shape[1] // 4), dtype=int, device=case.device)
+def swept(case, marks, chunk):
+    """One sweep by the kernels, beside what has been lowered; returns the marks of what is lowered now."""
+    words = marks.size
+    beside = marks_beside(
+        marks.numpy(), case.shape, tuple(bool(v) for v in (case.law.wraps_rows, case.law.wraps_columns))
+    )
+    listed = to_device(np.flatnonzero(beside).astype(np.int32), wp.int32, case.device)
+    beside = to_device(beside, wp.uint64, case.device)
+    steep = wp.zeros((4, words), dtype=wp.uint64, device=case.device)
+    moved = wp.zeros(words, dtype=wp.uint64, device=case.device)
+    dim = listed.size, 64 // chunk
+    before = case.heights()
+    case.launch("mark_steep", dim, [case.law, chunk, listed, beside, case.height], [steep])
+    for line, k in enumerate((2, 3, 4, 5)):
+        pairs = [pair for color in range(3) for pair in case.twin.pairs(k, color)]
+        assert marked(case, steep.numpy()[line]) == {a for a, b in pairs if case.twin.steep(a, b)}
     for k in (2, 4) if case.law.four else (2, 3, 4, 5):
         for color in range(3):
-            inputs, outputs = [case.law, k, color, chunk, listed], [case.height, moved, case.tally]
-            case.launch("slide_pairs", (listed.size, 4 // chunk), inputs, outputs)
+            inputs, outputs = [case.law, k, color, chunk, listed, steep], [case.height, moved, case.tally]
+            case.launch("slide_pairs", dim, inputs, outputs)
+    lowered = {tuple(int(v) for v in rc) for rc in np.argwhere(case.heights() < before)}
+    assert marked(case, moved.numpy()) == lowered
     return moved
 
 
-@pytest.mark.parametrize("chunk", [1, 2, 4])
+@pytest.mark.parametrize("chunk", [1, 4, 64])
 @pytest.mark.parametrize(("wraps", "four", "shape"), CASES)
 def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device):
-    """Walks over heights that stay, what they take, and the slides; however rows are cut into parts."""
+    """Walks over heights that stay, what they take, and each sweep of slides; however rows are cut into parts."""
     case = Case(wraps, four, shape, dtype=dtype, device=device)
     twin, rows, columns = case.twin, *shape
-    choice, visits = case.full(int, -1), case.full(int)
-    table, count = case.height.reshape(shape), visits.reshape(shape)
+    below, visits = case.full(int, -1), case.full(int)
+    tables = [a.reshape(shape) for a in (case.height, visits, below)]
     for number in range(12):
         events = range(8 * number, 8 * number + 8)
-        inputs = [case.law, 99, 1000 + number, events[0], number, case.ground, case.state, case.height]
-        case.launch("walk_together", len(events), inputs, [choice, visits, case.tally])
+        inputs = [case.law, 99, 1000 + number, events[0], case.ground, case.state, case.height]
+        case.launch("walk_together", len(events), inputs, [below, visits, case.tally])
         found = visits.numpy().reshape(shape).copy()
-        active = wp.zeros(rows * -(-columns // 4), dtype=int, device=device)
-        case.launch("lower_visited", (rows, -(-columns // chunk)), [case.law, chunk], [table, count, active])
-        assert not visits.numpy().any()
-        for _ in range(100):
-            unstable = wp.zeros(active.size, dtype=int, device=device)
-            listed = around(case, active)
-            case.launch("mark_unstable", (listed.size, 4 // chunk), [case.law, chunk, listed, case.height], [unstable])
-            if not unstable.numpy().any():
-                break
-            active = swept(case, around(case, unstable), chunk)
-        ways = twin.batch(99, 1000 + number, events)
+        ways = twin.walk_together(99, 1000 + number, events)
         np.testing.assert_array_equal(
             found, [[sum((r, c) in w for w in ways) for c in range(columns)] for r in range(rows)]
         )
-        np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"batch {number}")
+        marks = wp.zeros(rows * -(-columns // 64), dtype=wp.uint64, device=device)
+        case.launch("lower_visited", (rows, -(-columns // chunk)), [case.law, chunk], [*tables, marks])
+        assert not visits.numpy().any() and (below.numpy() == -1).all()
+        assert marked(case, marks.numpy()) == {cell for way in ways for cell in way}
+        while marks.numpy().any():
+            marks = swept(case, marks, chunk)
+            twin.sweep()
+            np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"batch {number}")
         assert not twin.pits() and twin.largest_difference() <= twin.threshold
     assert case.tally.numpy()[1] == twin.slides > 0 and case.tally.numpy()[2] == 0
 
 
+@pytest.mark.parametrize("columns", [2, 63, 64, 65, 128, 150])
+@pytest.mark.parametrize("wraps", [(False, False), (True, False), (False, True), (True, True)])
+def test_marks_beside_are_cells_with_a_marked_neighbor(columns, wraps):
+    """East, south-east, south and south-west, also across the ends of words and around; nothing beyond the columns."""
+    rows = 5
+    rng = np.random.default_rng(columns)
+    here = rng.random((rows, columns)) < 0.03
+    here[2, [0, -1]] = here[0, columns // 2] = True
+    padded = np.zeros((rows, -(-columns // 64) * 64), bool)
+    padded[:, :columns] = here
+    # Marks beyond the last column mean nothing.
+    padded[:, columns:] = rng.random(padded[:, columns:].shape) < 0.5
+    words = np.packbits(padded, axis=1, bitorder="little").view(np.uint64).reshape(-1)
+    found = np.unpackbits(marks_beside(words, (rows, columns), wraps).view(np.uint8), bitorder="little")
+    expected = np.zeros(padded.shape, bool)
+    for r in range(rows):
+        for c in range(columns):
+            for row, column in ((r, c), (r, c + 1), (r + 1, c + 1), (r + 1, c), (r + 1, c - 1)):
+                if (row < rows or wraps[0]) and (0 <= column < columns or wraps[1]):
+                    expected[r, c] |= here[row % rows, column % columns]
+    np.testing.assert_array_equal(found.reshape(padded.shape), expected)
+
+
 def test_the_order_in_which_rain_walks_cannot_be_seen(device):
-    """Forty units of rain in one launch, and one by one in a shuffled order: the same visits and choices."""
+    """Forty units of rain in one launch, and one by one in a shuffled order: the same visits and ways."""
     found = []
     for order in (None, np.random.default_rng(5).permutation(40)):
         case = Case((False, True), False, (9, 7), device=device)
-        choice, visits = case.full(int, -1), case.full(int)
+        below, visits = case.full(int, -1), case.full(int)
         for first, count in [(0, 40)] if order is None else [(int(event), 1) for event in order]:
-            inputs = [case.law, 3, 4, first, 0, case.ground, case.state, case.height]
-            case.launch("walk_together", count, inputs, [choice, visits, case.tally])
-        found.append((visits.numpy().copy(), choice.numpy().copy(), case.tally.numpy().copy()))
+            inputs = [case.law, 3, 4, first, case.ground, case.state, case.height]
+            case.launch("walk_together", count, inputs, [below, visits, case.tally])
+        found.append((visits.numpy().copy(), below.numpy().copy(), case.tally.numpy().copy()))
     for a, b in zip(*found, strict=True):
         assert np.array_equal(a, b)
     assert found[0][0].max() > 5
@@ -183,7 +217,7 @@ def test_no_cell_is_in_two_pairs_of_a_group_and_every_pair_in_one(wraps, four, s
     results = []
     for seed in range(4):
         twin.height = start.copy()
-        twin.sweep({twin.block_of(cell) for cell in twin.cells}, np.random.default_rng(seed))
+        twin.sweep(np.random.default_rng(seed))
         results.append(twin.height.copy())
     assert all(np.array_equal(r, results[0], equal_nan=True) for r in results)
     assert not np.array_equal(results[0], start, equal_nan=True)
@@ -203,10 +237,10 @@ def test_probabilities_are_those_of_the_model(device, dtype):
     case.ground = to_device(np.array([4], np.int32), wp.int32, device)
     case.state = to_device(np.where(outlet, cells.OUTLET, cells.OPEN).ravel().astype(np.uint8), wp.uint8, device)
     start = to_device(height.ravel(), case.scalar, device)
-    choice, visits = case.full(int, -1), case.full(int)
+    visits = case.full(int)
     for turn in range(4000):
-        inputs = [case.law, 1, turn, 0, turn, case.ground, case.state, start]
-        case.launch("walk_together", 1, inputs, [choice, visits, case.tally])
+        inputs = [case.law, 1, turn, 0, case.ground, case.state, start]
+        case.launch("walk_together", 1, inputs, [case.full(int, -1), visits, case.tally])
     counts = visits.numpy().astype(np.float64)
     counts[4] = 0
     found = counts / counts.sum()
@@ -225,7 +259,7 @@ def test_nothing_overflows_in_float32(device):
     state = np.full(9, cells.OUTLET, np.uint8)
     state[4] = cells.OPEN
     visits = case.full(int)
-    inputs = [case.law, 1, 2, 0, 0, case.ground, to_device(state, wp.uint8, device), case.height]
+    inputs = [case.law, 1, 2, 0, case.ground, to_device(state, wp.uint8, device), case.height]
     case.launch("walk_together", 100, inputs, [case.full(int, -1), visits, case.tally])
     assert visits.numpy().tolist() == [0, 0, 0, 0, 100, 0, 0, 100, 0]
 
@@ -238,7 +272,7 @@ def test_a_pit_is_counted_and_not_left(device):
     case.height = to_device(height, wp.float64, device)
     case.ground = to_device(np.array([3 * 9 + 4], np.int32), wp.int32, device)
     case.launch(
-        "walk_together", 3, [case.law, 1, 2, 0, 0, case.ground, case.state, case.height],
+        "walk_together", 3, [case.law, 1, 2, 0, case.ground, case.state, case.height],
         [case.full(int, -1), case.full(int), case.tally],
     )  # fmt: skip
     seed = to_device(np.array([1], np.int32), wp.int32, device)

@@ -32,8 +32,8 @@ QUANTUM_BITS = {"float64": 24, "float32": 6}
 EXACT_BITS = {"float64": 52, "float32": 23}
 # Events between two looks at the host: they set how often progress is told and an interrupt is heard.
 SEGMENT = 2000
-# Cells of a row whose slides are looked for together.
-BLOCK = 64
+# Cells of a row whose marks make a word.
+WORD = 64
 # Bytes a cell of a grid: height, stack and mark, and their copies; filling adds the graph of neighbours.
 GRID_BYTES, FILL_BYTES = 45, 300
 # Filled ground falls by this part of D a cell: enough to survive any number of events.
@@ -73,9 +73,8 @@ def erode(
     - In one batch all water that leaves a cell goes to the same neighbour, drawn with the p_i above. So each unit alone
       walks as in the serial mode, but units that meet go on together; the cell that they go to is lowered at least as
       much as the one they come from. (Were they to part, a cell could sink below all its neighbours.)
-    - Slides go through all pairs of neighbours in eight groups (east, south-east, south, south-west; even and odd), in
-      none of which a cell is twice, over and over until nothing slides. A sweep looks at stretches of 64 cells in
-      which a pair begins that has to slide, and at those around them.
+    - Slides come down sweep by sweep: all pairs of neighbours that differ by more than M are noted, and go to rest in
+      eight groups (east, south-east, south, south-west; even and odd), in none of which a cell is twice.
 
     Heights are kept as whole multiples of a quantum, 2^-25 to 2^-24 of D (float32: 2^-7 to 2^-6), to which the start
     and D are rounded and a slide is rounded down. All sums are then exact, and the same in any order.
@@ -225,7 +224,7 @@ class _Run:
         law = self.kernel.Law()
         law.rows, law.columns = start.shape
         law.wraps_rows, law.wraps_columns = (int(self.rules[side] == "periodic") for side in ("north", "east"))
-        law.four, law.block = int(params.neighbors == 4), BLOCK
+        law.four = int(params.neighbors == 4)
         law.quantum, law.bias, law.threshold = quantum, params.flow_bias, params.slide_threshold
         law.depth = round(params.depth / quantum) * quantum
         self.law, self.quantum, self.depth, self.real, self.scalar = law, quantum, float(law.depth), real, scalar
@@ -245,7 +244,7 @@ class _Run:
         for g, height in enumerate(heights):
             array: wp.array = wp.array(height.astype(self.real).reshape(-1), dtype=self.scalar, device=self.device)
             before = int(self.tally.numpy()[1])
-            self._rest(array, wp.ones(self.blocks, dtype=int, device=self.device))
+            self._rest(array, wp.full(self.words, 2**WORD - 1, dtype=wp.uint64, device=self.device))
             slides[g] = int(self.tally.numpy()[1]) - before
             rested.append(array.numpy().copy())
         self.tally.zero_()
@@ -315,9 +314,9 @@ class _Run:
         return array.numpy().reshape(height.shape).copy()
 
     @property
-    def blocks(self) -> int:
-        """Blocks of cells in which slides are looked for."""
-        return int(self.law.rows) * -(-int(self.law.columns) // BLOCK)
+    def words(self) -> int:
+        """Words of marks of a grid."""
+        return int(self.law.rows) * -(-int(self.law.columns) // WORD)
 
     def rain_serially(self, stop: int) -> int:
         """Do all events before ``stop`` on every grid; returns how many."""
@@ -333,58 +332,49 @@ class _Run:
     def rain_in_batches(self, stop: int, batch: int) -> int:
         """Do all events before ``stop``, in batches that begin at multiples of their size; returns how many."""
         begin = self.done
-        choice, visits = self._array("choice", int, 1, -1), self._array("visits", int, 1)
+        below, visits = self._array("below", int, 1, -1), self._array("visits", int, 1)
         rows, columns = self.law.rows, self.law.columns
-        active = wp.zeros(self.blocks, dtype=int, device=self.device)
-        chunk = BLOCK if self.device.is_cpu else 1
-        table, counts = self.height.reshape((rows, columns)), visits.reshape((rows, columns))
+        lowered = wp.zeros(self.words, dtype=wp.uint64, device=self.device)
+        chunk = WORD if self.device.is_cpu else 1
+        tables = [a.reshape((rows, columns)) for a in (self.height, visits, below)]
         while self.done < stop:
             number = self.done // batch
             count = min((number + 1) * batch, stop) - self.done
             turn = int(np.random.SeedSequence((self.turn_seed, number)).generate_state(1)[0] >> 1)
-            inputs = [self.law, self.rain_seed, turn, self.done, number, self.ground, self.state, self.height]
-            wp.launch(self.kernel.walk_together, count, inputs, [choice, visits, self.tally], device=self.device)
-            active.zero_()
-            inputs, outputs = [self.law, chunk], [table, counts, active]
-            wp.launch(self.kernel.lower_visited, (rows, -(-columns // chunk)), inputs, outputs, device=self.device)
-            self._rest(self.height, active)
+            inputs = [self.law, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
+            wp.launch(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
+            lowered.zero_()
+            dim, inputs = (rows, -(-columns // chunk)), [self.law, chunk]
+            wp.launch(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
+            self._rest(self.height, lowered)
             self.done += count
         return self.done - begin
 
-    def _rest(self, height: wp.array, active: wp.array) -> None:
-        """Let pairs slide, sweep by sweep, until there is rest; cells have been lowered in active blocks only."""
+    def _rest(self, height: wp.array, marks: wp.array) -> None:
+        """Let pairs slide, sweep by sweep, until there is rest; only marked cells have been lowered."""
         rows, columns = self.law.rows, self.law.columns
-        chunk = BLOCK if self.device.is_cpu else 1
         odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
+        chunk = WORD if self.device.is_cpu else 1
+        steep = wp.zeros((len(PAIR_NEIGHBORS), self.words), dtype=wp.uint64, device=self.device)
         while True:
-            unstable, moved = (wp.zeros(self.blocks, dtype=int, device=self.device) for _ in range(2))
-            listed = self._around(active)
-            inputs = [self.law, chunk, listed, height]
-            wp.launch(self.kernel.mark_unstable, (listed.size, BLOCK // chunk), inputs, [unstable], device=self.device)
-            listed = self._around(unstable)
+            beside, listed = self._beside(marks)
             if not listed.size:
                 return
-            dim = listed.size, BLOCK // chunk
+            dim, inputs = (listed.size, WORD // chunk), [self.law, chunk, listed, beside, height]
+            steep.zero_()
+            wp.launch(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
+            marks = wp.zeros(self.words, dtype=wp.uint64, device=self.device)
             for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
                 for color in range(3 if odd else 2):
-                    inputs, outputs = [self.law, k, color, chunk, listed], [height, moved, self.tally]
+                    inputs, outputs = [self.law, k, color, chunk, listed, steep], [height, marks, self.tally]
                     wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
-            active = moved
 
-    def _around(self, marked: wp.array) -> wp.array:
-        """Numbers of the blocks from which pairs reach into marked ones: those, beside those, and above all of them."""
-        mark = marked.numpy().reshape(int(self.law.rows), -1) > 0
-        wide = mark.copy()
-        wide[:, 1:] |= mark[:, :-1]
-        wide[:, :-1] |= mark[:, 1:]
-        if self.law.wraps_columns:
-            wide[:, 0] |= mark[:, -1]
-            wide[:, -1] |= mark[:, 0]
-        listed = wide.copy()
-        listed[:-1] |= wide[1:]
-        if self.law.wraps_rows:
-            listed[-1] |= wide[0]
-        return wp.array(np.flatnonzero(listed).astype(np.int32), dtype=int, device=self.device)
+    def _beside(self, marks: wp.array) -> tuple[wp.array, wp.array]:
+        """Marks of the cells from which pairs may reach into marked ones, and the numbers of words that have some."""
+        wraps = bool(self.law.wraps_rows), bool(self.law.wraps_columns)
+        beside = marks_beside(marks.numpy(), (int(self.law.rows), int(self.law.columns)), wraps)
+        listed = np.flatnonzero(beside).astype(np.int32)
+        return wp.array(beside, dtype=wp.uint64, device=self.device), wp.array(listed, dtype=int, device=self.device)
 
     def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
         """Scratch of one value a cell and grid, made when it is first asked for."""
@@ -407,6 +397,40 @@ class _Run:
         account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
         array: wp.array = wp.array(height, dtype=wp.float64, device=self.device)
         return ErodedTerrain._with_account(start, array, self.rules, self.nodata, self.params, account)
+
+
+def marks_beside(marks: NDArray[np.uint64], shape: tuple[int, int], wraps: tuple[bool, bool]) -> NDArray[np.uint64]:
+    """Marks of marked cells, and of those to whose east, south-east, south or south-west one lies.
+
+    Args:
+        marks: (rows * words,) a bit for each cell of a row, the lowest for the first; bits beyond its end are ignored.
+        shape: Rows and columns.
+        wraps: Whether the north and south sides, and the east and west ones, are joined.
+
+    Returns:
+        (rows * words,) uint64.
+    """
+    rows, columns = shape
+    table = marks.reshape(rows, -1)
+    one, carry, last = np.uint64(1), np.uint64(WORD - 1), np.uint64((columns - 1) % WORD)
+    end = np.uint64(2 ** (int(last) + 1) - 1)
+    # Sweeps soon have few rows left.
+    row = np.flatnonzero(table.any(axis=1))
+    word = table[row]
+    word[:, -1] &= end
+    # A bit where there is a mark to the east of a cell, and where there is one to the west.
+    east, west = word >> one, word << one
+    east[:, :-1] |= word[:, 1:] << carry
+    west[:, 1:] |= word[:, :-1] >> carry
+    if wraps[1]:
+        east[:, -1] |= (word[:, 0] & one) << last
+        west[:, 0] |= word[:, -1] >> last
+    beside = np.zeros_like(table)
+    beside[row] = word | east
+    above = slice(None) if wraps[0] or not len(row) or row[0] > 0 else slice(1, None)
+    beside[row[above] - 1] |= (word | east | west)[above]
+    beside[:, -1] &= end
+    return beside.reshape(-1)
 
 
 def _stops(first: int, last: int, every: int | None, batch: int) -> list[tuple[int, bool]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.hydrology.orders import exceedance, hack_exponent, horton_ratios
+from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
 from warpriver.hydrology.routing import Flow, drainage_area, flow_length
 
 __all__ = ["NetworkLaws", "network_laws"]
@@ -25,8 +25,10 @@ class NetworkLaws(NamedTuple):
     Attributes:
         streams: (K,) number of streams of the Strahler orders 1 to K.
         bifurcation_ratio: Streams of an order over those of the next one, without the highest order.
-        area_ratio: Mean area of streams over that of the order before, without the highest order.
-        length_ratio: Mean length of streams over that of the order before, without the highest order.
+        area_ratio: Mean area at the lower end of streams over that of the order before, without the highest order.
+        length_ratio: Mean length of the longest course to the lower end of streams, from the divide on, over that of
+            the order before, without the highest order. It is the L of Hack's law: log R_L / log R_A is an exponent
+            like Hack's. What a stream gains in its own order alone is measured by :func:`horton_ratios`.
         hack_exponent: h of L ~ A^h over all cells that drain three cells or more, with L the longest course to the
             cell. Small basins are many, and make it larger than it is in the limit.
         area_exponent: beta of P(A > a) ~ a^-beta over all cells, from the least area of the network to 5 % of the
@@ -44,8 +46,10 @@ class NetworkLaws(NamedTuple):
 def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
     """Measure Horton's and Hack's laws and the distribution of areas on a terrain's flow.
 
-    Every cell of the network counts as a channel of one step. Ratios are those of the fitted lines, log N over order,
-    through all orders but the highest one, whose few streams the map cuts off; NaN for less than three orders.
+    A stream is a run of cells of one Strahler order; all count, also those that leave through an edge. Its area and
+    length are taken at its last cell, above the junction. Ratios are those of lines fitted by least squares to the
+    logarithm over the order, through all orders but the highest one, whose few streams the map cuts off; NaN for less
+    than three orders.
 
     Args:
         flow: From :func:`warpriver.hydrology.route`; periodic sides are joined.
@@ -64,29 +68,34 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
         raise ValueError(
             f"{len(cell)} cells drain {min_drainage_area:g} m2 or more; the largest area is {np.nanmax(area):g}"
         )
-    to = receiver[cell]
-    leaves = to == cell
-    # Below each mouth a node of its own.
-    node = np.where(leaves, cell + area.size, to)
-    ratios = horton_ratios(cell, node, size * _steps(cell, to, flow.receiver.shape), area[cell])
+    length = flow_length(flow, downstream=False).reshape(-1)
+    streams, mean_area, mean_length = _streams(cell, receiver[cell], area, length)
     inner = np.flatnonzero(area >= HACK_CELLS * size**2)
-    hack = hack_exponent(flow_length(flow, downstream=False).reshape(-1)[inner], area[inner]).exponent
+    hack = hack_exponent(length[inner], area[inner]).exponent
     low, high = float(min_drainage_area), EXCEEDANCE_HIGH * float(np.nanmax(area))
     beta = exceedance(area, low=low, high=high).exponent if high > low else math.nan
-    fall, *growth = (_ratio(np.asarray(v, np.float64)) for v in (ratios.streams, ratios.area, ratios.length))
-    return NetworkLaws(ratios.streams, 1.0 / fall, growth[0], growth[1], hack, beta)
+    fall, *growth = (_ratio(v) for v in (streams.astype(np.float64), mean_area, mean_length))
+    return NetworkLaws(streams, 1.0 / fall, growth[0], growth[1], hack, beta)
+
+
+def _streams(
+    cell: NDArray[np.int64], to: NDArray[np.int64], area: NDArray[np.float64], length: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Number of streams of each order, their mean area, and the mean length to their lower ends; ``to`` is below."""
+    leaves = to == cell
+    # Below each mouth a node of its own.
+    order = strahler_order(cell, np.where(leaves, cell + area.size, to))
+    cell_order = np.zeros(area.size, np.int64)
+    cell_order[cell] = order
+    lowest = leaves | (cell_order[to] != order)
+    end, number = cell[lowest], order[lowest] - 1
+    streams = np.bincount(number)
+    means = [np.bincount(number, weights=values[end]) / streams for values in (area, length)]
+    return streams, means[0], means[1]
 
 
 def _ratio(values: NDArray[np.float64]) -> float:
-    """Factor from order to order of a line fitted to the logarithms, without the highest order."""
-    if len(values) < 3:
+    """Factor from order to order of a line fitted to the logarithms, without the highest; NaN where there is none."""
+    if len(values) < 3 or values[0] == 0.0:
         return math.nan
     return math.exp(np.polyfit(np.arange(len(values) - 1), np.log(values[:-1]), 1)[0])
-
-
-def _steps(cell: NDArray[np.int64], to: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Cells from each cell to the one that it drains to, also around a periodic side; 1 where water leaves."""
-    rows, columns = shape
-    down, across = np.abs(to // columns - cell // columns), np.abs(to % columns - cell % columns)
-    step = np.hypot(np.minimum(down, rows - down), np.minimum(across, columns - across))
-    return np.where(to == cell, 1.0, step)
