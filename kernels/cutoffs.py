@@ -344,8 +344,9 @@ def build(scalar):
         """Save each cut loop, ends included, and pull its inner points onto the point where it begins.
 
         A cut is recorded as (channel, first loop point in the buffer, number of points, -), in the order of the
-        packed points; on a ring, what is cut off may be the part that holds its first point. The copies left behind
-        have no length; resampling passes over them.
+        packed points; on a ring, what is cut off may be the part that holds its first point: what lies outside of
+        i .. j for -2 - j, or what begins at i and goes round to an earlier j. The copies left behind have no length;
+        resampling passes over them.
         """
         count = channel_start.shape[0] - 1
         if channel_cuts_sum[count - 1] > cut_out.shape[0] or channel_cut_points_sum[count - 1] > oxbow_xy_out.shape[0]:
@@ -374,7 +375,16 @@ def build(scalar):
                             )  # fmt: skip
                             slot += 1
                             offset += count
-                        if j >= 0:
+                        if j >= 0 and j < i:
+                            count = stop - first - (i - j) + 1
+                            cut_out[slot] = wp.vec4i(channel, offset, count, 0)
+                            save_outside(
+                                section_moved, first, stop - 1, j, i, offset, oxbow_xy_out, oxbow_section_out,
+                                point_moved_io,
+                            )  # fmt: skip
+                            slot += 1
+                            offset += count
+                        if j > i:
                             cut_out[slot] = wp.vec4i(channel, offset, j - i + 1, 0)
                             save_loop(section_moved, i, j, offset, oxbow_xy_out, oxbow_section_out, point_moved_io)
                             slot += 1

@@ -322,6 +322,9 @@ class PathMeander:
 
     k the displacement rate, b the blur length and S the smoothing: fastest at the wavelength
     2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
+
+    On rings, what area the smoothing would take, 2 pi S k w a year whatever the form, is given back all along
+    [Gage1986]: it keeps the area, and a ring of radius R obeys (R^2 - R0^2) / 2 + (b w)^2 ln(R / R0) = k w t.
     """
 
     time_step: float = parameter(
@@ -403,12 +406,28 @@ class PathMeander:
         source="warpriver",
         doc="points closer than this along the channel are neighbours, never joined",
     )
+    ring_policy: str = parameter(
+        "longer",
+        "-",
+        choices=("longer", "marked", "both"),
+        source="warpriver",
+        doc="which part of a ring goes on where a neck splits it: the longer one, the one with the ring's first point, "
+        "or both, the other as a new channel; what does not go on becomes an oxbow lake",
+    )
     end_damping: float = parameter(
         5.0,
         "widths",
         low=0.0,
         source="PathStudy2026",
         doc="reach at both ends of a channel over which the push fades to nothing; 0: only the end points are held",
+    )
+    taubin_passes: int = parameter(
+        0,
+        "-",
+        low=0,
+        high=1000,
+        source="Taubin1995",
+        doc="passes a sub-step of a smoothing that takes out the shortest waves and shrinks nothing; 0: none",
     )
     slope_threshold: float = parameter(
         0.15,
@@ -443,6 +462,8 @@ class PathMeander:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.taubin_passes != int(self.taubin_passes):
+            raise ValueError(f"PathMeander.taubin_passes is {self.taubin_passes:g}; give a whole number")
         if self.cutoff_min_arc <= self.search_radius:
             raise ValueError(
                 f"PathMeander.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above search_radius "

@@ -41,6 +41,7 @@ from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
 from warpriver.meander.rings import split_rings
 from warpriver.meander.shortcuts import PathBuffers
+from warpriver.meander.smoothing import smooth
 from warpriver.meander.solvers import Solver, solver_of
 from warpriver.meander.stages import Replay, Stage, run_stages
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
@@ -333,11 +334,6 @@ class Simulation:
                 f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
                 "closed=True), or open it"
             )
-        if network.channel_closed.any() and not self._solver.rings:
-            raise ValueError(
-                f"channel {int(network.channel_closed.argmax())} is a ring, which {type(self.params).__name__} cannot "
-                "move yet; use MeanderParams, or open it with closed=False"
-            )
         self._solver.check(network, self.params)
         if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
             check_forest(network)
@@ -512,7 +508,7 @@ class Simulation:
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
             *self._move_stages(),
-            *self._solver.smooth(network, channels, buffers, self.params),
+            *smooth(network, channels, buffers, self.params),
             *drift_junctions(network, channels, buffers, self.params),
             *self._solver.cut(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
@@ -575,7 +571,7 @@ class Simulation:
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        both = isinstance(self.params, MeanderParams) and self.params.ring_policy == "both"
+        both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
         for channel, begin, length, _ in cut[~split]:
             width = network.channel_width[channel] if section is None else section[begin, 0]

@@ -28,12 +28,12 @@ class PathBuffers(StepBuffers):
         point_links: (P,) int32, shortcuts that begin at each point.
         point_link: (P,) int32, the first of them.
         point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
-            channel itself.
+            channel itself; -1 at the ends of a ring's shortcuts before its route is known.
         point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
         link_from, link_to: (E,) int32, the shortcuts, in ascending order.
-        link_saving: (E,) float64, the arc that each bypasses less its own length, m.
+        link_saving: (E,) float64, the arc that each bypasses less its own length, m; -1 for one that is forbidden.
         share_links, share_links_sum: shortcuts that begin in each slab or chunk of points, and their running sum.
-        chunk_ends: 1 where a shortcut ends in the chunk, where points are dealt out in chunks.
+        chunk_linked: 1 where a shortcut begins or ends in the chunk, where points are dealt out in chunks.
     """
 
     def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
@@ -47,7 +47,7 @@ class PathBuffers(StepBuffers):
         self.point_saving = wp.zeros(point_capacity, dtype=wp.float64, device=device)
         self.share_links = wp.zeros(self.share_count, dtype=wp.int32, device=device)
         self.share_links_sum = wp.zeros(self.share_count, dtype=wp.int32, device=device)
-        self.chunk_ends = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
+        self.chunk_linked = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
         self._allocate_links(LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * point_capacity))
 
     @property
@@ -90,16 +90,22 @@ def find_shortcuts(
     All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
     bound a point, only the room for all of them, which the host enlarges on ``buffers.fault``.
 
+    On a ring a pair (i, j) may bypass either of two arcs, that from i to j and that from j round to i. Which one it is
+    follows from the ring's head, a point that no shortcut passes over: see the kernel ``open_rings``.
+
     Args:
         network: The network whose points moved.
         channels: Its channels, of spacing as before the move; ``necks`` gets their number.
         buffers: Gets the ``point_links`` and ``link_...`` arrays.
-        params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees.
+        params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees, ``ring_policy``.
     """
     kernel, device, b = kernels.build(PRECISIONS[network.dtype][0]), network.device, buffers
     law = kernel.ShortcutLaw()
     law.radius, law.min_arc = params.search_radius, params.cutoff_min_arc
     law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
+    if channels.closed is not None:
+        law.channel_closed = channels.closed
+    longer = int(params.ring_policy == "longer")
     shape = [channels.start, channels.form, channels.spacing]
     near = [b.point_moved, b.section_moved, b.point_next, b.bucket_head]
 
@@ -113,7 +119,7 @@ def find_shortcuts(
         )
 
     def number(_: Share) -> None:
-        b.chunk_ends.zero_()
+        b.chunk_linked.zero_()
         wp.utils.array_scan(b.share_links, b.share_links_sum, inclusive=True)
 
     def list_and_weigh(share: Share) -> None:
@@ -130,7 +136,19 @@ def find_shortcuts(
             inputs=[
                 share.work, b.point_moved, b.point_arc, b.chunk_offset, b.share_links_sum, b.link_from, b.link_to,
             ],
-            outputs=[b.link_saving, b.chunk_ends],
+            outputs=[b.link_saving, b.chunk_linked],
+            device=device,
+        )  # fmt: skip
+
+    def open_rings(share: Share) -> None:
+        wp.launch(
+            kernel.open_rings,
+            dim=share.channel_threads,
+            inputs=[
+                channels.start, law, longer, share.work, b.point_moved, b.point_arc, b.chunk_offset, b.point_links,
+                b.point_link, b.share_links_sum, channels.necks, b.chunk_linked, b.link_to,
+            ],
+            outputs=[b.link_saving, b.point_from, channels.head],
             device=device,
         )  # fmt: skip
 
@@ -140,11 +158,15 @@ def find_shortcuts(
         *measure(network, channels, buffers, "cut off"),
         Stage("cut off", number, shared=False),
         Stage("cut off", list_and_weigh),
+        *([] if channels.closed is None else [Stage("cut off", open_rings)]),
     ]
 
 
 def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffers) -> list[Stage]:
     """Return the stage that finds the shortest path down each channel over the shortcuts of :func:`find_shortcuts`.
+
+    Round a ring it is the shortest of all closed routes that pass the ring's head once, and the marked point where the
+    part that holds it goes on.
 
     Linear in points and edges. The sweep is serial down a channel; channels without a shortcut are passed over, and,
     with chunks, those that hold no end of one. Channels run in parallel.
@@ -161,8 +183,8 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
             kernel.find_path,
             dim=share.channel_threads,
             inputs=[
-                channels.start, share.work, b.point_links, b.point_link, b.share_links, b.share_links_sum,
-                channels.necks, b.chunk_ends, b.link_to, b.link_saving,
+                channels.start, share.work, channels.head, b.point_links, b.point_link, b.share_links_sum,
+                channels.necks, b.chunk_linked, b.link_to, b.link_saving,
             ],
             outputs=[
                 b.point_from, b.point_saving, b.point_neck, b.chunk_necks, channels.cuts, channels.cut_points,
