@@ -395,7 +395,7 @@ def build(scalar):
         link_to: wp.array[int],
         first: int,
         last: int,
-        point_from_io: wp.array[int],
+        point_from_out: wp.array[int],
     ) -> wp.vec2i:
         """Set -1 in ``point_from`` where a shortcut of a ring ends.
 
@@ -410,7 +410,7 @@ def build(scalar):
                     if point_links[i] > 0:
                         for m in range(point_link[i], point_link[i] + point_links[i]):
                             j = link_to[m]
-                            point_from_io[j] = -1
+                            point_from_out[j] = -1
                             if 2 * (j - i) > last + 1 - first:
                                 inner = wp.vec2i(wp.max(inner[0], i), wp.min(inner[1], j))
         return inner
