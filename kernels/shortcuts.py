@@ -249,9 +249,10 @@ def build(scalar):
         """Number of shortcuts that begin at each point, in each share of the work and in each channel.
 
         i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a ring,
-        and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck the strands run opposite ways,
-        so the angle is that of lines, not of arrows. Strands that cross are joined at any angle. ``ordered`` as for
-        necks: the lists descend. Clears what the path is noted in; channels whose step is 0 have none.
+        and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck
+        the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are joined at
+        any angle. ``ordered`` as for necks: the lists descend. Clears what the path is noted in; channels whose step is
+        0 have none.
         """
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_form.shape[0], k)

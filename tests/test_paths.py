@@ -31,9 +31,9 @@ def wandering_line(rng, count, curl=0.6):
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
 
 
-def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING):
+def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
     """A network whose points stay as they are, its channels as a step sees them and its buffers."""
-    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype)
+    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed)
     wide, even = network.channel_width, np.full(len(lines), spacing)
     count = network.point_count
     buffers = PathBuffers(network, count, count, 4 * count)

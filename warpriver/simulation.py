@@ -18,7 +18,7 @@ import warp as wp
 
 from warpriver import progress as progress_bar
 from warpriver.crs import short_name
-from warpriver.history import Collision, Cutoff, History, Record, StopReason
+from warpriver.history import Collision, Cutoff, History, Record, Split, StopReason
 from warpriver.meander import checks
 from warpriver.meander.buffers import (
     FAULT_NOT_FINITE,
@@ -212,6 +212,7 @@ class Simulation:
         self.history = history
         del history.cutoffs[record.cutoffs_before :]
         del history.collisions[record.collisions_before :]
+        del history.splits[record.splits_before :]
         return self
 
     # ---- state
@@ -563,7 +564,7 @@ class Simulation:
                 return
 
     def _collect_cutoffs(self, time: float) -> None:
-        """Move the cutoffs of the (sub-)step just done into the history; of a ring, both parts may go on."""
+        """Move the cutoffs and splits of the (sub-)step just done into the history; of a ring, both parts may go on."""
         buffers, network = self.buffers, self.network
         count = int(self.channels.cuts_sum.numpy()[-1])
         if count == 0:
@@ -573,10 +574,14 @@ class Simulation:
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
         both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
-        for channel, begin, length, _ in cut[~split]:
-            width = network.channel_width[channel] if section is None else section[begin, 0]
-            loop = self._solver.oxbow(xy[begin : begin + length])
-            self.history.cutoffs.append(Cutoff(time, int(network.channel_id[channel]), float(width), loop))
+        following = int(network.channel_id.max()) + 1 + np.cumsum(split) - 1  # as `split_rings` numbers them
+        for k, (channel, begin, length, _) in enumerate(cut):
+            width = float(network.channel_width[channel] if section is None else section[begin, 0])
+            identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
+            if split[k]:
+                self.history.splits.append(Split(time, identity, int(following[k]), width, loop.copy()))
+            else:
+                self.history.cutoffs.append(Cutoff(time, identity, width, self._solver.oxbow(loop)))
         if split.any():
             self._adopt(split_rings(network, cut[split, :3], xy))
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
@@ -690,6 +695,7 @@ class Simulation:
             channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
             channel_slope=network.channel_slope.copy(),
             channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
+            splits_before=len(self.history.splits),
         )
 
     def _record_end(self) -> None:

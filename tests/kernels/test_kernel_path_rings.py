@@ -160,7 +160,7 @@ def test_shortcuts_of_rings_are_those_of_all_pairs(device, cone, varied):
 
 @pytest.mark.parametrize("longer", [0, 1])
 def test_routes_round_rings_are_as_short_as_scipys(device, longer):
-    """Heads, what is saved, and the length of the route by a search on two laps, to 1e-12; loops across the seam too."""
+    """Heads, what is saved, and the length of the route by a search on two laps, to 1e-12; some loops hold the seam."""
     across = several = kept_all = 0
     for seed in range(8):
         case = ring_case(seed, device)
