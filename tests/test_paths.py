@@ -137,7 +137,7 @@ def deal_in_chunks(state, chunk):
     b, channels = state.buffers, state.channels
     b.chunk = chunk
     b.share_count = b.chunk_count = math.ceil(b.point_capacity / chunk)
-    for name in ("chunk_necks", "chunk_ends", "share_links", "share_links_sum"):
+    for name in ("chunk_necks", "chunk_linked", "share_links", "share_links_sum"):
         setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.int32))
     for name in ("chunk_length", "chunk_offset"):
         setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.float64))
