@@ -6,11 +6,12 @@ import reference_paths as twin
 import reference_rings as rings
 from phases import crossings
 from scipy.optimize import brentq
-from test_paths import SPACING, prepare, take
+from test_paths import SPACING, deal_in_chunks, prepare, take
 from test_rings import circle, noisy_ring, ring_network
 
 import warpriver as wr
 from warpriver import PathMeander, RiverNetwork, Simulation, metrics
+from warpriver.meander import buffers as step_buffers
 
 WIDTH = 60.0
 
@@ -107,6 +108,25 @@ def test_200_noisy_rings_against_scipy(policy):
         with_shortcuts, taken = with_shortcuts + 1, taken + len(kept)
     print(f"\n{policy}: {with_shortcuts} of 200 rings have shortcuts, {taken} are taken; lengths differ by {most:.1e}")
     assert with_shortcuts > 100 and taken > with_shortcuts and most <= 1e-12
+
+
+@pytest.mark.parametrize("policy", ["longer", "marked"])
+def test_the_same_route_every_time(policy, monkeypatch):
+    """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
+    lines = [noisy_ring(150.0, SPACING, noise=12.0, seed=k, middle=(900.0 * k, 0.0)) for k in range(30)]
+    params = PathMeander(search_radius=2.0, ring_policy=policy)
+    necks = []
+    for slab, chunk in ((10**6, 0), (200, 0), (10**6, 4096), (10**6, 32), (10**6, 7)):
+        monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
+        state = prepare(lines, params, closed=True)
+        if chunk > 0:
+            deal_in_chunks(state, chunk)
+        state.buffers._allocate_links(100_000)
+        take(state)
+        assert state.buffers.fault.numpy()[0] == 0
+        necks.append(state.buffers.point_neck.numpy())
+    assert (necks[0] >= 0).sum() > 20
+    assert all((neck == necks[0]).all() for neck in necks[1:])
 
 
 # ---- long runs
