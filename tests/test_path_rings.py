@@ -158,6 +158,24 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
         assert (lake.xy[0] == lake.xy[-1]).all() and shapely.LinearRing(lake.xy).is_simple
 
 
+@pytest.mark.parametrize("policy", ["longer", "marked", "both"])
+@pytest.mark.parametrize("shape", ["an eight", "twice round", "a band"])
+def test_rings_that_cross_or_touch_themselves_come_apart(shape, policy):
+    """At once, and for good; no policy leaves a point of them undefined."""
+    angle = 2.0 * np.pi * np.arange(240) / 240
+    xy = {
+        "an eight": np.stack([1000.0 * np.sin(angle), 500.0 * np.sin(2.0 * angle)], axis=1),
+        "twice round": (1000.0 + 40.0 * np.cos(angle))[:, None] * circle(120, 1.0)[np.arange(240) % 120],
+        "a band": np.stack([2000.0 * np.cos(angle), 30.0 * np.sin(angle)], axis=1),
+    }[shape]
+    sim = Simulation(ring_network(xy, WIDTH), PathMeander(spacing=30.0, ring_policy=policy), check=True)
+    for steps in (1, 1, 1, 47):
+        sim.run(steps=steps)
+        for ring in sim.network.polylines(close=True):
+            assert len(crossings(ring)) == 0, (steps, len(ring))
+    assert len(sim.history.cutoffs) + len(sim.history.splits) > 0
+
+
 def test_both_parts_go_on():
     sim = Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, ring_policy="both"), check=True)
     sim.run(steps=150)
