@@ -493,3 +493,13 @@ def test_the_command_line_tells_splits(tmp_path, capsys, solver):
     assert "0 cutoffs and 1 split of rings in all" in capsys.readouterr().out
     assert len(wr.History.load(out / "run").splits) == 1
     assert wr.read_network(out / "channels.csv").channel_closed.tolist() == [True, True]
+
+
+def test_a_belt_tells_splits(tmp_path):
+    pytest.importorskip("matplotlib")
+    params = MeanderParams(spacing=20.0, time_step=0.01, ring_policy="both", cutoff_min_arc=3.0)
+    history = Simulation(ring_network(dumbbell(), width=40.0), params).run(steps=2, record_every=1)
+    figure = wr.viz.draw_belt(history, tmp_path / "belt.png")
+    words = [text.get_text() for axes in figure.axes for text in axes.texts] + [t.get_text() for t in figure.texts]
+    told = f"{len(history.splits)} split"
+    assert any(told in word and "cutoff" not in word for word in words), words
