@@ -21,7 +21,8 @@ from scipy.sparse.csgraph import dijkstra
 import warpriver as wr
 from warpriver import throughput
 from warpriver.meander.cutoffs import cut_loops
-from warpriver.meander.shortcuts import PathBuffers, find_path, find_shortcuts
+from warpriver.meander.routes import find_path
+from warpriver.meander.shortcuts import PathBuffers, find_shortcuts
 
 CHANNEL_POINTS = 1000
 RING_WIDTH, RING_SPACING = 60.0, 40.0  # m
@@ -127,7 +128,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
         sim._run(find_shortcuts(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         middle = time.perf_counter()
-        sim._run(find_path(network, channels, buffers))
+        sim._run(find_path(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         after = time.perf_counter()
         sim._run(cut_loops(network, channels, buffers))

@@ -16,7 +16,8 @@ from warpriver.meander import buffers as step_buffers
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.migration import schedule
 from warpriver.meander.paths import path_law, push, push_limits
-from warpriver.meander.shortcuts import PathBuffers, take_shortcuts
+from warpriver.meander.routes import take_shortcuts
+from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.stages import Share, run_stages
 
 CURVES, SPACING, WIDTH = 200, 10.0, 12.0

@@ -7,7 +7,7 @@ import reference_rings as rings
 import test_kernel_cutoffs as cutting
 import test_kernel_paths as pushing
 import test_kernel_rings as shapes
-import test_kernel_shortcuts as routes
+import test_kernel_shortcuts as paths
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +15,7 @@ from kernel_arrays import DEALS, REALS, SLABS, to_device
 from path_lines import SPACING, varying_sections, wandering_line
 from reference_paths import PathLaw
 
-from warpriver.kernels import resampling
+from warpriver.kernels import resampling, routes
 
 
 def mixed(seed=0):
@@ -96,7 +96,7 @@ def test_smoothing_leaves_a_circle_and_the_push_widens_it(turn, count):
 # ---- shortcuts
 
 
-class RingCase(routes.Case):
+class RingCase(paths.Case):
     """Channels some of which are rings, and the kernels that find the routes round them."""
 
     def twin_shortcuts(self, radius, min_arc, cone):
@@ -121,9 +121,9 @@ class RingCase(routes.Case):
         flags = to_device(self.linked_chunks(packed, deal), wp.int32, self.device)
         save, marks = to_device(saving, wp.float64, self.device), self.zeros(self.capacity)
         head = self.ints(len(self.lines))
-        inputs = [self.channel_start, self.law(1.5, 3.0, 90.0), longer, ..., self.points, *self.arcs(deal)]
+        inputs = [self.channel_start, self.closed, longer, ..., self.points, *self.arcs(deal)]
         inputs += [packed["links"], packed["first"], packed["total"], packed["by_channel"], flags, packed["end"]]
-        self.launch(self.kernel.open_rings, deal, inputs, [save, marks, head], by_channel=True)
+        self.launch(routes.build(self.scalar).open_rings, deal, inputs, [save, marks, head], by_channel=True)
         return head.numpy() - self.start[:-1], save.numpy(), marks, head
 
     def routed(self, pairs, saving, longer, deal):
@@ -153,7 +153,7 @@ def test_shortcuts_of_rings_are_those_of_all_pairs(device, cone, varied):
                 for c, pairs in enumerate(case.shortcuts(1.5, 3.0, cone, deal, ordered)):
                     assert pairs.tolist() == expected[c].tolist(), (seed, deal, c)
         total += sum(len(p) for p in expected)
-        plain = routes.Case.twin_shortcuts(case, 1.5, 3.0, cone)
+        plain = paths.Case.twin_shortcuts(case, 1.5, 3.0, cone)
         seam += sum(a.tolist() != b.tolist() for a, b in zip(plain, expected, strict=True))
     assert total > 50 and seam > 1
 

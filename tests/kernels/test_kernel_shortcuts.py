@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kernel_arrays import DEALS, UNWRITTEN, chunk_count, share_count, slab_bounds, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
-from warpriver.kernels import cutoffs, resampling, shortcuts
+from warpriver.kernels import cutoffs, resampling, routes, shortcuts
 
 FAULT_SHORTCUTS_FULL = 3
 
@@ -161,7 +161,7 @@ class Case(PackedLines):
         inputs += [given["by_channel"], to_device(ends, wp.int32, self.device), given["end"][:room]]
         inputs += [to_device(saving, wp.float64, self.device)]
         outputs = [before, saved, neck, necks, cuts, points]
-        self.launch(self.kernel.find_path, deal, inputs, outputs, by_channel=True)
+        self.launch(routes.build(self.scalar).find_path, deal, inputs, outputs, by_channel=True)
         kept = []
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):
             kept.append([(int(i), int(own[i] - first)) for i in np.flatnonzero(own >= 0)])

@@ -1,7 +1,7 @@
 """Meanders by shortest paths, the move: the curvature pushes, and the line is smoothed.
 
 After the study *Meandering river: oxbows from shortest paths* [PathStudy2026]; what follows is in
-:mod:`warpriver.meander.shortcuts`.
+:mod:`warpriver.meander.shortcuts` and ``routes``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Shortcuts join the near strands of a channel, and the shortest route over them is the new channel [PathStudy2026]."""
+"""Shortcuts join the near strands of a channel; what the shortest route makes of them is in ``routes``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import warp as wp
 
 from warpriver.kernels import shortcuts as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.cutoffs import cut_loops, link_points
+from warpriver.meander.cutoffs import link_points
 from warpriver.meander.resampling import measure
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 
-__all__ = ["PathBuffers", "check_radius", "find_path", "find_shortcuts", "take_shortcuts"]
+__all__ = ["PathBuffers", "check_radius", "find_shortcuts"]
 
 # Shortcuts that there is room for at first, a point and in all: only where strands touch are there any.
 SHORTCUTS_PER_POINT, LEAST_SHORTCUTS = 0.125, 64
@@ -90,14 +90,11 @@ def find_shortcuts(
     All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
     bound a point, only the room for all of them, which the host enlarges on ``buffers.fault``.
 
-    On a ring a pair (i, j) may bypass either of two arcs, that from i to j and that from j round to i. Which one it is
-    follows from the ring's head, a point that no shortcut passes over: see the kernel ``open_rings``.
-
     Args:
         network: The network whose points moved.
         channels: Its channels, of spacing as before the move; ``necks`` gets their number.
         buffers: Gets the ``point_links`` and ``link_...`` arrays.
-        params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees, ``ring_policy``.
+        params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees.
     """
     kernel, device, b = kernels.build(PRECISIONS[network.dtype][0]), network.device, buffers
     law = kernel.ShortcutLaw()
@@ -105,7 +102,6 @@ def find_shortcuts(
     law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
     if channels.closed is not None:
         law.channel_closed = channels.closed
-    longer = int(params.ring_policy == "longer")
     shape = [channels.start, channels.form, channels.spacing]
     near = [b.point_moved, b.section_moved, b.point_next, b.bucket_head]
 
@@ -140,74 +136,10 @@ def find_shortcuts(
             device=device,
         )  # fmt: skip
 
-    def open_rings(share: Share) -> None:
-        wp.launch(
-            kernel.open_rings,
-            dim=share.channel_threads,
-            inputs=[
-                channels.start, law, longer, share.work, b.point_moved, b.point_arc, b.chunk_offset, b.point_links,
-                b.point_link, b.share_links_sum, channels.necks, b.chunk_linked, b.link_to,
-            ],
-            outputs=[b.link_saving, b.point_from, channels.head],
-            device=device,
-        )  # fmt: skip
-
     return [
         *link_points(network, channels, buffers, params.search_radius),
         Stage("cut off", count),
         *measure(network, channels, buffers, "cut off"),
         Stage("cut off", number, shared=False),
         Stage("cut off", list_and_weigh),
-        *([] if channels.closed is None else [Stage("cut off", open_rings)]),
-    ]
-
-
-def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffers) -> list[Stage]:
-    """Return the stage that finds the shortest path down each channel over the shortcuts of :func:`find_shortcuts`.
-
-    Round a ring it is the shortest of all closed routes that pass the ring's head once, and the marked point where the
-    part that holds it goes on.
-
-    Linear in points and edges. The sweep is serial down a channel; channels without a shortcut are passed over, and,
-    with chunks, those that hold no end of one. Channels run in parallel.
-
-    Args:
-        network: The network whose points moved.
-        channels: Its channels; get the counts of cuts.
-        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins.
-    """
-    kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
-
-    def find(share: Share) -> None:
-        wp.launch(
-            kernel.find_path,
-            dim=share.channel_threads,
-            inputs=[
-                channels.start, share.work, channels.head, b.point_links, b.point_link, b.share_links_sum,
-                channels.necks, b.chunk_linked, b.link_to, b.link_saving,
-            ],
-            outputs=[
-                b.point_from, b.point_saving, b.point_neck, b.chunk_necks, channels.cuts, channels.cut_points,
-            ],
-            device=network.device,
-        )  # fmt: skip
-
-    return [Stage("cut off", find)]
-
-
-def take_shortcuts(
-    network: RiverNetwork, channels: StepChannels, buffers: PathBuffers, params: PathMeander
-) -> list[Stage]:
-    """Return the stages that join near strands of ``buffers.point_moved`` and cut off what the shortest path bypasses.
-
-    Args:
-        network: The network whose points moved.
-        channels: Its channels, of spacing as before the move.
-        buffers: Scratch and results, as of :func:`warpriver.meander.cutoffs.cut_loops`.
-        params: As of :func:`find_shortcuts`.
-    """
-    return [
-        *find_shortcuts(network, channels, buffers, params),
-        *find_path(network, channels, buffers),
-        *cut_loops(network, channels, buffers),
     ]

@@ -12,7 +12,8 @@ from warpriver.meander.buffers import StepBuffers
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law, rate_of, step_limits
 from warpriver.meander.paths import path_law, push, push_limits, push_rate
-from warpriver.meander.shortcuts import PathBuffers, check_radius, take_shortcuts
+from warpriver.meander.routes import take_shortcuts
+from warpriver.meander.shortcuts import PathBuffers, check_radius
 from warpriver.meander.stages import Stage
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
