@@ -13,6 +13,7 @@ HERE = Path(__file__).resolve().parent
 SUITE = {
     "step": ("--quick", "--full"),
     "network": ("--quick", ""),
+    "paths": ("--quick", ""),
     "startup": ("--rounds 2", ""),
     "erosion": ("--quick", ""),
     "hydrology": ("--quick", ""),

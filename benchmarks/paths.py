@@ -1,16 +1,17 @@
-"""What a step by shortest paths costs: beside migration on the same rivers, and its search beside scipy's."""
+"""What a step by shortest paths costs: beside migration on the same rivers and rings, its search beside scipy's."""
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import sys
 import time
 
-# First: it sets the libraries to one core before NumPy is loaded.
-import step
+# One core: set before NumPy is loaded.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
 
-# isort: split
 import numpy as np
 import warp as wp
 from machine import machine, write_result
@@ -18,21 +19,62 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import warpriver as wr
+from warpriver import throughput
 from warpriver.meander.cutoffs import cut_loops
-from warpriver.meander.shortcuts import PathBuffers, find_path, find_shortcuts
+from warpriver.meander.routes import find_path
+from warpriver.meander.shortcuts import PathBuffers, find_shortcuts
 
+CHANNEL_POINTS = 1000
+RING_WIDTH, RING_SPACING = 60.0, 40.0  # m
+RING_STEPS = 120  # until rings are in full bend and their necks close
 SETTLE = 10  # steps before the measurement, so that each solver has cut what it cuts at once
 ROUNDS = 5
 
 
 def both(points: int, channel_points: int, device: str, dtype: str) -> tuple[wr.Simulation, wr.Simulation]:
     """Migration and shortest paths on the same developed rivers, collisions off."""
-    migration = step.simulation(points, channel_points, device, dtype)
-    path = wr.Simulation(migration.network, wr.PathMeander(collision_distance=0.0))
+    channels = max(1, points // channel_points)
+    migration = throughput.made_up(points, channels, device=device, dtype=dtype, threads=1, collisions=False)
+    path = wr.Simulation(migration.network, wr.PathMeander(collision_distance=0.0), threads=1)
     for _ in range(SETTLE):
         migration.step()
         path.step()
     return migration, path
+
+
+def noisy_rings(points: int, device: str, dtype: str) -> tuple[wr.Simulation, wr.Simulation]:
+    """Migration and shortest paths from the same rings, of about 1,000 points each, after a century's bends."""
+    rng = np.random.default_rng(0)
+    angle = 2.0 * np.pi * np.arange(CHANNEL_POINTS) / CHANNEL_POINTS
+    circle, radius = np.stack([np.cos(angle), np.sin(angle)], axis=1), CHANNEL_POINTS * RING_SPACING / (2.0 * np.pi)
+    count = max(1, points // CHANNEL_POINTS)
+    lines = []
+    for k in range(count):
+        bumps = sum(rng.normal(0.0, 40.0) * np.cos(m * angle + rng.uniform(0.0, 6.0)) for m in range(3, 60))
+        lines.append((radius + bumps)[:, None] * circle + 4.0 * radius * np.array([k % 32, k // 32]))
+    network = wr.RiverNetwork.from_polylines(lines, RING_WIDTH, closed=True, device=device, dtype=dtype)
+    kinds = (wr.MeanderParams(spacing=RING_SPACING), wr.PathMeander(spacing=RING_SPACING))
+    sims = [wr.Simulation(network, params, threads=1) for params in kinds]
+    for sim in sims:
+        for _ in range(RING_STEPS):
+            sim.step()
+    return sims[0], sims[1]
+
+
+def compared(migration: wr.Simulation, path: wr.Simulation) -> dict:
+    """Cost of a step of both, as a row of the result."""
+    counts = [sim.network.point_count for sim in (migration, path)]
+    cost = least((migration, path), max(3, 300_000 // counts[0]))
+    per_point = [1e9 * c / n for c, n in zip(cost, counts, strict=True)]
+    return {
+        "points": counts[1],
+        "migration_points": counts[0],
+        "channels": path.network.channel_count,
+        "migration_ns_per_point": per_point[0],
+        "paths_ns_per_point": per_point[1],
+        "ratio": per_point[1] / per_point[0],
+        "bytes_per_point": path.buffers.nbytes / counts[1],
+    }
 
 
 def least(sims: tuple[wr.Simulation, ...], steps: int) -> list[float]:
@@ -58,7 +100,7 @@ def phase_costs(sim: wr.Simulation) -> dict[str, float]:
         graphs[name] = recording.graph
     costs: dict[str, list[float]] = {name: [] for name in graphs}
     for _ in range(2 * ROUNDS):
-        sim.buffers.fault.zero_()
+        sim.buffers.status.zero_()
         for name, graph in graphs.items():
             wp.synchronize_device(sim.device)
             begin = time.perf_counter()
@@ -86,7 +128,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
         sim._run(find_shortcuts(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         middle = time.perf_counter()
-        sim._run(find_path(network, channels, buffers))
+        sim._run(find_path(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         after = time.perf_counter()
         sim._run(cut_loops(network, channels, buffers))
@@ -134,43 +176,38 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="sizes up to 100,000 points")
     parser.add_argument("-o", "--out", help="JSON to write (default results/paths-DEVICE.json)")
     options = parser.parse_args()
-    cases = [(n, step.CHANNEL_POINTS) for n in (10_000, 100_000)]
-    if not options.quick:
-        cases += [(1_000_000, step.CHANNEL_POINTS), (1_000_000, 1_000_000)]
+    sizes = [10_000, 100_000] + [1_000_000] * (not options.quick)
+    cases = [(n, CHANNEL_POINTS) for n in sizes] + [(1_000_000, 1_000_000)] * (not options.quick)
     heads = ("migration ns", "paths ns", "ratio", "shortcuts", "scipy/sweep")
     print(f"{'points':>9} {'channels':>8} " + " ".join(f"{head:>12}" for head in heads))
     rows = []
     for points, channel_points in cases:
         migration, path = both(points, channel_points, options.device, options.dtype)
-        cost = least((migration, path), max(3, 300_000 // points))
-        counts = [s.network.point_count for s in (migration, path)]
-        per_point = [1e9 * c / n for c, n in zip(cost, counts, strict=True)]
-        row = {
-            "points": counts[1],
-            "migration_points": counts[0],
-            "channels": path.network.channel_count,
-            "migration_ns_per_point": per_point[0],
-            "paths_ns_per_point": per_point[1],
-            "ratio": per_point[1] / per_point[0],
-            "bytes_per_point": path.buffers.nbytes / counts[1],
-            "search": search_cost(path.network),
-            "phases_ns_per_point": phase_costs(path),
-        }
+        row = compared(migration, path)
+        row |= {"search": search_cost(path.network), "phases_ns_per_point": phase_costs(path)}
         rows.append(row)
         print(
-            f"{row['points']:>9} {row['channels']:>8} {per_point[0]:>12.1f} {per_point[1]:>12.1f} "
+            f"{row['points']:>9} {row['channels']:>8} {row['migration_ns_per_point']:>12.1f} "
+            f"{row['paths_ns_per_point']:>12.1f} "
             f"{row['ratio']:>12.2f} {row['search']['shortcuts']:>12} {row['search']['ratio']:>12.1f}"
         )
         print("   ns a point by phase: " + ", ".join(f"{k} {v:.1f}" for k, v in row["phases_ns_per_point"].items()))
+    rings = [compared(*noisy_rings(points, options.device, options.dtype)) for points in sizes]
+    for row in rings:
+        print(
+            f"{row['points']:>9} {row['channels']:>8} {row['migration_ns_per_point']:>12.1f} "
+            f"{row['paths_ns_per_point']:>12.1f} {row['ratio']:>12.2f}  rings"
+        )
     many = [r for r in rows if r["channels"] > 1]
-    sizes, costs = [r["points"] for r in many], [r["points"] * r["paths_ns_per_point"] for r in many]
-    slope = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+    counts, costs = [r["points"] for r in many], [r["points"] * r["paths_ns_per_point"] for r in many]
+    slope = float(np.polyfit(np.log(counts), np.log(costs), 1)[0])
     print(f"cost grows as points^{slope:.3f}")
     result = {
         "benchmark": "paths",
         "dtype": options.dtype,
         "machine": machine(options.device, ("scipy",)),
         "sizes": rows,
+        "rings": rings,
         "exponent": slope,
     }
     write_result(result, options.out, f"paths-{options.device.split(':')[0]}")

@@ -15,6 +15,7 @@ KNOBS = {
     "smoothing": (0.2, 0.35, 0.5),
     "blur_length": (1.0, 1.5, 2.2),
     "search_radius": (1.0, 1.5, 3.0),
+    "cone_angle": (5.0, 45.0, 90.0),
     "downstream_share": (0.2, 0.9, 1.5),
 }
 
@@ -35,7 +36,7 @@ def draw(history: wr.History, folder: Path, title: str) -> np.ndarray:
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    rows, oxbows, wave = [], {}, {}
+    rows, oxbows, wave, neck = [], {}, {}, {}
     usual = simulate(wr.PathMeander())
     middle = draw(usual, folder, "all as by default")
     for knob, values in KNOBS.items():
@@ -46,7 +47,11 @@ def main(folder: Path) -> None:
             oxbows[knob, value] = len(history.cutoffs)
             grown = [wr.metrics.wavelength(n.polylines()[0], WIDTH) for n in history.networks[-10:]]
             wave[knob, value] = np.mean(grown)
-            print(f"{knob} {value:g}: wavelength {wave[knob, value]:.0f} m, {oxbows[knob, value]} oxbows")
+            print(f"{knob} {value:g}: wavelength {wave[knob, value]:.0f} m, {oxbows[knob, value]} oxbows", end="")
+            if history.cutoffs:
+                neck[knob, value] = np.mean([np.hypot(*(c.xy[-1] - c.xy[-2])) for c in history.cutoffs])
+                print(f", cut where strands are {neck[knob, value]:.0f} m apart", end="")
+            print()
             title = f"{knob.replace('_', ' ')} {value:g}"
             row.append(middle if is_default else draw(history, folder, title))
         rows.append(np.concatenate(row, axis=1))
@@ -55,6 +60,9 @@ def main(folder: Path) -> None:
 
     rate = [oxbows["displacement_rate", v] for v in KNOBS["displacement_rate"]]
     assert rate[0] < rate[1] < rate[2], "a stronger push cuts sooner"
+    for knob, order in (("cone_angle", "a wider cone"), ("search_radius", "a longer reach")):
+        low, middle, high = (neck[knob, v] for v in KNOBS[knob])
+        assert low < middle <= high + 1.0, f"{order} joins strands sooner"
     for knob in ("smoothing", "blur_length"):
         low, middle, high = (wave[knob, v] for v in KNOBS[knob])
         assert low < middle < high, f"more {knob} makes longer bends"

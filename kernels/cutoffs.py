@@ -354,7 +354,8 @@ def build(scalar):
 
         A cut is recorded as (channel, first loop point in the buffer, number of points, sub-steps done before), in the
         order of the packed points, after those of the sub-steps before; on a ring, what is cut off may be the part that
-        holds its first point. The copies left behind have no length; resampling passes over them.
+        holds its first point: what lies outside of i .. j for -2 - j, or what begins at i and goes round to an earlier
+        j. The copies left behind have no length; resampling passes over them.
         """
         if status_io[HALT] != 0:
             return
@@ -390,7 +391,16 @@ def build(scalar):
                             )  # fmt: skip
                             slot += 1
                             offset += count
-                        if j >= 0:
+                        if j >= 0 and j < i:
+                            count = stop - first - (i - j) + 1
+                            cut_out[slot] = wp.vec4i(channel, offset, count, status_io[DONE])
+                            save_outside(
+                                section_moved, first, stop - 1, j, i, offset, oxbow_xy_out, oxbow_section_out,
+                                point_moved_io,
+                            )  # fmt: skip
+                            slot += 1
+                            offset += count
+                        if j > i:
                             cut_out[slot] = wp.vec4i(channel, offset, j - i + 1, status_io[DONE])
                             save_loop(section_moved, i, j, offset, oxbow_xy_out, oxbow_section_out, point_moved_io)
                             slot += 1

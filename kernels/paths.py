@@ -1,6 +1,7 @@
 """Meanders by shortest paths, the move: a push by the curvature, blurred along the channel, and a smoothing."""
 
 import functools
+import math
 from types import SimpleNamespace
 
 import warp as wp
@@ -21,7 +22,8 @@ def build(scalar):
     name = f"warpriver.kernels.paths_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
-    ZERO, ONE = scalar(0.0), scalar(1.0)
+    ZERO, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 1.0, 2.0, 4.0))
+    PI = scalar(math.pi)
 
     @wp.struct
     class PathLaw:
@@ -57,6 +59,30 @@ def build(scalar):
         return (size * curvature) * normal + (size * law.downstream_share * wp.abs(curvature)) * tangent
 
     @wp.func(module=name)
+    def warmup_points(form: vec4, spacing: scalar, step: scalar, law: PathLaw) -> int:
+        """Number of points after which both recurrences have faded below rounding."""
+        r_pull = line.recurrence_root(diffusion_number(form[2], spacing, step, law))
+        return wp.max(line.recurrence_reach(blur_root(form[2], spacing, law)), line.recurrence_reach(r_pull))
+
+    @wp.func(module=name)
+    def ring_shares(
+        point_section: wp.array[vec2], form: vec4, spacing: scalar, step: scalar, law: PathLaw, first: int, last: int
+    ) -> vec2:
+        """What each recurrence, of the blur and of the smoothing, gains by going once round a ring: 1 - r^n.
+
+        Once round, I = A I + B, so that I = B / (1 - A).
+        """
+        blur = ONE
+        pull = ONE
+        width = form[0]
+        for i in range(first, last + 1):
+            if point_section:
+                width = point_section[i][0]
+            blur = blur * blur_root(width, spacing, law)
+            pull = pull * line.recurrence_root(diffusion_number(width, spacing, step, law))
+        return vec2(ONE - blur, ONE - pull)
+
+    @wp.func(module=name)
     def sweep_push(
         point_xy: wp.array[vec2],
         point_section: wp.array[vec2],
@@ -66,31 +92,43 @@ def build(scalar):
         law: PathLaw,
         first: int,
         last: int,
+        closed: int,
         begin: int,
         stop: int,
         point_push_out: wp.array[vec4],
     ):
-        """Pushes of the points begin .. stop - 1 of one channel, by one run down it from where the past has faded."""
+        """Pushes of the points begin .. stop - 1 of one channel, by one run down it from where the past has faded.
+
+        That may lie more than once round a ring: then one lap is closed over the ring.
+        """
         width = form[0]
-        widest = form[2]
-        r_blur = blur_root(widest, spacing, law)
-        c_pull = diffusion_number(widest, spacing, step, law)
+        r_blur = blur_root(form[2], spacing, law)
+        c_pull = diffusion_number(form[2], spacing, step, law)
         r_pull = line.recurrence_root(c_pull)
-        warm = wp.max(first, begin - wp.max(line.recurrence_reach(r_blur), line.recurrence_reach(r_pull)))
-        before = line.extended_point(point_xy, warm - 1, first, last, 0)
-        here = point_xy[warm]
+        warm = begin - warmup_points(form, spacing, step, law)
+        count = last - first + 1
+        if closed == 0:
+            warm = wp.max(first, warm)
+        else:
+            warm = wp.max(begin - count, warm)
+        before = line.extended_point(point_xy, warm - 1, first, last, closed)
+        here = line.extended_point(point_xy, warm, first, last, closed)
         push = vec2(ZERO, ZERO)
         pull = vec2(ZERO, ZERO)
         for j in range(warm, stop):
-            after = line.extended_point(point_xy, j + 1, first, last, 0)
+            if j == begin and warm == begin - count:
+                shares = ring_shares(point_section, form, spacing, step, law, first, last)
+                push = push / shares[0]
+                pull = pull / shares[1]
+            after = line.extended_point(point_xy, j + 1, first, last, closed)
             if point_section:
-                width = point_section[j][0]
+                width = point_section[wp.where(j < first, line.round_index(j, first, last), j)][0]
                 r_blur = blur_root(width, spacing, law)
                 c_pull = diffusion_number(width, spacing, step, law)
                 r_pull = line.recurrence_root(c_pull)
             push = (ONE - r_blur) * push_at(before, here, after, width, step, law) + r_blur * push
             pull = ((ONE - r_pull) * c_pull) * ((after - here) - (here - before)) + r_pull * pull
-            if j == first:
+            if j == first and closed == 0:
                 push = vec2(ZERO, ZERO)
                 pull = vec2(ZERO, ZERO)
             if j >= begin:
@@ -107,6 +145,7 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
         # params
         law: PathLaw,
         work: Work,
@@ -116,8 +155,8 @@ def build(scalar):
         """Push by the curvature and pull towards the neighbours' mean, both blurred downstream: (push, pull) in m.
 
         push = k w (C n + phi |C| t) dt; pull = c d2 p, c = S k w dt / h^2. Half of (1 - (b w)^2 d2/ds2)^-1 push and of
-        (1 - c d2)^-1 pull is done here, the way down the channel; ``shift_points`` does the other half. Channels whose
-        step is 0 rest and are passed over.
+        (1 - c d2)^-1 pull is done here, the way down the channel; ``shift_points`` does the other half. Above the first
+        point of a ring lies the ring itself, round and round. Channels whose step is 0 rest and are passed over.
         """
         share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
         i = int(share[0])
@@ -131,10 +170,20 @@ def build(scalar):
             if step > ZERO:
                 sweep_push(
                     point_xy, point_section, channel_form[channel], channel_spacing[channel], step, law, first, last,
-                    i, stop, point_push_out,
+                    line.closed_at(channel_closed, channel), i, stop, point_push_out,
                 )  # fmt: skip
             i = stop
             channel += 1
+
+    @wp.func(module=name)
+    def swell_of(count: int, width: scalar, spacing: scalar, step: scalar, law: PathLaw) -> scalar:
+        """How far the smoothing pulls in the points of the regular ring of as many points, m.
+
+        It takes 2 pi D dt off the area of any ring; the same way out along the whole ring gives it back [Gage1986].
+        """
+        c = diffusion_number(width, spacing, step, law)
+        sine = wp.sin(PI / scalar(count))
+        return TWO * spacing * sine * c / (ONE + FOUR * c * sine * sine)
 
     @wp.func(module=name)
     def sweep_shift(
@@ -147,22 +196,36 @@ def build(scalar):
         spacing: scalar,
         step: scalar,
         law: PathLaw,
+        swell: scalar,
         first: int,
         last: int,
+        closed: int,
         begin: int,
         stop: int,
         point_moved_out: wp.array[vec2],
         section_moved_out: wp.array[vec2],
     ) -> scalar:
-        """Move the points begin .. stop - 1 of one channel, running up it; return how far the farthest goes, m."""
+        """Move the points begin .. stop - 1 of one channel, running up it; return how far the farthest goes, m.
+
+        ``swell``: how far the points of a ring go to the right besides.
+        """
         farthest = scalar(0.0)
         r_blur = blur_root(form[2], spacing, law)
         r_pull = line.recurrence_root(diffusion_number(form[2], spacing, step, law))
-        top = wp.min(last, stop - 1 + wp.max(line.recurrence_reach(r_blur), line.recurrence_reach(r_pull)))
+        top = stop - 1 + warmup_points(form, spacing, step, law)
+        count = last - first + 1
+        if closed == 0:
+            top = wp.min(last, top)
+        else:
+            top = wp.min(stop - 1 + count, top)
         push = vec2(ZERO, ZERO)
         pull = vec2(ZERO, ZERO)
         for k in range(0, top - begin + 1):
-            j = top - k
+            if top - k == stop - 1 and top == stop - 1 + count:
+                shares = ring_shares(point_section, form, spacing, step, law, first, last)
+                push = push / shares[0]
+                pull = pull / shares[1]
+            j = wp.where(top - k > last, line.round_index(top - k, first, last), top - k)
             if point_section:
                 width = point_section[j][0]
                 r_blur = blur_root(width, spacing, law)
@@ -170,13 +233,20 @@ def build(scalar):
             both = point_push[j]
             push = (ONE - r_blur) * vec2(both[0], both[1]) + r_blur * push
             pull = (ONE - r_pull) * vec2(both[2], both[3]) + r_pull * pull
-            if j == last:
+            if j == last and closed == 0:
                 push = vec2(ZERO, ZERO)
                 pull = vec2(ZERO, ZERO)
-            if j < stop:
+            if top - k < stop:
                 moved = point_xy[j]
-                if j > first and j < last:
-                    shift = line.end_weight(j, first, last, spacing, law.end_damping * form[0]) * push + pull
+                if closed != 0 or (j > first and j < last):
+                    weight = ONE
+                    if closed == 0:
+                        weight = line.end_weight(j, first, last, spacing, law.end_damping * form[0])
+                    shift = weight * push + pull
+                    if closed != 0:
+                        before = line.extended_point(point_xy, j - 1, first, last, closed)
+                        after = line.extended_point(point_xy, j + 1, first, last, closed)
+                        shift = shift + swell * line.right_normal(before, after)
                     if cell_height:
                         shift = cells.slope_weight(cell_height, grid, moved, law.slope_threshold) * shift
                     farthest = wp.max(farthest, wp.length(shift))
@@ -195,6 +265,8 @@ def build(scalar):
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
+        channel_closed: wp.array[int],
+        channel_area: wp.array[wp.int64],
         # terrain
         cell_height: wp.array2d[wp.float64],
         grid: cells.RasterGrid,
@@ -210,8 +282,9 @@ def build(scalar):
     ):
         """Finish the blur upstream and move: p += g (e push + pull); the two ends of a channel stay.
 
-        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one. The points of a
-        channel whose step is 0 stay.
+        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one. On a ring e is 1, and
+        all its points go outward by what the smoothing pulls them in on average, so that it keeps the area. The points
+        of a channel whose step is 0 stay.
         """
         share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
         i = int(share[0])
@@ -223,9 +296,16 @@ def build(scalar):
             stop = wp.min(end, last + 1)
             step = channel_step[channel]
             if step > ZERO:
+                spacing = channel_spacing[channel]
+                closed = line.closed_at(channel_closed, channel)
+                swell = scalar(0.0)
+                if closed != 0:
+                    swell = swell_of(last - first + 1, channel_form[channel][0], spacing, step, law)
+                    if channel_area[channel] < wp.int64(0):
+                        swell = -swell
                 farthest = sweep_shift(
-                    point_xy, point_section, point_push, cell_height, grid, channel_form[channel],
-                    channel_spacing[channel], step, law, first, last, i, stop, point_moved_out, section_moved_out,
+                    point_xy, point_section, point_push, cell_height, grid, channel_form[channel], spacing, step, law,
+                    swell, first, last, closed, i, stop, point_moved_out, section_moved_out,
                 )  # fmt: skip
                 wp.atomic_max(channel_pace_io, channel, farthest / step)
             else:

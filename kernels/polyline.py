@@ -168,6 +168,23 @@ def build(scalar):
         return chunk_offset[k - 1] + point_arc[i]
 
     @wp.func(module=name)
+    def length_of(
+        point: wp.array[vec2],
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.float64],
+        chunk: int,
+        first: int,
+        last: int,
+        closed: int,
+    ) -> wp.float64:
+        """Length of a channel, that of a ring with the segment that closes it."""
+        head = arc_at(point_arc, chunk_offset, chunk, first)
+        length = arc_at(point_arc, chunk_offset, chunk, last) - head
+        if closed != 0:
+            length += wp.float64(wp.length(point[first] - point[last]))
+        return length
+
+    @wp.func(module=name)
     def recurrence_root(c: scalar) -> scalar:
         """Root r with which (1 - c d2)^-1, d2 the second difference, is one recurrence down and one up the line.
 
@@ -231,6 +248,7 @@ def build(scalar):
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
         arc_at=arc_at,
+        length_of=length_of,
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,

@@ -70,23 +70,6 @@ def build(scalar):
         if work.chunk > 0:
             chunk_length_out[k] = arc
 
-    @wp.func(module=name)
-    def length_of(
-        point: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
-        chunk: int,
-        first: int,
-        last: int,
-        closed: int,
-    ) -> wp.float64:
-        """Length of a channel, that of a ring with the segment that closes it."""
-        head = line.arc_at(point_arc, chunk_offset, chunk, first)
-        length = line.arc_at(point_arc, chunk_offset, chunk, last) - head
-        if closed != 0:
-            length += wp.float64(wp.length(point[first] - point[last]))
-        return length
-
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
         # network
@@ -119,7 +102,7 @@ def build(scalar):
                 first = channel_start[channel]
                 last = channel_start[channel + 1] - 1
                 closed = line.closed_at(channel_closed, channel)
-                length = length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
+                length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
                 if length > ZERO_64 and wp.isfinite(length):
                     least = int(2)
@@ -272,7 +255,7 @@ def build(scalar):
         td = line.central_tangent(d - c, e - d, cd, de)
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
-        length = length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
+        length = line.length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
         arc_b = line.arc_at(point_arc, chunk_offset, chunk, ib)
         arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
         for k in range(sample_range[2], sample_range[3]):

@@ -1,4 +1,4 @@
-"""Shortcuts between near strands of a channel, and the shortest path over them from its head to its foot."""
+"""Shortcuts between near strands of a channel: found on a grid, listed in order, weighed."""
 
 import functools
 from types import SimpleNamespace
@@ -26,16 +26,30 @@ def build(scalar):
 
     @wp.struct
     class ShortcutLaw:
-        """When two points are joined: search radius and least arc in widths, cosine of the cone squared."""
+        """When two points are joined: search radius and least arc in widths, cosine of the cone squared.
+
+        ``channel_closed``: 1 for rings; without the array there are none.
+        """
 
         radius: scalar
         min_arc: scalar
         cone: scalar
+        channel_closed: wp.array[int]
 
     @wp.func(module=name)
-    def tangent_at(point: wp.array[vec2], i: int, first: int, last: int) -> vec2:
+    def neighbour(i: int, first: int, last: int, closed: int) -> int:
+        """Point of an index that may lie one beyond an end: the end of a line, the other end of a ring."""
+        if closed != 0:
+            if i < first:
+                return last
+            if i > last:
+                return first
+        return wp.clamp(i, first, last)
+
+    @wp.func(module=name)
+    def tangent_at(point: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
         """Direction of the line at a point, of no particular length: from the point before to the point after."""
-        return point[wp.min(i + 1, last)] - point[wp.max(i - 1, first)]
+        return point[neighbour(i + 1, first, last, closed)] - point[neighbour(i - 1, first, last, closed)]
 
     @wp.func(module=name)
     def side_of(a: vec2, b: vec2, p: vec2) -> scalar:
@@ -59,6 +73,7 @@ def build(scalar):
         law: ShortcutLaw,
         first: int,
         last: int,
+        closed: int,
     ) -> bool:
         """Tell whether point i may be joined to a later point j: near, far along the channel, and in line with it.
 
@@ -69,18 +84,24 @@ def build(scalar):
         reach = radius
         if section:
             width = HALF * (section[i][0] + section[j][0])
-            if scalar(j - i) <= min_arc * width:
+            apart = j - i
+            if closed != 0:
+                apart = wp.min(apart, last + 1 - first - apart)
+            if scalar(apart) <= min_arc * width:
                 return False
             reach = law.radius * width
         if not (wp.length_sq(point[j] - point[i]) < reach * reach):
             return False
-        other = tangent_at(point, j, first, last)
+        other = tangent_at(point, j, first, last, closed)
         along = wp.dot(tangent, other)
         if along * along >= law.cone * wp.length_sq(tangent) * wp.length_sq(other):
             return True
-        if j < last and segments_cross(point[i], point[i + 1], point[j], point[j + 1]):
+        # At the end of a line the segment beyond has no length, and crosses nothing.
+        after = point[neighbour(j + 1, first, last, closed)]
+        if segments_cross(point[i], point[i + 1], point[j], after):
             return True
-        return i > first and segments_cross(point[i - 1], point[i], point[j - 1], point[j])
+        before = point[neighbour(i - 1, first, last, closed)]
+        return segments_cross(before, point[i], point[j - 1], point[j])
 
     @wp.func(module=name)
     def is_in_cell(p: vec2, x: int, y: int) -> bool:
@@ -96,6 +117,13 @@ def build(scalar):
         return i + int(min_arc * widest) + 1
 
     @wp.func(module=name)
+    def highest_partner(nearest: int, i: int, first: int, last: int, closed: int) -> int:
+        """Last point that may be joined to point i: on a ring it is as far from it the other way round."""
+        if closed != 0:
+            return wp.min(last, 2 * i + last + 1 - first - nearest)
+        return last
+
+    @wp.func(module=name)
     def partners_of(
         point: wp.array[vec2],
         section: wp.array[vec2],
@@ -103,6 +131,7 @@ def build(scalar):
         bucket_head: wp.array[int],
         first: int,
         last: int,
+        closed: int,
         mask: int,
         i: int,
         form: vec4,
@@ -114,7 +143,8 @@ def build(scalar):
         here = point[i]
         radius = law.radius * form[2]
         nearest = lowest_partner(section, i, form[2], min_arc)
-        tangent = tangent_at(point, i, first, last)
+        farthest = highest_partner(nearest, i, first, last, closed)
+        tangent = tangent_at(point, i, first, last, closed)
         per_cell = HALF / radius
         x0 = table.floor_int(here[0] * per_cell - HALF)
         y0 = table.floor_int(here[1] * per_cell - HALF)
@@ -126,7 +156,8 @@ def build(scalar):
             while j >= ordered * nearest:
                 if (
                     j >= nearest
-                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last)
+                    and j <= farthest
+                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
                     and is_in_cell(point[j] * per_cell, x, y)
                 ):
                     found += 1
@@ -141,6 +172,7 @@ def build(scalar):
         bucket_head: wp.array[int],
         first: int,
         last: int,
+        closed: int,
         mask: int,
         i: int,
         form: vec4,
@@ -153,7 +185,8 @@ def build(scalar):
         here = point[i]
         radius = law.radius * form[2]
         nearest = lowest_partner(section, i, form[2], min_arc)
-        tangent = tangent_at(point, i, first, last)
+        farthest = highest_partner(nearest, i, first, last, closed)
+        tangent = tangent_at(point, i, first, last, closed)
         per_cell = HALF / radius
         x0 = table.floor_int(here[0] * per_cell - HALF)
         y0 = table.floor_int(here[1] * per_cell - HALF)
@@ -165,7 +198,8 @@ def build(scalar):
             while j >= 0:
                 if (
                     j >= nearest
-                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last)
+                    and j <= farthest
+                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
                     and is_in_cell(point[j] * per_cell, x, y)
                 ):
                     slot = int(end)
@@ -209,10 +243,11 @@ def build(scalar):
     ):
         """Number of shortcuts that begin at each point, in each share of the work and in each channel.
 
-        i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc`` and the lines along them make
-        an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck the strands run opposite ways,
-        so the angle is that of lines, not of arrows. Strands that cross are joined at any angle. ``ordered`` as for
-        necks: the lists descend. Clears what the path is noted in; channels whose step is 0 have none.
+        i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a ring,
+        and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck
+        the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are joined at
+        any angle. ``ordered`` as for necks: the lists descend. Clears what the path is noted in; channels whose step is
+        0 have none.
         """
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_form.shape[0], k)
@@ -227,12 +262,13 @@ def build(scalar):
             own = int(0)
             if channel_step[channel] > ZERO:
                 mask = table.bucket_mask(last + 1 - first)
+                closed = line.closed_at(law.channel_closed, channel)
                 form = channel_form[channel]
                 min_arc = law.min_arc / channel_spacing[channel]
                 for j in range(i, stop):
                     found = partners_of(
-                        point_moved, section_moved, point_next, bucket_head, first, last, mask, j, form, min_arc,
-                        ordered, law,
+                        point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
+                        min_arc, ordered, law,
                     )  # fmt: skip
                     own += found
                     point_links_out[j] = found
@@ -291,14 +327,15 @@ def build(scalar):
             stop = wp.min(end, last + 1)
             if channel_links[channel] > 0:
                 mask = table.bucket_mask(last + 1 - first)
+                closed = line.closed_at(law.channel_closed, channel)
                 form = channel_form[channel]
                 min_arc = law.min_arc / channel_spacing[channel]
                 for j in range(i, stop):
                     if point_links[j] > 0:
                         begin = slot
                         slot = write_partners(
-                            point_moved, section_moved, point_next, bucket_head, first, last, mask, j, form, min_arc,
-                            law, begin, link_to_out,
+                            point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
+                            min_arc, law, begin, link_to_out,
                         )  # fmt: skip
                         point_link_out[j] = begin
                         for m in range(begin, slot):
@@ -319,9 +356,9 @@ def build(scalar):
         link_to: wp.array[int],
         # out
         link_saving_out: wp.array[wp.float64],
-        chunk_ends_io: wp.array[int],
+        chunk_linked_io: wp.array[int],
     ):
-        """What each shortcut saves, the arc that it bypasses less its own length; flags the chunks where one ends."""
+        """What each shortcut saves, the arc i .. j less its own length; flags the chunks where one begins or ends."""
         if share_links_sum[share_links_sum.shape[0] - 1] > link_saving_out.shape[0]:
             return
         k = work.first + wp.tid()
@@ -335,132 +372,8 @@ def build(scalar):
             dy = wp.float64(chord[1])
             link_saving_out[m] = arc - wp.sqrt(dx * dx + dy * dy)
             if work.chunk > 0:
-                wp.atomic_max(chunk_ends_io, j // work.chunk, 1)
-
-    # ---- the shortest path
-
-    @wp.func(module=name)
-    def is_linked(work: Work, share_links: wp.array[int], chunk_ends: wp.array[int], first: int, k: int) -> bool:
-        """Tell whether a shortcut may begin or end in the k-th piece of a channel that has any."""
-        if work.chunk == 0:
-            return True
-        c = first // work.chunk + k
-        return share_links[c] > 0 or chunk_ends[c] > 0
-
-    @wp.func(module=name)
-    def sweep_links(
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        link_to: wp.array[int],
-        link_saving: wp.array[wp.float64],
-        begin: int,
-        stop: int,
-        saved: wp.float64,
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
-    ) -> wp.float64:
-        """Sweep the points begin .. stop - 1 from what is saved above them; return what is saved below."""
-        best = wp.float64(saved)
-        for i in range(begin, stop):
-            if point_from_io[i] > 0:
-                if point_saving_io[i] > best:
-                    best = point_saving_io[i]
-                else:
-                    point_from_io[i] = 0
-            if point_links[i] > 0:
-                for m in range(point_link[i], point_link[i] + point_links[i]):
-                    j = link_to[m]
-                    gain = best + link_saving[m]
-                    if point_from_io[j] == 0 or gain > point_saving_io[j]:
-                        point_saving_io[j] = gain
-                        point_from_io[j] = i + 1
-        return best
-
-    @wp.func(module=name)
-    def walk_path(
-        work: Work,
-        first: int,
-        stop: int,
-        share_links: wp.array[int],
-        chunk_ends: wp.array[int],
-        point_from: wp.array[int],
-        point_neck_out: wp.array[int],
-        chunk_necks_io: wp.array[int],
-    ) -> wp.vec2i:
-        """Walk the shortest path back up a channel and note the shortcuts on it; number of them and of loop points."""
-        cuts = int(0)
-        points = int(0)
-        cursor = int(stop - 1)
-        pieces = line.piece_count(work, first, stop)
-        for n in range(0, pieces):
-            k = pieces - 1 - n
-            piece = line.piece_range(work, first, stop, k)
-            if piece[0] <= cursor and is_linked(work, share_links, chunk_ends, first, k):
-                j = wp.min(cursor, piece[1] - 1)
-                while j >= piece[0]:
-                    if point_from[j] > 0:
-                        i = point_from[j] - 1
-                        point_neck_out[i] = j
-                        if work.chunk > 0:
-                            wp.atomic_add(chunk_necks_io, i // work.chunk, 1)
-                        cuts += 1
-                        points += j - i + 1
-                        cursor = i
-                        j = i
-                    else:
-                        j -= 1
-        return wp.vec2i(cuts, points)
-
-    @wp.kernel(module=name, enable_backward=False)
-    def find_path(
-        # network
-        channel_start: wp.array[int],
-        # params
-        work: Work,
-        # in
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        share_links: wp.array[int],
-        share_links_sum: wp.array[int],
-        channel_links: wp.array[int],
-        chunk_ends: wp.array[int],
-        link_to: wp.array[int],
-        link_saving: wp.array[wp.float64],
-        # out
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
-        point_neck_out: wp.array[int],
-        chunk_necks_io: wp.array[int],
-        channel_cuts_out: wp.array[int],
-        channel_cut_points_out: wp.array[int],
-    ):
-        """Shortest path from the head of a channel to its foot over its own segments and its shortcuts.
-
-        Edges run downstream only, so that one sweep is enough. With A the arc length from the head, the distance to
-        point i is A_i - S_i; S_j = max(S_(j-1), max over shortcuts (i, j) of S_i + saving), which changes only where
-        a shortcut ends: chunks that hold no end of one are passed over. Where routes are equally short, the channel
-        goes before a shortcut, and of shortcuts the one that begins farthest upstream is kept.
-        """
-        listed = share_links_sum[share_links_sum.shape[0] - 1] <= link_to.shape[0]
-        share = line.channel_range(work, work.first + wp.tid())
-        for channel in range(share[0], share[1]):
-            found = wp.vec2i(0, 0)
-            if listed and channel_links[channel] > 0:
-                first = channel_start[channel]
-                stop = channel_start[channel + 1]
-                saved = wp.float64(0.0)
-                for k in range(line.piece_count(work, first, stop)):
-                    if is_linked(work, share_links, chunk_ends, first, k):
-                        piece = line.piece_range(work, first, stop, k)
-                        saved = sweep_links(
-                            point_links, point_link, link_to, link_saving, piece[0], piece[1], saved, point_from_io,
-                            point_saving_io,
-                        )  # fmt: skip
-                found = walk_path(
-                    work, first, stop, share_links, chunk_ends, point_from_io, point_neck_out, chunk_necks_io
-                )
-            channel_cuts_out[channel] = found[0]
-            channel_cut_points_out[channel] = found[1]
+                wp.atomic_max(chunk_linked_io, i // work.chunk, 1)
+                wp.atomic_max(chunk_linked_io, j // work.chunk, 1)
 
     return SimpleNamespace(
         vec2=vec2,
@@ -469,5 +382,4 @@ def build(scalar):
         count_shortcuts=count_shortcuts,
         list_shortcuts=list_shortcuts,
         weigh_shortcuts=weigh_shortcuts,
-        find_path=find_path,
     )

@@ -1,9 +1,10 @@
-"""Float64 NumPy twins of the shortest-path kernels; see reference.py."""
+"""Float64 NumPy twins of the shortest-path kernels, on lines and on rings; see reference.py."""
 
 import dataclasses
 
 import numpy as np
 import reference
+import reference_rings as rings
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -145,3 +146,120 @@ def best_chain(count, links, saving):
             if best[i] + gain > best[j]:
                 best[j], route[j] = best[i] + gain, [*route[i], (int(i), j)]
     return route[-1], best[-1]
+
+
+# ---- rings
+
+
+def ring_push(xy, spacing, width, law):
+    """As ``compute_push``, round and round."""
+    blur, smooth, share = roots(xy, spacing, width, law)
+    wide = rings.wrapped(xy, 1)
+    normal = reference.right_normals(wide)
+    curvature = reference.circle_curvature(wide)[:, None]
+    along = law.downstream_share * abs(curvature) * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    push = (law.displacement_rate * law.time_step * width)[:, None] * (curvature * normal + along)
+    pull = share[:, None] * (wide[2:] - 2.0 * wide[1:-1] + wide[:-2])
+    return np.concatenate([ring_fade(push, blur), ring_fade(pull, smooth)], axis=1)
+
+
+def ring_fade(value, r):
+    """Both coordinates of a recurrence down a ring, (n, 2)."""
+    return np.stack([rings.fading_sum(column, r) for column in value.T], axis=1)
+
+
+def ring_shift(xy, half, spacing, mean_width, width, law):
+    """As ``shift_points``; outward goes what the smoothing pulls in the regular ring of as many points."""
+    blur, smooth, _ = roots(xy, spacing, width, law)
+    push = ring_fade(half[::-1, :2], blur[::-1])[::-1]
+    pull = ring_fade(half[::-1, 2:], smooth[::-1])[::-1]
+    c = law.smoothing * law.displacement_rate * mean_width * law.time_step / spacing**2
+    radius, wave = spacing / (2.0 * np.sin(np.pi / len(xy))), 2.0 - 2.0 * np.cos(2.0 * np.pi / len(xy))
+    swell = np.sign(rings.area(xy)) * radius * c * wave / (1.0 + c * wave)
+    return xy + push + pull + swell * reference.right_normals(rings.wrapped(xy, 1))
+
+
+def ring_shortcuts(xy, spacing, reach, min_arc, cone):
+    """As ``find_shortcuts``; the arc between two points is the shorter way round."""
+    n = len(xy)
+    i, j = np.arange(n)[:, None], np.arange(n)[None, :]
+    wide = rings.wrapped(xy, 1)
+    direction = wide[2:] - wide[:-2]
+    along, sizes = direction @ direction.T, (direction**2).sum(axis=1)
+    cosine = np.cos(np.radians(cone)) if cone < 90.0 else 0.0
+    crossing = crossing_pairs(np.concatenate([xy, xy[:1]]))
+    joined = along**2 >= cosine**2 * np.outer(sizes, sizes)
+    joined |= crossing | np.roll(crossing, (1, 1), axis=(0, 1))
+    near = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1)) < reach
+    return np.argwhere(joined & near & (j > i) & (np.minimum(j - i, n - j + i) * spacing > min_arc))
+
+
+def ring_head(count, pairs, longer):
+    """Point at which the route round a ring begins: in the middle of a stretch without ends of shortcuts.
+
+    With ``longer`` of the longest one; one of eight points or more that no shortcut passes over by the shorter way goes
+    before all that are. Else of the first one of eight points or more, that with the first point before all.
+    """
+    ends, passed = np.zeros(count, bool), np.zeros(count, bool)
+    ends[pairs.ravel()] = True
+    for i, j in pairs:
+        inside = (np.arange(count) > i) & (np.arange(count) < j)
+        outside = (np.arange(count) < i) | (np.arange(count) > j)
+        passed |= inside if 2 * (j - i) <= count else outside
+    best, head = 0, 0
+    begins = [k for k in range(count) if not ends[k] and ends[k - 1]]
+    # The stretch across the seam comes last.
+    for k in sorted(begins, key=lambda k: (k == 0 or not ends[k:].any(), k)):
+        size = int(np.argmax(np.roll(ends, -k)))
+        rank = size + count * (size >= 8 and not passed[k])
+        if not longer:
+            holds_first = not ends[0] and (k == 0 or not ends[k:].any())
+            rank = (size >= 8) * (1 + holds_first)
+        if rank > best:
+            best, head = rank, (k + size // 2) % count
+    return head
+
+
+def ring_edges(count, pairs, head, longer):
+    """Shortcuts as they run round a ring from its head: (m, 2) begin and end, and which pairs they are, (m,).
+
+    None begins or ends within four points of the head; else one passes over the ring's first point only if the longer
+    part goes on.
+    """
+    place = (pairs - head) % count
+    edges = np.where((place[:, 0] > place[:, 1])[:, None], pairs[:, ::-1], pairs)
+    place.sort(axis=1)
+    allowed = (place[:, 0] >= 4) & (place[:, 1] <= count - 4)
+    if not longer:
+        allowed &= (edges[:, 0] < edges[:, 1]) | (edges[:, 1] == 0)
+    return edges[allowed], np.flatnonzero(allowed)
+
+
+def ring_chain(count, edges, saving, head):
+    """As ``best_chain``, from the head of a ring round to it."""
+    place = (edges - head) % count
+    order = np.lexsort((place[:, 1], place[:, 0]))
+    chain, gain = best_chain(count, place[order], saving[order])
+    return [((i + head) % count, (j + head) % count) for i, j in chain], gain
+
+
+def ring_length(xy, kept):
+    """Length of the closed route that takes those shortcuts."""
+    left = np.ones(len(xy), bool)
+    for i, j in kept:
+        left[np.arange(i + 1, j if j > i else j + len(xy)) % len(xy)] = False
+    return rings.segments(xy[left]).sum()
+
+
+def shortest_ring(xy, edges, starts):
+    """Length of the shortest closed route once round a ring from any of those points, by a search on two laps."""
+    n = len(xy)
+    segments = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    every = np.concatenate([segments, edges])
+    length = np.linalg.norm(xy[every[:, 1]] - xy[every[:, 0]], axis=1)
+    end = np.where(every[:, 1] > every[:, 0], every[:, 1], every[:, 1] + n)
+    laps = np.concatenate([np.stack([every[:, 0], end], axis=1), np.stack([every[:, 0], end], axis=1) + n])
+    inside = laps[:, 1] < 2 * n
+    graph = coo_array((np.tile(length, 2)[inside], laps[inside].T), shape=(2 * n, 2 * n)).tocsr()
+    starts = np.atleast_1d(starts)
+    return dijkstra(graph, indices=starts)[np.arange(len(starts)), starts + n].min()

@@ -16,7 +16,8 @@ from warpriver.meander import buffers as step_buffers
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.migration import schedule
 from warpriver.meander.paths import path_law, push, push_limits
-from warpriver.meander.shortcuts import PathBuffers, take_shortcuts
+from warpriver.meander.routes import take_shortcuts
+from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.stages import Share, run_stages
 
 CURVES, SPACING, WIDTH = 200, 10.0, 12.0
@@ -31,9 +32,9 @@ def wandering_line(rng, count, curl=0.6):
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
 
 
-def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING):
+def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
     """A network whose points stay as they are, its channels as a step sees them and its buffers."""
-    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype)
+    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed)
     wide, even = network.channel_width, np.full(len(lines), spacing)
     count = network.point_count
     buffers = PathBuffers(network, count, count, 4 * count)
@@ -137,7 +138,7 @@ def deal_in_chunks(state, chunk):
     b, channels = state.buffers, state.channels
     b.chunk = chunk
     b.share_count = b.chunk_count = math.ceil(b.point_capacity / chunk)
-    for name in ("chunk_necks", "chunk_ends", "share_links", "share_links_sum"):
+    for name in ("chunk_necks", "chunk_linked", "share_links", "share_links_sum"):
         setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.int32))
     for name in ("chunk_length", "chunk_offset"):
         setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.float64))

@@ -5,7 +5,7 @@ import pytest
 import reference_rings as twin
 
 import warpriver as wr
-from warpriver import MeanderParams, RiverNetwork, Simulation, metrics, taubin_smooth
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics, taubin_smooth
 
 
 def circle(count, radius, turn=1.0, middle=(0.0, 0.0)):
@@ -114,10 +114,13 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
 
 @pytest.mark.parametrize("shift", [0, 17, 40, 71])
 @pytest.mark.parametrize("policy", ["longer", "marked", "both"])
-def test_a_split_conserves_points_and_length(policy, shift):
+@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+def test_a_split_conserves_points_and_length(kind, policy, shift):
     """The parts together are as long as the ring was and twice the neck, to a spacing each, wherever it begins."""
     xy = np.roll(dumbbell(), shift, axis=0)
-    params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy=policy, cutoff_min_arc=3.0)
+    params = kind(spacing=20.0, time_step=1e-6, ring_policy=policy, cutoff_min_arc=3.0)
+    if kind is PathMeander:
+        params = params.replace(search_radius=1.0)
     sim = Simulation(ring_network(xy, width=40.0), params, check=True)
     before, points = sim.network.channel_lengths()[0], sim.network.point_count
     mark = sim.network.polylines()[0][0]
@@ -125,17 +128,21 @@ def test_a_split_conserves_points_and_length(policy, shift):
     after = sim.network.channel_lengths()
     if policy == "both":
         assert sim.network.channel_count == 2 and not sim.history.cutoffs
+        (split,) = sim.history.splits
+        assert (split.channel, split.other, split.width, split.time) == (0, 1, 40.0, sim.time)
+        assert np.hypot(*(split.xy[-1] - split.xy[0])) < 40.0, "from one bank of the neck to the other"
+        assert np.hypot(*(split.xy - sim.network.polylines()[1][0]).T).min() < 1.0, "the line of the new ring"
         assert sim.network.channel_closed.all() and sim.network.channel_id.tolist() == [0, 1]
         parts, counts = after, np.diff(sim.network.starts())
         assert (sim.network.channel_from == sim.network.channel_to).all() and sim.network.node_count == 2
     else:
         (cutoff,) = sim.history.cutoffs
         assert sim.network.channel_count == 1 and cutoff.channel == 0
-        loop = np.concatenate([cutoff.xy, cutoff.xy[:1]])
-        lake = np.hypot(*np.diff(loop, axis=0).T).sum()
-        parts, counts = np.array([after[0], lake]), [sim.network.point_count, len(cutoff.xy)]
+        lake = cutoff.xy[:-1] if kind is PathMeander else cutoff.xy
+        parts = np.array([after[0], twin.segments(lake).sum()])
+        counts = [sim.network.point_count, len(lake)]
         if policy == "longer":
-            assert after[0] > lake
+            assert parts[0] > parts[1]
         else:
             kept = sim.network.polylines()[0]
             assert np.hypot(*(kept[0] - mark)) < 1.0, "the marked point goes on, and stays the first"
@@ -170,6 +177,8 @@ def test_both_parts_go_on_and_split_again():
     sim.run(steps=500)
     network = sim.network
     assert network.channel_count > 20 and not sim.history.cutoffs
+    assert [s.other for s in sim.history.splits] == network.channel_id[1:].tolist()
+    assert all(s.channel < s.other and s.time <= sim.time for s in sim.history.splits)
     assert len(set(network.channel_id.tolist())) == network.channel_count == network.node_count
     assert np.isfinite(network.points()).all() and (np.diff(network.starts()) >= 8).all()
     assert sim.history.network(-1).channel_closed.all()
@@ -223,13 +232,30 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
     np.testing.assert_array_equal(rest.network.points(), whole.network.points())
     assert [c.xy.tobytes() for c in rest.history.cutoffs] == [c.xy.tobytes() for c in whole.history.cutoffs]
     assert rest.network.channel_id.tolist() == whole.network.channel_id.tolist()
+    again = wr.History.load(tmp_path / "run")
+    rest.history.save(tmp_path / "run.npz")
+    for found in (rest.history, again, wr.History.load(tmp_path / "run.npz")):
+        for a, b in zip(found.splits, whole.history.splits, strict=True):
+            assert (a.time, a.channel, a.other, a.width) == (b.time, b.channel, b.other, b.width)
+            np.testing.assert_array_equal(a.xy, b.xy)
+        last = found.record(-1)
+        assert last.splits_before == len(whole.history.splits) and last.channel_closed.all()
+    assert (f"{len(whole.history.splits)} splits" in repr(again)) == (policy == "both")
+    # What came after the last record is done again.
+    whole.history.splits.extend(whole.history.splits[:1])
+    assert len(Simulation.resume(whole.history).history.splits) == len(again.splits)
     assert len(whole.history.cutoffs) > 0 or whole.network.channel_count > 1
 
 
-def test_runs_without_rings_are_stored_as_they_were():
+def test_runs_without_rings_are_stored_as_they_were(tmp_path):
     """Nothing of rings is in their records, so that older files and these are alike."""
     sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0))
     assert sim.history.record(-1).channel_closed is None and sim.channels.closed is None
+    sim.history.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as archive:
+        assert not [name for name in archive.files if "closed" in name or "split" in name]
+    again = wr.History.load(tmp_path / "run.npz")
+    assert again.splits == [] and again.record(-1).splits_before == 0 and "split" not in repr(again)
     assert not sim.history.network(-1).channel_closed.any()
 
 
@@ -356,6 +382,55 @@ LINE = np.stack([np.linspace(0.0, 3000.0, 60), np.zeros(60)], axis=1)
 RING = circle(60, 500.0)
 
 
+# ---- the marked point
+
+
+def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path):
+    """In the network, in files and through a run whose first neck cuts the other part off."""
+    xy = dumbbell()
+    width = np.linspace(38.0, 42.0, len(xy))
+    mark = len(xy) - 10  # in the lesser circle
+    network = RiverNetwork.from_polylines([xy], [width], closed=True, marks=[mark])
+    np.testing.assert_allclose(network.polylines()[0], np.roll(xy, -mark, axis=0), rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(network.point_widths()[0], np.roll(width, -mark))
+    np.testing.assert_allclose(network.node_xy[0], xy[mark], rtol=0.0, atol=1e-9)
+    wr.write_network(network, tmp_path / "ring.geojson")
+    np.testing.assert_allclose(wr.read_network(tmp_path / "ring.geojson").polylines()[0][0], xy[mark], atol=1e-9)
+    params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy="marked", cutoff_min_arc=3.0)
+    sim = Simulation(network, params)
+    history = sim.run(steps=2, record_every=1, store=tmp_path / "run")
+    assert len(history.cutoffs) == 1 and sim.network.channel_lengths()[0] < 1600.0, "the lesser one goes on"
+    for kept in wr.History.load(tmp_path / "run").networks:
+        assert np.hypot(*(kept.polylines()[0][0] - xy[mark])) < 1.0
+
+
+def test_marks_of_several_rings():
+    lines = [RING, LINE + [0.0, 3000.0], RING + [4000.0, 0.0]]
+    closed = [True, False, True]
+    for marks, first in ((None, (0, 0)), (7, (7, 7)), ([5, None, None], (5, 0)), ([None, None, 59], (0, 59))):
+        network = RiverNetwork.from_polylines(lines, 30.0, closed=closed, marks=marks)
+        for xy, line, k in zip(network.polylines(), lines, (first[0], 0, first[1]), strict=True):
+            np.testing.assert_allclose(xy, np.roll(line, -k, axis=0), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("closed", "marks", "words"),
+    [
+        ([True, False], [60, None], "mark of channel 0 is 60; its points are numbered from 0 to 59"),
+        ([True, False], -1, "mark of channel 0 is -1; its points"),
+        ([True, False], [1.5, None], "mark of channel 0 is 1.5; give the index of a point"),
+        ([True, False], [True, None], "mark of channel 0 is True; give the index of a point"),
+        ([True, False], [0, 3], "channel 1 is no ring and has no marked point"),
+        ([True, False], [0], "marks: 1 values for 2 channels"),
+        (False, 3, "there is no ring among the channels"),
+    ],
+)
+def test_bad_marks_are_refused(closed, marks, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        RiverNetwork.from_polylines([RING, LINE + [0.0, 3000.0]], 30.0, closed=closed, marks=marks)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("lines", "closed", "words"),
     [
@@ -379,8 +454,6 @@ def test_a_simulation_refuses_what_it_cannot_do_with_rings():
     closed = np.concatenate([RING, RING[:1]])
     with pytest.raises(ValueError, match="make it a ring"):
         Simulation(RiverNetwork.from_polylines([closed], 50.0))
-    with pytest.raises(ValueError, match="is a ring, which PathMeander cannot move yet"):
-        Simulation(ring_network(RING, 60.0), wr.PathMeander())
     with pytest.raises(ValueError, match="ring_policy is 'none'; use one of"):
         MeanderParams(ring_policy="none")
     with pytest.raises(ValueError, match="give a whole number"):
@@ -407,3 +480,26 @@ def test_the_command_line_runs_rings(tmp_path, capsys):
     assert "sinuosity 1." in capsys.readouterr().out
     assert main(["simulate", str(path), "--width", "60", "-o", str(tmp_path / "no"), "--no-progress"]) == 2
     assert "make it a ring" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("solver", ["migration", "path"])
+def test_the_command_line_tells_splits(tmp_path, capsys, solver):
+    from warpriver.cli import main
+
+    path, out = tmp_path / "ring.csv", tmp_path / "out"
+    np.savetxt(path, np.concatenate([dumbbell(), dumbbell()[:1]]), delimiter=",")
+    options = ["--width", "40", "--closed", "--ring-policy", "both", "--years", "0.3", "--spacing", "20"]
+    assert main(["simulate", str(path), *options, "--solver", solver, "-o", str(out), "--no-progress"]) == 0
+    assert "0 cutoffs and 1 split of rings in all" in capsys.readouterr().out
+    assert len(wr.History.load(out / "run").splits) == 1
+    assert wr.read_network(out / "channels.csv").channel_closed.tolist() == [True, True]
+
+
+def test_a_belt_tells_splits(tmp_path):
+    pytest.importorskip("matplotlib")
+    params = MeanderParams(spacing=20.0, time_step=0.01, ring_policy="both", cutoff_min_arc=3.0)
+    history = Simulation(ring_network(dumbbell(), width=40.0), params).run(steps=2, record_every=1)
+    figure = wr.viz.draw_belt(history, tmp_path / "belt.png")
+    words = [text.get_text() for axes in figure.axes for text in axes.texts] + [t.get_text() for t in figure.texts]
+    told = f"{len(history.splits)} split"
+    assert any(told in word and "cutoff" not in word for word in words), words

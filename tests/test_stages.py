@@ -11,6 +11,7 @@ from warpriver.meander.stages import Stage, run_stages
 
 # Points of a slab: few, so that small networks have many.
 SMALL = 200
+WHOLE = buffers.SLAB_POINTS
 
 
 def many_channels(count=14, width=30.0, spacing=25.0, apart=2500.0, **options):
@@ -100,6 +101,15 @@ def rings_in_two(**options):
     return Simulation(network, MeanderParams(spacing=25.0, ring_policy="both", taubin_passes=1), **options)
 
 
+def path_rings_in_two(**options):
+    """Rings by shortest paths, among lines, of which both parts go on."""
+    sim = rings_in_two(threads=1)
+    line = generate.noisy_line(5000.0, 25.0, 30.0, 2) + [0.0, 4000.0]
+    lines = [*sim.network.polylines(), line]
+    network = RiverNetwork.from_polylines(lines, 30.0, closed=[True, True, False])
+    return Simulation(network, PathMeander(spacing=25.0, ring_policy="both"), **options)
+
+
 MODELS = {
     "plain": (plain, 250),
     "varied": (varied, 80),
@@ -111,6 +121,7 @@ MODELS = {
     "paths in parts": (paths_in_parts, 60),
     "rings": (rings, 100),
     "rings in two": (rings_in_two, 200),
+    "path rings in two": (path_rings_in_two, 90),
 }
 
 
@@ -127,7 +138,7 @@ def assert_same(a, b):
     for name in ("channel_id", "channel_width", "channel_depth", "channel_discharge", "channel_from", "channel_to"):
         np.testing.assert_array_equal(getattr(a.network, name), getattr(b.network, name))
     np.testing.assert_array_equal(a.network.node_xy, b.network.node_xy)
-    for kind in ("cutoffs", "collisions"):
+    for kind in ("cutoffs", "collisions", "splits"):
         events = [getattr(sim.history, kind) for sim in (a, b)]
         assert [(e.time, e.channel, e.width, e.xy.tobytes()) for e in events[0]] == [
             (e.time, e.channel, e.width, e.xy.tobytes()) for e in events[1]
@@ -142,12 +153,11 @@ def references():
     def run(name):
         if name not in done:
             model, steps = MODELS[name]
-            with pytest.MonkeyPatch.context() as patch:
-                # The test that asks first may have patched it.
-                patch.setattr(buffers, "SLAB_POINTS", 100_000)
+            with pytest.MonkeyPatch.context() as patch:  # the test that asks first may have made slabs small
+                patch.setattr(buffers, "SLAB_POINTS", WHOLE)
                 sim = model(threads=1, capture=False)
-            assert len(sim.channels.slabs) == 1 or not sim.device.is_cpu
-            sim.run(steps=steps, record_every=10_000)
+                assert len(sim.channels.slabs) == 1 or not sim.device.is_cpu
+                sim.run(steps=steps, record_every=10_000)
             done[name] = sim
         return done[name]
 
@@ -158,8 +168,9 @@ def references():
 def test_the_models_do_what_is_looked_for(references, name):
     """Else the tests below would compare runs in which nothing happens."""
     sim = references(name)
-    assert len(sim.history.cutoffs) > 0 or name in ("on hills", "tree in parts", "rings in two")
-    if name == "rings in two":
+    assert len(sim.history.cutoffs) > 0 or name in ("on hills", "tree in parts") or "rings in two" in name
+    if "rings in two" in name:
+        assert len(sim.history.splits) > 2 and sim.network.channel_id[-1] == sim.history.splits[-1].other
         assert sim.network.channel_count > 4
     if "tree" in name or name == "paths in parts":
         assert len(sim.history.collisions) > 2

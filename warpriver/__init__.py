@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.generate.valley import Valley, synthetic_valley
     from warpriver.generate.valley_params import ValleyParams
-    from warpriver.history import Collision, Cutoff, History, StopReason
+    from warpriver.history import Collision, Cutoff, History, Split, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_terrain, write_terrain
@@ -38,6 +38,7 @@ __all__ = [
     "PathMeander",
     "RiverNetwork",
     "Simulation",
+    "Split",
     "StopReason",
     "Terrain",
     "Valley",
@@ -78,6 +79,7 @@ _HOMES = {
     "PathMeander": "warpriver.params",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
+    "Split": "warpriver.history",
     "StopReason": "warpriver.history",
     "Terrain": "warpriver.terrain",
     "erode": "warpriver.generate.leheny",

@@ -1,4 +1,4 @@
-"""History: the networks, cutoffs and times that a run records; kept in memory or streamed to a folder.
+"""History: the networks, events and times that a run records; kept in memory or streamed to a folder.
 
 On disk a run is a folder of numbered NumPy archives ("segments") beside ``run.json``, or one such archive. A segment is
 written under another name and then renamed, so that a run that is interrupted, killed, or out of disk space leaves
@@ -22,7 +22,7 @@ import numpy as np
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 
-__all__ = ["Collision", "Cutoff", "History", "Record", "StopReason"]
+__all__ = ["Collision", "Cutoff", "History", "Record", "Split", "StopReason"]
 
 FORMAT = "warpriver-run-1"
 HEADER = "run.json"
@@ -105,6 +105,26 @@ class Collision:
 
 
 @dataclasses.dataclass(frozen=True)
+class Split:
+    """A ring that a neck divided in two rings which both go on, ``ring_policy="both"``.
+
+    Attributes:
+        time: yr.
+        channel: Identity of the ring, which goes on with the part that holds its first point.
+        other: Identity of the new ring, the other part.
+        width: Bankfull width at the neck, m.
+        xy: (n, 2) float64 line of the new ring as it came off, in m, absolute, downstream order, from the one bank of
+            the neck to the other.
+    """
+
+    time: float
+    channel: int
+    other: int
+    width: float
+    xy: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
 class Record:
     """The state of a network at one time, in the precision of the device, so that a run can go on from it.
 
@@ -113,6 +133,7 @@ class Record:
         time: yr.
         cutoffs_before: Number of cutoffs up to this time.
         collisions_before: Number of collisions up to this time.
+        splits_before: Number of splits of rings up to this time.
         point_xy: (P, 2) m, relative to ``origin``.
         point_section: (P, 2) width and depth in m, or None where they are constant along each channel.
         channel_start: (C + 1,) int32.
@@ -149,6 +170,7 @@ class Record:
     channel_pace: np.ndarray | None = None
     channel_slope: np.ndarray | None = None
     channel_closed: np.ndarray | None = None
+    splits_before: int = 0
 
     @property
     def nbytes(self) -> int:
@@ -190,6 +212,7 @@ class History:
         dtype: Precision of the run.
         cutoffs: List of :class:`Cutoff`, in order of time.
         collisions: List of :class:`Collision`, in order of time.
+        splits: List of :class:`Split`, in order of time.
         stop_reason: Why the last run ended, or None while it has not.
         path: Folder that the run is streamed to, or None.
     """
@@ -211,6 +234,7 @@ class History:
         self.dtype = dtype
         self.cutoffs: list[Cutoff] = []
         self.collisions: list[Collision] = []
+        self.splits: list[Split] = []
         self.stop_reason: StopReason | None = None
         self.path: Path | None = None
         self._times: list[float] = []
@@ -220,6 +244,7 @@ class History:
         self._pending: list[int] = []
         self._cutoffs_stored = 0
         self._collisions_stored = 0
+        self._splits_stored = 0
         self._segments = 0
         self._flushed = time.monotonic()
         self._cache: tuple[Path, list[Record]] | None = None
@@ -279,9 +304,10 @@ class History:
             return "History(empty)"
         reason = self.stop_reason.value if self.stop_reason else "still running"
         where = f", stored in {self.path}" if self.path else ""
+        splits = f"{len(self.splits)} splits, " if self.splits else ""
         return (
             f"History({len(self)} records, {self._times[0]:.4g} to {self._times[-1]:.4g} yr, "
-            f"{len(self.cutoffs)} cutoffs, {len(self.collisions)} collisions, {reason}{where})"
+            f"{len(self.cutoffs)} cutoffs, {len(self.collisions)} collisions, {splits}{reason}{where})"
         )
 
     # ---- writing
@@ -317,27 +343,29 @@ class History:
         self._pending = list(range(len(self._records)))
         if self.path is not None:  # stored elsewhere so far: bring the records along
             self._records = [self.record(k) for k in range(len(self._records))]
-        self._cutoffs_stored = self._collisions_stored = self._segments = 0
+        self._cutoffs_stored = self._collisions_stored = self._splits_stored = self._segments = 0
         self.path = folder
         self._write_header()
         self.flush()
 
     def flush(self) -> None:
-        """Write the pending records and cutoffs as one segment; nothing to do for a history in memory."""
+        """Write the pending records and events as one segment; nothing to do for a history in memory."""
         if self.path is None:
             return
         self._flushed = time.monotonic()
         cutoffs = self.cutoffs[self._cutoffs_stored :]
         collisions = self.collisions[self._collisions_stored :]
-        if not self._pending and not cutoffs and not collisions:
+        splits = self.splits[self._splits_stored :]
+        if not (self._pending or cutoffs or collisions or splits):
             return
         target = self.path / f"segment_{self._segments:06d}.npz"
-        _write_segment(target, [self.record(k) for k in self._pending], cutoffs, collisions)
+        _write_segment(target, [self.record(k) for k in self._pending], cutoffs, collisions, splits)
         for row, k in enumerate(self._pending):
             self._records[k] = (target, row)
         self._pending = []
         self._cutoffs_stored = len(self.cutoffs)
         self._collisions_stored = len(self.collisions)
+        self._splits_stored = len(self.splits)
         self._segments += 1
 
     def close(self, reason: StopReason) -> None:
@@ -357,11 +385,12 @@ class History:
         target = Path(path)
         if target.suffix == ".npz":
             records = [self.record(k) for k in range(len(self))]
-            _write_segment(target, records, self.cutoffs, self.collisions, header=self._header())
+            _write_segment(target, records, self.cutoffs, self.collisions, self.splits, header=self._header())
             return
         copy = History(self.params, seed=self.seed, origin=self.origin, crs=self.crs, dtype=self.dtype)
         copy.cutoffs = list(self.cutoffs)
         copy.collisions = list(self.collisions)
+        copy.splits = list(self.splits)
         for k in range(len(self)):
             copy.append(self.record(k))
         copy.stop_reason = self.stop_reason
@@ -379,9 +408,9 @@ class History:
         if not source.exists():
             raise FileNotFoundError(f"no run at {source}")
         if source.is_file():
-            records, cutoffs, collisions, header = _read_segment(source)
+            records, cutoffs, collisions, splits, header = _read_segment(source)
             history = cls._from_header(header, source)
-            history.cutoffs, history.collisions = cutoffs, collisions
+            history.cutoffs, history.collisions, history.splits = cutoffs, collisions, splits
             for record in records:
                 history.append(record)
             return history
@@ -390,9 +419,10 @@ class History:
             raise ValueError(f"{source} is not a run: it has no {HEADER}")
         history = cls._from_header(header_file.read_text(), source)
         for segment in sorted(source.glob("segment_*.npz")):
-            records, cutoffs, collisions, _ = _read_segment(segment)
+            records, cutoffs, collisions, splits, _ = _read_segment(segment)
             history.cutoffs += cutoffs
             history.collisions += collisions
+            history.splits += splits
             for row, record in enumerate(records):
                 history.append(record)
                 history._records[-1] = (segment, row)
@@ -400,6 +430,7 @@ class History:
         history._segments = len(list(source.glob("segment_*.npz")))
         history._cutoffs_stored = len(history.cutoffs)
         history._collisions_stored = len(history.collisions)
+        history._splits_stored = len(history.splits)
         return history
 
     def _header(self) -> str:
@@ -446,6 +477,7 @@ def _write_segment(
     records: Sequence[Record],
     cutoffs: Sequence[Cutoff],
     collisions: Sequence[Collision],
+    splits: Sequence[Split],
     header: str | None = None,
 ) -> None:
     """Write records and events as one archive, under another name first."""
@@ -469,6 +501,17 @@ def _write_segment(
         "collision_pieces_start": np.cumsum([0] + [len(c.start) for c in collisions]),
         "collision_pieces": np.concatenate([c.start for c in collisions]) if collisions else np.zeros(0, np.int64),
     }
+    if splits:
+        arrays |= {
+            "split_time": np.array([s.time for s in splits], np.float64),
+            "split_channel": np.array([s.channel for s in splits], np.int64),
+            "split_other": np.array([s.other for s in splits], np.int64),
+            "split_width": np.array([s.width for s in splits], np.float64),
+            "split_start": np.cumsum([0] + [len(s.xy) for s in splits]),
+            "split_xy": np.concatenate([s.xy for s in splits]),
+        }
+    if any(r.splits_before for r in records):
+        arrays["record_splits"] = np.array([r.splits_before for r in records], np.int64)
     for name in RECORD_ARRAYS:
         parts = [getattr(r, name) for r in records]
         if not parts or parts[0] is None:
@@ -487,7 +530,11 @@ def _write_segment(
         raise OSError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
 
 
-def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], list[Collision], str | None]:
+# What one archive holds: records, cutoffs, collisions, splits, and the header where it is a whole run.
+Segment = tuple[list[Record], list[Cutoff], list[Collision], list[Split], str | None]
+
+
+def _read_segment(path: Path) -> Segment:
     """Read one archive back."""
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -497,7 +544,7 @@ def _read_segment(path: Path) -> tuple[list[Record], list[Cutoff], list[Collisio
         raise ValueError(f"{path} is not a warpriver run or is damaged ({error})") from error
 
 
-def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cutoff], list[Collision], str | None]:
+def _decode_segment(data: dict[str, np.ndarray]) -> Segment:
     def split(name: str) -> Iterator[np.ndarray | None]:
         if name not in data:
             return iter([None] * len(data["record_step"]))
@@ -505,12 +552,21 @@ def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cut
 
     columns = [split(name) for name in RECORD_ARRAYS]
     records = [
-        Record(int(step), float(at), int(cutoffs_before), int(collisions_before), *arrays)
-        for step, at, cutoffs_before, collisions_before, *arrays in zip(
+        Record(
+            int(step),
+            float(at),
+            int(cutoffs_before),
+            int(collisions_before),
+            splits_before=int(splits_before),
+            **dict(zip(RECORD_ARRAYS, arrays, strict=True)),
+        )
+        for step, at, cutoffs_before, collisions_before, splits_before, *arrays in zip(
             data["record_step"],
             data["record_time"],
             data["record_cutoffs"],
             data["record_collisions"],
+            # Runs without splits of rings, and those stored before there were any, do not have it.
+            data.get("record_splits", np.zeros(len(data["record_step"]), np.int64)),
             *columns,
             strict=True,
         )
@@ -536,5 +592,15 @@ def _decode_segment(data: dict[str, np.ndarray]) -> tuple[list[Record], list[Cut
         if len(data["collision_time"])
         else []
     )
+    splits = []
+    if "split_time" in data:
+        splits = [
+            Split(float(at), int(channel), int(other), float(width), xy)
+            for at, channel, other, width, xy in zip(
+                *(data[f"split_{name}"] for name in ("time", "channel", "other", "width")),
+                np.split(data["split_xy"], data["split_start"][1:-1]),
+                strict=True,
+            )
+        ]
     header = str(data["header"]) if "header" in data else None
-    return records, cutoffs, collisions, header
+    return records, cutoffs, collisions, splits, header

@@ -172,6 +172,7 @@ class RiverNetwork:
         origin: Any = None,
         allow_short: bool = False,
         closed: Any = False,
+        marks: Any = None,
         crs: str | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
@@ -196,6 +197,9 @@ class RiverNetwork:
             origin: Absolute position of the device coordinates' zero, m; by default the middle, in whole metres.
             allow_short: Take channels shorter than they are wide, as collisions may leave them.
             closed: True where lines are rings: one word, or one a channel.
+            marks: Marked point of each ring, the one that goes on with ``ring_policy="marked"``: one index for all
+                rings, or an index a channel, None where it is the first point. A ring is turned to begin there: its
+                first point is the marked one, in the network, in histories and in files.
             crs: Coordinate reference system, projected; x and y are metres.
             dtype: Precision on the device, "float64" or "float32".
             device: Warp device name, "cpu" or "cuda:0".
@@ -204,7 +208,8 @@ class RiverNetwork:
             ValueError: No line, a line of fewer than 3 points, a point that is not finite or stands twice in a row, a
                 width that is not positive or exceeds the line's length, a geographic CRS, shapes that do not fit, an
                 identity that stands twice, a node that is not there or that no line touches; a ring of fewer than 8
-                points, whose ends do not meet, or that meets another channel.
+                points, whose ends do not meet, or that meets another channel; a mark that is no point of its ring, or
+                on a channel that is none.
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
         if crs is not None and is_geographic(crs):
@@ -225,6 +230,10 @@ class RiverNetwork:
             keep = _ring_points(lines[c], float(point_width[c].min()), c)
             lines[c], point_width[c], point_depth[c] = lines[c][:keep], point_width[c][:keep], point_depth[c][:keep]
             counts[c] = keep
+        for c, mark in _ring_marks(marks, rings, counts):
+            lines[c], point_width[c], point_depth[c] = (
+                np.roll(a, -mark, axis=0) for a in (lines[c], point_width[c], point_depth[c])
+            )
         _check_rings_apart(lines, rings, point_width)
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
@@ -433,6 +442,30 @@ def _ring_flags(closed: Any, count: int) -> np.ndarray:
     if flags.dtype != bool or flags.shape not in ((), (count,)):
         raise ValueError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
     return np.broadcast_to(flags, (count,)).copy()
+
+
+def _ring_marks(marks: Any, rings: np.ndarray, counts: list[int]) -> list[tuple[int, int]]:
+    """Return the marked point of each ring that has one, (channel, index)."""
+    if marks is None:
+        return []
+    if np.ndim(marks) == 0:
+        if not rings.any():
+            raise ValueError("marks: there is no ring among the channels; leave marks out, or pass closed=True")
+        marks = [marks if ring else None for ring in rings]
+    if len(marks) != len(rings):
+        raise ValueError(f"marks: {len(marks)} values for {len(rings)} channels; give one index, or one a channel")
+    found = []
+    for c, mark in enumerate(marks):
+        if mark is None:
+            continue
+        if not rings[c]:
+            raise ValueError(f"marks: channel {c} is no ring and has no marked point; give None for it, or close it")
+        if isinstance(mark, bool) or not isinstance(mark, (int, np.integer)):
+            raise ValueError(f"mark of channel {c} is {mark!r}; give the index of a point, or None")
+        if not 0 <= mark < counts[c]:
+            raise ValueError(f"mark of channel {c} is {mark}; its points are numbered from 0 to {counts[c] - 1}")
+        found.append((c, int(mark)))
+    return found
 
 
 def _ring_points(xy: np.ndarray, width: float, channel: int) -> int:

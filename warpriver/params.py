@@ -85,6 +85,8 @@ def check_ranges(params: Any) -> None:
                 f"{kind}.{field.name} is {value:g} {meta['unit']}; "
                 f"the range is {left}{meta['low']:g}, {meta['high']:g}]"
             )
+        if isinstance(field.default, int) and value != int(value):
+            raise ValueError(f"{kind}.{field.name} is {value:g}; give a whole number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,8 +249,6 @@ class MeanderParams(Params):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.taubin_passes != int(self.taubin_passes):
-            raise ValueError(f"MeanderParams.taubin_passes is {self.taubin_passes:g}; give a whole number")
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
             raise ValueError(
                 f"MeanderParams.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above cutoff_distance "
@@ -329,6 +329,9 @@ class PathMeander(Params):
 
     k the displacement rate, b the blur length and S the smoothing: fastest at the wavelength
     2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
+
+    On rings, what area the smoothing would take, 2 pi S k w a year whatever the form, is given back all along
+    [Gage1986]: it keeps the area, and a ring of radius R obeys (R^2 - R0^2) / 2 + (b w)^2 ln(R / R0) = k w t.
     """
 
     time_step: float = shared("time_step")
@@ -388,11 +391,13 @@ class PathMeander(Params):
     cutoff_min_arc: float = shared(
         "cutoff_min_arc", doc="points closer than this along the channel are neighbours, never joined"
     )
+    ring_policy: str = shared("ring_policy")
     end_damping: float = shared(
         "end_damping",
         source="PathStudy2026",
         doc="reach at both ends of a channel over which the push fades to nothing; 0: only the end points are held",
     )
+    taubin_passes: int = shared("taubin_passes")
     slope_threshold: float = shared(
         "slope_threshold",
         doc="on a terrain, the push and the smoothing fade with the slope and stop where it is this steep",

@@ -18,7 +18,7 @@ import warp as wp
 
 from warpriver import progress as progress_bar
 from warpriver.crs import short_name
-from warpriver.history import Collision, Cutoff, History, Record, StopReason
+from warpriver.history import Collision, Cutoff, History, Record, Split, StopReason
 from warpriver.kernels.polyline import CUTS, DONE, FAULT
 from warpriver.meander import checks
 from warpriver.meander.buffers import (
@@ -43,6 +43,7 @@ from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
 from warpriver.meander.rings import split_rings
 from warpriver.meander.shortcuts import PathBuffers
+from warpriver.meander.smoothing import smooth
 from warpriver.meander.solvers import Solver, solver_of
 from warpriver.meander.stages import Replay, Stage, run_stages
 from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
@@ -216,6 +217,7 @@ class Simulation:
         self.history = history
         del history.cutoffs[record.cutoffs_before :]
         del history.collisions[record.collisions_before :]
+        del history.splits[record.splits_before :]
         return self
 
     # ---- state
@@ -340,11 +342,6 @@ class Simulation:
                 f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
                 "closed=True), or open it"
             )
-        if network.channel_closed.any() and not self._solver.rings:
-            raise ValueError(
-                f"channel {int(network.channel_closed.argmax())} is a ring, which {type(self.params).__name__} cannot "
-                "move yet; use MeanderParams, or open it with closed=False"
-            )
         self._solver.check(network, self.params)
         if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
             check_forest(network)
@@ -378,7 +375,8 @@ class Simulation:
         self._replays = {}
         self._capture = capture and not check
         # Rings that split are for the host at once.
-        alone = network.device.is_cpu or not self._capture or bool(network.channel_closed.any())
+        splits = network.channel_closed.any() and self.params.ring_policy == "both"
+        alone = network.device.is_cpu or not self._capture or bool(splits)
         self._in_a_row = 1 if alone else SUBSTEPS_IN_A_ROW
         self._calm = 0
         if self.terrain is not None and self.terrain.device != network.device:
@@ -527,7 +525,7 @@ class Simulation:
         network, channels, buffers = self.network, self.channels, self.buffers
         return [
             *self._move_stages(),
-            *self._solver.smooth(network, channels, buffers, self.params),
+            *smooth(network, channels, buffers, self.params),
             *drift_junctions(network, channels, buffers, self.params),
             *self._solver.cut(network, channels, buffers, self.params),
             *resample(network, channels, buffers),
@@ -613,7 +611,7 @@ class Simulation:
             self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
 
     def _collect_cutoffs(self, count: int, times: list[float]) -> None:
-        """Move the cutoffs of the sub-steps just done into the history; of a ring, both parts may go on.
+        """Move the cutoffs and splits of the sub-steps just done into the history; of a ring, both parts may go on.
 
         Args:
             count: How many there are.
@@ -625,12 +623,17 @@ class Simulation:
         cut = buffers.cut.numpy()[:count]
         xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        both = isinstance(self.params, MeanderParams) and self.params.ring_policy == "both"
+        both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
-        for channel, begin, length, substep in cut[~split].tolist():
-            width = network.channel_width[channel] if section is None else section[begin, 0]
-            loop = self._solver.oxbow(xy[begin : begin + length])
-            self.history.cutoffs.append(Cutoff(times[substep], int(network.channel_id[channel]), float(width), loop))
+        following = int(network.channel_id.max()) + 1 + np.cumsum(split) - 1  # as `split_rings` numbers them
+        for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
+            width = float(network.channel_width[channel] if section is None else section[begin, 0])
+            identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
+            if split[k]:
+                event = Split(times[substep], identity, int(following[k]), width, loop.copy())
+                self.history.splits.append(event)
+            else:
+                self.history.cutoffs.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
         if split.any():
             self._adopt(split_rings(network, cut[split, :3], xy))
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
@@ -753,6 +756,7 @@ class Simulation:
             channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
             channel_slope=network.channel_slope.copy(),
             channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
+            splits_before=len(self.history.splits),
         )
 
     def _record_end(self) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import warp as wp
-from kernel_arrays import SCALARS, forms, share_out, split, starts_of, to_device, vec2_of
+from kernel_arrays import SCALARS, forms, ring_flags, share_out, split, starts_of, to_device, vec2_of
 
 SPACING = 10.0
 
@@ -23,7 +23,17 @@ class PackedLines:
     """Some channels, packed on a device in one precision."""
 
     def __init__(
-        self, lines, *, width=12.0, sections=None, resting=(), time_step=1.0, dtype="float64", device="cpu", spare=5
+        self,
+        lines,
+        *,
+        width=12.0,
+        sections=None,
+        rings=(),
+        resting=(),
+        time_step=1.0,
+        dtype="float64",
+        device="cpu",
+        spare=5,
     ):
         self.scalar, self.device, self.lines = SCALARS[dtype], device, lines
         self.start = starts_of(lines)
@@ -43,6 +53,7 @@ class PackedLines:
         self.spacing = to_device(np.full(len(lines), SPACING), self.scalar, device)
         step = np.full(len(lines), time_step)
         step[list(resting)] = 0.0
+        self.rings, self.closed = rings, ring_flags(rings, len(lines), device)
         self.resting, self.step = resting, to_device(step, self.scalar, device)
 
     def widths(self):

@@ -196,7 +196,9 @@ class Case:
                 neck[i] = j
         point_neck, chunk_necks, _ = self.packed_necks(necks, deal)
         cuts = np.cumsum([len(pairs) for pairs in kept])
-        loop_points = np.cumsum([sum(j - i + 1 for i, j in pairs) for pairs in kept])
+        # On a ring a loop may go round to an earlier point.
+        sizes = [[(j - i) % len(xy) + 1 for i, j in pairs] for xy, pairs in zip(self.lines, kept, strict=True)]
+        loop_points = np.cumsum([sum(size) for size in sizes])
         cut_capacity = before[0] + cuts[-1] + 3 if cut_capacity is None else cut_capacity
         oxbow_capacity = before[1] + loop_points[-1] + 3 if oxbow_capacity is None else oxbow_capacity
         records = unwritten(int(cut_capacity), wp.vec4i, self.device)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import reference
 import reference_paths as twin
+import reference_rings as rings
 import warp as wp
 from kernel_arrays import DEALS, REALS, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
@@ -35,7 +36,9 @@ class Case(PackedLines):
     def __init__(self, lines, **options):
         super().__init__(lines, **options)
         self.kernel = paths.build(self.scalar)
-        self.shape = [self.points, self.section, self.channel_start, self.form, self.spacing, self.step]
+        area = np.sign([rings.area(xy) for xy in lines])
+        self.area = to_device(area, wp.int64, self.device) if self.rings else None
+        self.shape = [self.points, self.section, self.channel_start, self.form, self.spacing, self.step, self.closed]
 
     def pushes(self, law, deal=64):
         """Pushes and pulls by channel, blurred downstream; those of channels at rest are not written."""
@@ -61,7 +64,7 @@ class Case(PackedLines):
         packed = np.concatenate([*halves, np.full((self.capacity - self.count, 4), np.nan)])
         out, section = (unwritten(self.capacity, self.kernel.vec2, self.device) for _ in range(2))
         pace = to_device(np.zeros(len(self.lines)), self.scalar, self.device)
-        inputs = [*self.shape, height, grid, device_law(self.kernel, law), ...]
+        inputs = [*self.shape, self.area, height, grid, device_law(self.kernel, law), ...]
         inputs += [to_device(packed, self.kernel.vec4, self.device)]
         moved_section = None if self.section is None else section
         self.launch(self.kernel.shift_points, deal, inputs, [out, moved_section, pace])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kernel_arrays import DEALS, UNWRITTEN, chunk_count, share_count, slab_bounds, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
-from warpriver.kernels import cutoffs, resampling, shortcuts
+from warpriver.kernels import cutoffs, resampling, routes, shortcuts
 
 FAULT_SHORTCUTS_FULL = 3
 
@@ -49,6 +49,8 @@ class Case(PackedLines):
         law = self.kernel.ShortcutLaw()
         law.radius, law.min_arc = radius, min_arc
         law.cone = np.cos(np.radians(cone)) ** 2 if cone < 90.0 else 0.0
+        if self.closed is not None:
+            law.channel_closed = self.closed
         return law
 
     def linked(self, radius, deal):
@@ -121,8 +123,15 @@ class Case(PackedLines):
         }
         return {name: to_device(np.array(a), wp.int32, self.device) for name, a in arrays.items()}
 
+    def linked_chunks(self, given, deal):
+        """1 for the chunks in which shortcuts begin or end."""
+        flags = np.zeros(self.chunks(deal), int)
+        if isinstance(deal, int):
+            flags[given["begin"].numpy() // deal] = flags[given["end"].numpy() // deal] = 1
+        return flags
+
     def weighed(self, pairs, deal):
-        """What each shortcut saves, in the order of the list; checks the chunks where one ends."""
+        """What each shortcut saves, in the order of the list; checks the chunks where any begins or ends."""
         chunks = self.chunks(deal)
         arc, length = (unwritten(n, wp.float64, self.device) for n in (self.capacity, chunks))
         kernel = resampling.build(self.scalar).measure_arcs
@@ -132,30 +141,33 @@ class Case(PackedLines):
         saving = unwritten(given["begin"].shape[0], wp.float64, self.device)
         inputs = [..., self.points, arc, offset, given["total"], given["begin"], given["end"]]
         self.launch(self.kernel.weigh_shortcuts, deal, inputs, [saving, ends])
-        expected = np.unique(given["end"].numpy() // deal) if isinstance(deal, int) else []
-        assert np.flatnonzero(ends.numpy()).tolist() == list(expected)
+        expected = self.linked_chunks(given, deal)
+        np.testing.assert_array_equal(ends.numpy(), expected)
         return saving.numpy()
 
-    def path(self, pairs, saving, deal=64, room=None):
-        """Shortcuts on the shortest path by channel; checks the counts. ``room``: so many are listed at most."""
+    def path(self, pairs, saving, deal=64, room=None, head=None, ends_at=None):
+        """Shortcuts on the shortest path by channel, each where it begins; checks the counts.
+
+        ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends.
+        """
         chunks, channels, given = self.chunks(deal), len(self.lines), self.packed_links(pairs, deal)
-        ends = np.zeros(chunks, int)
-        if isinstance(deal, int):
-            ends[given["end"].numpy() // deal] = 1
-        before, neck, necks = self.zeros(self.capacity), self.ints(), self.zeros(chunks)
+        ends = self.linked_chunks(given, deal)
+        before = self.zeros(self.capacity) if ends_at is None else ends_at
+        neck, necks = self.ints(), self.zeros(chunks)
         neck.fill_(-1)
         saved = unwritten(self.capacity, wp.float64, self.device)
         cuts, points = self.ints(channels), self.ints(channels)
-        inputs = [self.channel_start, ..., given["links"], given["first"], given["by_share"], given["total"]]
+        inputs = [self.channel_start, ..., head, given["links"], given["first"], given["total"]]
         inputs += [given["by_channel"], to_device(ends, wp.int32, self.device), given["end"][:room]]
         inputs += [to_device(saving, wp.float64, self.device)]
         outputs = [before, saved, neck, necks, cuts, points]
-        self.launch(self.kernel.find_path, deal, inputs, outputs, by_channel=True)
+        self.launch(routes.build(self.scalar).find_path, deal, inputs, outputs, by_channel=True)
         kept = []
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):
             kept.append([(int(i), int(own[i] - first)) for i in np.flatnonzero(own >= 0)])
         assert cuts.numpy().tolist() == [len(k) for k in kept]
-        assert points.numpy().tolist() == [sum(j - i + 1 for i, j in k) for k in kept]
+        sizes = [[j - i + 1 + (len(xy) if j < i else 0) for i, j in k] for xy, k in zip(self.lines, kept, strict=True)]
+        assert points.numpy().tolist() == [sum(size) for size in sizes]
         counted = np.zeros(chunks, int)
         if isinstance(deal, int):
             np.add.at(counted, np.flatnonzero(neck.numpy() >= 0) // deal, 1)

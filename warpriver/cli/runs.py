@@ -154,9 +154,11 @@ def write_results(simulation: Simulation, folder: Path) -> None:
     xy, width = network.polylines()[largest], float(network.channel_width[largest])
     ring = bool(network.channel_closed[largest])
     wave = metrics.wavelength(xy, width, closed=ring)
+    count = len(simulation.history.splits)
+    splits = f" and {count} split{'s' if count > 1 else ''} of rings" if count else ""
     print(
         f"  largest channel: sinuosity {metrics.sinuosity(xy, ring):.3g}, meander wavelength {wave:.4g} m "
-        f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs in all"
+        f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs{splits} in all"
     )
 
 

@@ -113,6 +113,7 @@ class StepChannels:
         nodes: (C,) vec2i, labels of the nodes above and below; see ``gathered_nodes``.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, area of each ring in the step, see ``measure_rings``; None likewise.
+        head: (C,) int32, where the route round each ring begins, see ``find_path``; None likewise.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
         drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch of its drift.
@@ -154,6 +155,7 @@ class StepChannels:
         rings = bool(network.channel_closed.any())
         self.closed = zeros(capacity) if rings else None
         self.area = zeros(capacity, wp.int64) if rings else None
+        self.head = zeros(capacity) if rings else None
         self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
         self.most = zeros(1)
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)

@@ -16,6 +16,7 @@ from warpriver.terrain import Terrain
 
 __all__ = [
     "explicit_dt",
+    "measure_rings",
     "migrate",
     "migration_law",
     "plan_steps",
@@ -182,6 +183,32 @@ def schedule(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
     return Stage("migrate", run, shared=False)
 
 
+def measure_rings(network: RiverNetwork, channels: StepChannels) -> list[Stage]:
+    """Return the stages that measure the area of every ring that moves, ``channels.area``; none without rings.
+
+    Args:
+        network: The network; its points are evenly spaced along each channel.
+        channels: Its channels.
+    """
+    if channels.area is None:
+        return []
+    area = channels.area
+
+    def clear(_: Share) -> None:
+        area.zero_()
+
+    def measure(share: Share) -> None:
+        wp.launch(
+            kernels.build(PRECISIONS[network.dtype][0]).measure_rings,
+            dim=share.point_threads,
+            inputs=[network.point_xy, channels.start, channels.spacing, channels.step, channels.closed, share.work],
+            outputs=[area],
+            device=network.device,
+        )
+
+    return [Stage("migrate", clear, shared=False), Stage("migrate", measure)]
+
+
 def migrate(
     network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, terrain: Terrain | None, law: Any
 ) -> list[Stage]:
@@ -201,21 +228,7 @@ def migrate(
     shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing, channels.step]
     shape += [channels.closed, channels.area]
 
-    def clear(_: Share) -> None:
-        if channels.area is not None:
-            channels.area.zero_()
-
     def move(share: Share) -> None:
-        if channels.area is not None:
-            wp.launch(
-                kernel.measure_rings,
-                dim=share.point_threads,
-                inputs=[
-                    network.point_xy, channels.start, channels.spacing, channels.step, channels.closed, share.work,
-                ],
-                outputs=[channels.area],
-                device=device,
-            )  # fmt: skip
         wp.launch(
             kernel.compute_rate,
             dim=share.point_threads,
@@ -231,5 +244,4 @@ def migrate(
             device=device,
         )
 
-    cleared = [] if channels.area is None else [Stage("migrate", clear, shared=False)]
-    return [*cleared, Stage("migrate", move)]
+    return [*measure_rings(network, channels), Stage("migrate", move)]

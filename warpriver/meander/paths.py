@@ -1,7 +1,7 @@
 """Meanders by shortest paths, the move: the curvature pushes, and the line is smoothed.
 
 After the study *Meandering river: oxbows from shortest paths* [PathStudy2026]; what follows is in
-:mod:`warpriver.meander.shortcuts`.
+:mod:`warpriver.meander.shortcuts` and ``routes``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import warp as wp
 
 from warpriver.kernels import paths as kernels
 from warpriver.meander.buffers import StepChannels
+from warpriver.meander.migration import measure_rings
 from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
@@ -79,6 +80,7 @@ def push(
     if terrain is not None:
         height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
     shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing, channels.step]
+    shape += [channels.closed]
 
     def move(share: Share) -> None:
         wp.launch(
@@ -91,9 +93,9 @@ def push(
         wp.launch(
             kernel.shift_points,
             dim=share.point_threads,
-            inputs=[*shape, height, grid, law, share.work, buffers.point_push],
+            inputs=[*shape, channels.area, height, grid, law, share.work, buffers.point_push],
             outputs=[buffers.point_moved, buffers.section_moved, channels.pace],
             device=device,
         )
 
-    return [Stage("migrate", move)]
+    return [*measure_rings(network, channels), Stage("migrate", move)]

@@ -13,7 +13,8 @@ __all__ = ["split_rings"]
 def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> EditedChannels:
     """Make channels of loops that were cut off rings: what is left of a ring keeps its place, its loops come last.
 
-    A loop becomes a ring of its parent's width, depth and discharge, with an identity and a node of its own.
+    A loop becomes a ring of its parent's width, depth and discharge, with an identity of its own, the next
+    that is free in the order of ``cut``, and a node of its own.
 
     Args:
         network: The network, the loops cut off.

@@ -1,4 +1,4 @@
-"""Shortcuts join the near strands of a channel, and the shortest route over them is the new channel [PathStudy2026]."""
+"""Shortcuts join the near strands of a channel; what the shortest route makes of them is in ``routes``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import warp as wp
 
 from warpriver.kernels import shortcuts as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.cutoffs import cut_loops, link_points
+from warpriver.meander.cutoffs import link_points
 from warpriver.meander.resampling import measure
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 
-__all__ = ["PathBuffers", "check_radius", "find_path", "find_shortcuts", "take_shortcuts"]
+__all__ = ["PathBuffers", "check_radius", "find_shortcuts"]
 
 # Shortcuts that there is room for at first, a point and in all: only where strands touch are there any.
 SHORTCUTS_PER_POINT, LEAST_SHORTCUTS = 0.125, 64
@@ -28,12 +28,12 @@ class PathBuffers(StepBuffers):
         point_links: (P,) int32, shortcuts that begin at each point.
         point_link: (P,) int32, the first of them.
         point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
-            channel itself.
+            channel itself; -1 at the ends of a ring's shortcuts before its route is known.
         point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
         link_from, link_to: (E,) int32, the shortcuts, in ascending order.
-        link_saving: (E,) float64, the arc that each bypasses less its own length, m.
+        link_saving: (E,) float64, the arc that each bypasses less its own length, m; -1 for one that is forbidden.
         share_links, share_links_sum: shortcuts that begin in each slab or chunk of points, and their running sum.
-        chunk_ends: 1 where a shortcut ends in the chunk, where points are dealt out in chunks.
+        chunk_linked: 1 where a shortcut begins or ends in the chunk, where points are dealt out in chunks.
     """
 
     def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
@@ -47,7 +47,7 @@ class PathBuffers(StepBuffers):
         self.point_saving = wp.zeros(point_capacity, dtype=wp.float64, device=device)
         self.share_links = wp.zeros(self.share_count, dtype=wp.int32, device=device)
         self.share_links_sum = wp.zeros(self.share_count, dtype=wp.int32, device=device)
-        self.chunk_ends = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
+        self.chunk_linked = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
         self._allocate_links(LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * point_capacity))
 
     @property
@@ -100,6 +100,8 @@ def find_shortcuts(
     law = kernel.ShortcutLaw()
     law.radius, law.min_arc = params.search_radius, params.cutoff_min_arc
     law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
+    if channels.closed is not None:
+        law.channel_closed = channels.closed
     shape = [channels.start, channels.form, channels.spacing]
     near = [b.point_moved, b.section_moved, b.point_next, b.bucket_head]
 
@@ -113,7 +115,7 @@ def find_shortcuts(
         )
 
     def number(_: Share) -> None:
-        b.chunk_ends.zero_()
+        b.chunk_linked.zero_()
         wp.utils.array_scan(b.share_links, b.share_links_sum, inclusive=True)
 
     def list_and_weigh(share: Share) -> None:
@@ -130,7 +132,7 @@ def find_shortcuts(
             inputs=[
                 share.work, b.point_moved, b.point_arc, b.chunk_offset, b.share_links_sum, b.link_from, b.link_to,
             ],
-            outputs=[b.link_saving, b.chunk_ends],
+            outputs=[b.link_saving, b.chunk_linked],
             device=device,
         )  # fmt: skip
 
@@ -140,52 +142,4 @@ def find_shortcuts(
         *measure(network, channels, buffers, "cut off"),
         Stage("cut off", number, shared=False),
         Stage("cut off", list_and_weigh),
-    ]
-
-
-def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffers) -> list[Stage]:
-    """Return the stage that finds the shortest path down each channel over the shortcuts of :func:`find_shortcuts`.
-
-    Linear in points and edges. The sweep is serial down a channel; channels without a shortcut are passed over, and,
-    with chunks, those that hold no end of one. Channels run in parallel.
-
-    Args:
-        network: The network whose points moved.
-        channels: Its channels; get the counts of cuts.
-        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins.
-    """
-    kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
-
-    def find(share: Share) -> None:
-        wp.launch(
-            kernel.find_path,
-            dim=share.channel_threads,
-            inputs=[
-                channels.start, share.work, b.point_links, b.point_link, b.share_links, b.share_links_sum,
-                channels.necks, b.chunk_ends, b.link_to, b.link_saving,
-            ],
-            outputs=[
-                b.point_from, b.point_saving, b.point_neck, b.chunk_necks, channels.cuts, channels.cut_points,
-            ],
-            device=network.device,
-        )  # fmt: skip
-
-    return [Stage("cut off", find)]
-
-
-def take_shortcuts(
-    network: RiverNetwork, channels: StepChannels, buffers: PathBuffers, params: PathMeander
-) -> list[Stage]:
-    """Return the stages that join near strands of ``buffers.point_moved`` and cut off what the shortest path bypasses.
-
-    Args:
-        network: The network whose points moved.
-        channels: Its channels, of spacing as before the move.
-        buffers: Scratch and results, as of :func:`warpriver.meander.cutoffs.cut_loops`.
-        params: As of :func:`find_shortcuts`.
-    """
-    return [
-        *find_shortcuts(network, channels, buffers, params),
-        *find_path(network, channels, buffers),
-        *cut_loops(network, channels, buffers),
     ]

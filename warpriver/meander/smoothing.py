@@ -13,7 +13,7 @@ from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams
+from warpriver.params import MeanderParams, PathMeander
 
 __all__ = ["smooth", "taubin_smooth"]
 
@@ -23,7 +23,9 @@ STRENGTH = 0.5
 LONGEST_WAVE = -1.0
 
 
-def smooth(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams) -> list[Stage]:
+def smooth(
+    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams | PathMeander
+) -> list[Stage]:
     """Return the stages that smooth ``buffers.point_moved``; none where no pass is asked for.
 
     Args:

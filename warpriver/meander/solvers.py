@@ -12,8 +12,8 @@ from warpriver.meander.buffers import StepBuffers
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law, rate_of, step_limits
 from warpriver.meander.paths import path_law, push, push_limits, push_rate
-from warpriver.meander.shortcuts import PathBuffers, check_radius, take_shortcuts
-from warpriver.meander.smoothing import smooth
+from warpriver.meander.routes import take_shortcuts
+from warpriver.meander.shortcuts import PathBuffers, check_radius
 from warpriver.meander.stages import Stage
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
@@ -33,8 +33,6 @@ class Solver:
         move: (network, channels, buffers, terrain, law) -> stages that move the points over ``channels.step``.
         cut: (network, channels, buffers, params) -> stages that cut loops off.
         check: (network, params): raises ``ValueError`` for what the solver cannot do.
-        smooth: (network, channels, buffers, params) -> stages that smooth the moved points.
-        rings: Whether it moves rings.
         closes_loops: Oxbow lakes are kept as closed lines, the first point repeated.
     """
 
@@ -45,8 +43,6 @@ class Solver:
     move: Callable[..., list[Stage]]
     cut: Callable[..., list[Stage]]
     check: Callable[[RiverNetwork, Any], None] = lambda network, params: None
-    smooth: Callable[..., list[Stage]] = lambda network, channels, buffers, params: []
-    rings: bool = False
     closes_loops: bool = False
 
     def oxbow(self, loop: np.ndarray) -> np.ndarray:
@@ -55,9 +51,7 @@ class Solver:
 
 
 SOLVERS: dict[type, Solver] = {
-    MeanderParams: Solver(
-        step_limits, rate_of, migration_law, StepBuffers, migrate, cut_off, smooth=smooth, rings=True
-    ),
+    MeanderParams: Solver(step_limits, rate_of, migration_law, StepBuffers, migrate, cut_off),
     PathMeander: Solver(
         push_limits, push_rate, path_law, PathBuffers, push, take_shortcuts, check_radius, closes_loops=True
     ),

@@ -240,7 +240,9 @@ class BeltSheet:
         if note is not None:
             time = float(self._history.times[record])
             words = [f"year {time:,.{0 if self.painter.age_span >= 50.0 else 1}f}"]
-            for count, name in ((self.painter.cutoff_count, "cutoff"), (self.painter.collision_count, "collision")):
+            splits = sum(split.time <= time for split in getattr(self._history, "splits", ()))
+            counts = (self.painter.cutoff_count, self.painter.collision_count, splits)
+            for count, name in zip(counts, ("cutoff", "collision", "split"), strict=True):
                 words += [f"{count:,} {name}{'s' if count > 1 else ''}"] if count else []
             note.set_text(", ".join(words))
 
