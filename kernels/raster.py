@@ -163,12 +163,11 @@ def build(scalar):
         The twelve values around are read once. Along x the mean of the four differences is that of two second sums.
         """
         s, t = ONE_64 - u, ONE_64 - v
-        n0, n1 = cell_value[row - 1, column], cell_value[row - 1, column + 1]
-        a0, a1 = cell_value[row, column - 1], cell_value[row, column]
-        a2, a3 = cell_value[row, column + 1], cell_value[row, column + 2]
-        b0, b1 = cell_value[row + 1, column - 1], cell_value[row + 1, column]
-        b2, b3 = cell_value[row + 1, column + 1], cell_value[row + 1, column + 2]
-        s0, s1 = cell_value[row + 2, column], cell_value[row + 2, column + 1]
+        above, upper, lower, below = cell_value[row - 1], cell_value[row], cell_value[row + 1], cell_value[row + 2]
+        n0, n1 = above[column], above[column + 1]
+        a0, a1, a2, a3 = upper[column - 1], upper[column], upper[column + 1], upper[column + 2]
+        b0, b1, b2, b3 = lower[column - 1], lower[column], lower[column + 1], lower[column + 2]
+        s0, s1 = below[column], below[column + 1]
         east = t * (s * (a2 - a0) + u * (a3 - a1)) + v * (s * (b2 - b0) + u * (b3 - b1))
         north = t * (s * (n0 - b1) + u * (n1 - b2)) + v * (s * (a1 - s0) + u * (a2 - s1))
         return wp.vec2d(HALF_64 * east, HALF_64 * north)

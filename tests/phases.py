@@ -53,7 +53,7 @@ class State:
     def migrate(self, time_step):
         law = migration_law(self.params, self.dtype)
         move = migrate(self.network, self.channels, self.buffers, None, law)
-        self.run([schedule(self.network, self.channels, time_step), *move])
+        self.run([schedule(self.network, self.channels, self.buffers, time_step), *move])
 
     def take_as_moved(self):
         """Let the points as they are count as moved."""
