@@ -69,9 +69,19 @@ BUCKETS_A_POINT = 4.0
 CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
 
 STEP = (
-    Launch("migrate", "migration", "schedule_channels", (
-        *_read("channel_parts", per="channel"), *_read("substep", "share_contacts_sum", per="event"),
-        *_written("channel_step_out", "channel_pace_out", per="channel"), Moved("status_io", 1.0, 1.0, per="event"),
+    Launch("migrate", "schedule", "begin_substep", (
+        *_read("substep", "share_contacts_sum", per="event"), *_written("channel_mobility_out", per="channel"),
+        *_written("most_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
+    )),
+    Launch("migrate", "schedule", "plan_steps", (
+        *_read("channel_limit", "channel_mobility", "channel_pace", per="channel"),
+        *_read("substep", "status", per="event"),
+        *_written("channel_parts_out", per="channel"), Moved("most_io", 1.0, 1.0, per="event"),
+    )),
+    Launch("migrate", "schedule", "schedule_channels", (
+        *_read("channel_parts", per="channel"), *_read("most", per="event"),
+        *_written("channel_step_out", "channel_pace_out", per="channel"),
+        Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "migration", "compute_rate", (
         *_read("channel_closed", "channel_area", per="ring"),
@@ -131,7 +141,8 @@ STEP = (
     Launch("resample", "resampling", "commit_step", (
         *_read("channel_start_next", "channel_spacing_next", per="channel"),
         *_read("channel_cuts_sum", "channel_cut_points_sum", per="channel"), Moved("status_io", 1.0, 1.0, per="event"),
-        *_written("channel_start_out", "channel_spacing_out", per="channel"), Moved("substep_io", per="event"),
+        *_written("channel_start_out", "channel_spacing_out", per="channel"),
+        *_written("substep_done_out", per="event"), Moved("substep_io", 1.0, 1.0, per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (
         *_read("channel_closed", per="ring"),

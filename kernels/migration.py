@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline, raster
-from warpriver.kernels.polyline import DONE, FAULT, HALT, Work
+from warpriver.kernels.polyline import Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,14 +27,10 @@ def build(scalar):
     TWO_THIRDS = scalar(2.0 / 3.0)
     REACH = line.REACH
     SERIES_LIMIT = scalar(0.5)
-    # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
-    FREE = scalar(0.9)
     # Areas of rings are added up in 2^-62 of the squared length, as integers, so that the order does not matter. The
     # greatest, that of a circle, is 1 / (4 pi) of it.
     AREA_PARTS, AREA_PART = wp.float64(2.0**62), wp.float64(2.0**-62)
     HALF_64, TWO_64, PI_64 = (wp.float64(v) for v in (0.5, 2.0, math.pi))
-    # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
-    SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
     # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
     factorial, SERIES = 2.0, []
     for term in range(14):
@@ -533,119 +529,12 @@ def build(scalar):
             i = stop
             channel += 1
 
-    @wp.kernel(module=name, enable_backward=False)
-    def measure_mobility(
-        # network
-        point_xy: wp.array[vec2],
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
-        # terrain
-        cell_height: wp.array2d[wp.float64],
-        grid: cells.RasterGrid,
-        # params
-        slope_threshold: scalar,
-        work: Work,
-        # out
-        channel_mobility_io: wp.array[scalar],
-    ):
-        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held."""
-        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        while i < end:
-            stop = wp.min(end, channel_start[channel + 1])
-            highest = scalar(0.0)
-            while i < stop and highest < FREE:
-                highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
-                i += 1
-            if highest >= FREE:
-                highest = ONE
-            wp.atomic_max(channel_mobility_io, channel, highest)
-            i = stop
-            channel += 1
-
-    @wp.kernel(module=name, enable_backward=False)
-    def plan_steps(
-        # network
-        channel_limit: wp.array[vec3],
-        # params
-        time_step: scalar,
-        # in
-        channel_mobility: wp.array[scalar],
-        channel_pace: wp.array[scalar],
-        # out
-        channel_parts_out: wp.array[int],
-        most_io: wp.array[int],
-    ):
-        """Equal parts in which each channel does a time step, and the most of them.
-
-        channel_limit = (longest step in which the tightest bend keeps within a width, longest in which its waves stay
-        true, least width), on flat ground; no width, no channel. Where the ground lets no point move by more than a
-        part g, the steps are longer by 1 / g. The pace of the step before tells how fast the bends that there are do
-        move: a part takes them by half a width at most.
-        """
-        channel = wp.tid()
-        limit = channel_limit[channel]
-        mobility = scalar(1.0)
-        if channel_mobility:
-            mobility = channel_mobility[channel]
-        parts = int(0)
-        if mobility > ZERO and limit[2] > ZERO:
-            travel = wp.min(mobility / limit[0], TWO * channel_pace[channel] / limit[2])
-            needed = time_step * wp.max(mobility / limit[1], travel) * SLACK
-            parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
-        channel_parts_out[channel] = parts
-        wp.atomic_max(most_io, 0, parts)
-
-    @wp.kernel(module=name, enable_backward=False)
-    def schedule_channels(
-        # network
-        channel_parts: wp.array[int],
-        # params
-        time_step: scalar,
-        # in
-        substep: wp.array[int],
-        share_contacts_sum: wp.array[int],
-        # out
-        channel_step_out: wp.array[scalar],
-        channel_pace_out: wp.array[scalar],
-        status_io: wp.array[int],
-    ):
-        """Time step in yr of each channel in a sub-step, 0 where it rests: n of the N sub-steps are its own, evenly.
-
-        substep = (number of this one, N). Every channel that moves at all does so in the first; the paces begin anew
-        there, if they are given.
-
-        Of several sub-steps in a row the first that fails halts those after it, and so does one after which channels
-        touch: joining them is for the host.
-        """
-        channel = wp.tid()
-        halt = status_io[FAULT] != 0 or status_io[HALT] != 0
-        if share_contacts_sum and status_io[DONE] > 0:
-            halt = halt or share_contacts_sum[share_contacts_sum.shape[0] - 1] > 0
-        if halt:
-            # Every thread comes to the same answer, whether it sees this or not.
-            if channel == 0:
-                status_io[HALT] = 1
-            return
-        parts = wp.min(channel_parts[channel], substep[1])
-        step = scalar(0.0)
-        if (substep[0] * parts) % substep[1] < parts:
-            step = time_step / scalar(parts)
-        channel_step_out[channel] = step
-        if channel_pace_out and substep[0] == 0:
-            channel_pace_out[channel] = ZERO
-
     return SimpleNamespace(
         vec2=vec2,
         vec3=vec3,
         vec4=vec4,
         MigrationLaw=MigrationLaw,
         measure_rings=measure_rings,
-        measure_mobility=measure_mobility,
-        plan_steps=plan_steps,
-        schedule_channels=schedule_channels,
         RasterGrid=cells.RasterGrid,
         compute_rate=compute_rate,
         move_points=move_points,

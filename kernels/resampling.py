@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, HALT, Work
+from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, TOTAL, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -346,6 +346,7 @@ def build(scalar):
     def commit_step(
         # params
         point_capacity: int,
+        keep_plan: int,
         # in
         channel_start_next: wp.array[int],
         channel_spacing_next: wp.array[scalar],
@@ -354,10 +355,15 @@ def build(scalar):
         # out
         channel_start_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
+        substep_done_out: wp.array[wp.vec2i],
         substep_io: wp.array[int],
         status_io: wp.array[int],
     ):
-        """Take over the new starts and spacings and count the sub-step, unless it failed or its points do not fit."""
+        """Take over the new starts and spacings and count the sub-step, unless it failed or its points do not fit.
+
+        ``keep_plan``: 1 where the plan of one step holds for the next. Where no steps are asked for, lines are sampled
+        anew outside of any step, and nothing is counted.
+        """
         channel = wp.tid()
         last = channel_start_next.shape[0] - 1
         if status_io[HALT] != 0 or status_io[FAULT] != 0:
@@ -368,9 +374,14 @@ def build(scalar):
         channel_start_out[channel] = channel_start_next[channel]
         if channel < last:
             channel_spacing_out[channel] = channel_spacing_next[channel]
-        else:
-            substep_io[0] = (substep_io[0] + 1) % substep_io[1]
+        elif status_io[GOAL] > 0:
+            substep_done_out[status_io[DONE]] = wp.vec2i(substep_io[NUMBER], substep_io[TOTAL])
             status_io[DONE] = status_io[DONE] + 1
+            substep_io[NUMBER] = substep_io[NUMBER] + 1
+            if substep_io[NUMBER] == substep_io[TOTAL]:
+                substep_io[NUMBER] = 0
+                substep_io[PLANNED] = keep_plan
+                status_io[STEPS] = status_io[STEPS] + 1
             if last > 0:
                 status_io[CUTS] = status_io[CUTS] + channel_cuts_sum[last - 1]
                 status_io[CUT_POINTS] = status_io[CUT_POINTS] + channel_cut_points_sum[last - 1]

@@ -7,8 +7,9 @@ from scipy.spatial import cKDTree
 import warpriver as wr
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import cut_off
-from warpriver.meander.migration import migrate, migration_law, schedule
+from warpriver.meander.migration import migrate, migration_law
 from warpriver.meander.resampling import resample
+from warpriver.meander.schedule import schedule_channels
 from warpriver.meander.stages import run_stages
 from warpriver.network import PRECISIONS
 
@@ -53,7 +54,8 @@ class State:
     def migrate(self, time_step):
         law = migration_law(self.params, self.dtype)
         move = migrate(self.network, self.channels, self.buffers, None, law)
-        self.run([schedule(self.network, self.channels, self.buffers, time_step), *move])
+        schedule_channels(self.network, self.channels, self.buffers, time_step, self.channels.substep)
+        self.run(move)
 
     def take_as_moved(self):
         """Let the points as they are count as moved."""

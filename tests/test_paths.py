@@ -14,9 +14,9 @@ import warpriver as wr
 from warpriver.cli import main
 from warpriver.meander import buffers as step_buffers
 from warpriver.meander.buffers import StepChannels
-from warpriver.meander.migration import schedule
 from warpriver.meander.paths import path_law, push, push_limits
 from warpriver.meander.routes import take_shortcuts
+from warpriver.meander.schedule import schedule_channels
 from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.stages import Share, run_stages
 
@@ -68,7 +68,8 @@ def pushed_points(state, time_step):
     """Points after one push of so many years, (n, 2)."""
     law = path_law(state.params, state.network.dtype)
     move = push(state.network, state.channels, state.buffers, None, law)
-    launch(state, [schedule(state.network, state.channels, state.buffers, time_step), *move])
+    schedule_channels(state.network, state.channels, state.buffers, time_step, state.channels.substep)
+    launch(state, move)
     return state.buffers.point_moved.numpy() + state.network.origin
 
 

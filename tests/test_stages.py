@@ -242,16 +242,16 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
         sim._allocate(sim.network.point_count, 1, 4)
     launch, asked, done = sim._launch, [], []
 
-    def noted(count):
-        launch(count)
+    def noted(count, steps):
+        launch(count, steps)
         asked.append(count)
         done.append(sim.buffers.read_status()[DONE])
 
     sim._in_a_row, sim._launch = row, noted
     sim.run(steps=steps, record_every=10_000)
-    if sim._plan_holds() or sim.substeps >= row:
+    if sim._keep_plan or sim.substeps >= row:
         assert set(asked) == {1, row} and max(done) == row
-    if sim._plan_holds() and ("tree" in name or tight):
+    if sim._keep_plan and ("tree" in name or tight):
         assert (np.array(done) < asked).any(), "none was halted"
     assert_same(sim, references(name))
 
@@ -296,8 +296,8 @@ def test_a_number_of_threads_that_is_none_is_refused(threads):
 class Watched(Simulation):
     """Notes the step of every channel in every sub-step."""
 
-    def _launch(self, count):
-        super()._launch(count)
+    def _launch(self, count, steps):
+        super()._launch(count, steps)
         if self.buffers.read_status()[FAULT] != 0:
             return  # it is repeated
         step = self.channels.step.numpy()[: self.network.channel_count].copy()

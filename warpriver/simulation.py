@@ -19,13 +19,14 @@ import warp as wp
 from warpriver import progress as progress_bar
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, Split, StopReason
-from warpriver.kernels.polyline import CUTS, DONE, FAULT
+from warpriver.kernels.polyline import CUTS, DONE, FAULT, HALT, PARTS, STEPS, TOUCH
 from warpriver.meander import checks
 from warpriver.meander.buffers import (
     FAULT_NONE,
     FAULT_NOT_FINITE,
     FAULT_OXBOWS_FULL,
     FAULT_SHORTCUTS_FULL,
+    SUBSTEPS_IN_A_ROW,
     StepBuffers,
     StepChannels,
 )
@@ -39,9 +40,9 @@ from warpriver.meander.collisions import (
     list_contacts,
 )
 from warpriver.meander.junctions import drift_junctions
-from warpriver.meander.migration import plan_steps, schedule, schedule_channels
 from warpriver.meander.resampling import resample
 from warpriver.meander.rings import split_rings
+from warpriver.meander.schedule import begin_substep, schedule_channels
 from warpriver.meander.shortcuts import PathBuffers
 from warpriver.meander.smoothing import smooth
 from warpriver.meander.solvers import Solver, solver_of
@@ -59,9 +60,6 @@ NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
 HEADROOM = 1.5
 # Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
 COLLISION_ROUNDS = 8
-# Sub-steps that a GPU does in a row before the host looks at them, once as many went without an event that is for the
-# host. On the CPU looking costs nothing.
-SUBSTEPS_IN_A_ROW = 16
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
 
@@ -123,6 +121,7 @@ class Simulation:
     _fixed: np.ndarray
     _replays: dict[int, Replay]
     _collisions: Any
+    _keep_plan: bool
 
     def __init__(
         self,
@@ -379,6 +378,7 @@ class Simulation:
         alone = network.device.is_cpu or not self._capture or bool(splits)
         self._in_a_row = 1 if alone else SUBSTEPS_IN_A_ROW
         self._calm = 0
+        self._keep_plan = False
         if self.terrain is not None and self.terrain.device != network.device:
             self.terrain = self.terrain.to(network.device)
         self.network = network
@@ -454,18 +454,12 @@ class Simulation:
         law = collision_law(network, self.params, form, self._collisions)
         if law is not self._collisions:
             self._collisions, self._replays = law, {}
-        self._planned = False
-
-    def _plan_substeps(self) -> None:
-        """Choose the parts in which a step is done, as the channels and the ground are now."""
-        if not self._planned or not self._plan_holds():
-            self.substeps = max(1, plan_steps(self.network, self.channels, self.terrain, self.params))
-            self.channels.substep.assign(np.array([0, self.substeps], np.int32))
-            self._planned = True
-
-    def _plan_holds(self) -> bool:
-        """On a plain a step that is stable for any bend needs no plan but the first."""
-        return self.terrain is None and self.params.time_step <= self.stable_dt
+        # On a plain a step that is stable for any bend needs no plan but the first.
+        keep_plan = self.terrain is None and self.params.time_step <= self.stable_dt
+        if self._keep_plan:
+            self.channels.plan_anew()
+        if self._keep_plan != keep_plan:
+            self._keep_plan, self._replays = keep_plan, {}
 
     def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
         """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
@@ -492,16 +486,16 @@ class Simulation:
 
     def _measure_pace(self) -> None:
         """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
-        self._plan_substeps()
+        self.buffers.begin_row()
         self._run(self._move_stages())
-        self._planned = False
+        self.channels.plan_anew()
 
     def _resample_moved(self) -> None:
         """Sample the lines in ``buffers.point_moved`` evenly, with more room if they need it."""
         network = self.network
         while True:
             buffers = self.buffers
-            buffers.status.zero_()
+            buffers.begin_row(steps=0)
             self._run(resample(network, self.channels, buffers))
             needed = int(self.channels.start_next.numpy()[-1])
             if needed <= buffers.point_capacity:
@@ -516,7 +510,7 @@ class Simulation:
         """What moves the points in one (sub-)step."""
         network, channels = self.network, self.channels
         return [
-            schedule(network, channels, self.buffers, self.params.time_step),
+            *begin_substep(network, channels, self.buffers, self.terrain, self.params),
             *self._solver.move(network, channels, self.buffers, self.terrain, self._law),
         ]
 
@@ -528,7 +522,7 @@ class Simulation:
             *smooth(network, channels, buffers, self.params),
             *drift_junctions(network, channels, buffers, self.params),
             *self._solver.cut(network, channels, buffers, self.params),
-            *resample(network, channels, buffers),
+            *resample(network, channels, buffers, self._keep_plan),
             *find_contacts(network, channels, buffers, self._collisions),
         ]
 
@@ -536,41 +530,35 @@ class Simulation:
         run_stages(stages, self.channels.whole, self.channels.slabs)
 
     def _do_steps(self, count: int) -> None:
-        """Do so many steps, in a row where one plan holds for all of them."""
-        while count > 0:
-            self._plan_substeps()
-            steps = count if self._plan_holds() else 1
-            self._advance(steps * self.substeps)
-            count -= steps
-
-    def _advance(self, count: int) -> None:
-        """Do the sub-steps of whole steps; one that did not fit into the buffers changed nothing and is repeated."""
-        begin, done = self.step_count, 0
-
-        def time_after(k: int) -> float:
-            steps, parts = divmod(k - 1, self.substeps)
-            return (begin + steps + (parts + 1) / self.substeps) * self.params.time_step
-
-        while done < count:
-            asked = self._in_a_row if self._calm >= self._in_a_row <= count - done else 1
-            self._launch(asked)
+        """Do so many steps; a sub-step that did not fit into the buffers changed nothing and is repeated."""
+        goal = self.step_count + count
+        while self.step_count < goal:
+            ahead = (goal - self.step_count) * max(1, self.substeps)
+            self._launch(self._in_a_row if self._calm >= self._in_a_row <= ahead else 1, goal - self.step_count)
             status = self.buffers.read_status()
-            finished = status[DONE]
-            self._calm = self._calm + finished if finished == asked else 0
-            if finished > 0:
+            if status[DONE] > 0:
                 self.network.point_count = int(self.channels.start.numpy()[-1])
-                self._collect_cutoffs(status[CUTS], [time_after(done + k + 1) for k in range(finished)])
-            done += finished
+                self.substeps = status[PARTS]
+            times = self._times_after(status[DONE])
+            self._collect_cutoffs(status[CUTS], times)
+            self._calm += status[DONE]
+            if status[FAULT] == FAULT_NONE:
+                self._resolve_collisions(times[-1], status[HALT] == TOUCH)
+            self.step_count += status[STEPS]
             if status[FAULT] != FAULT_NONE:
-                self.step_count = begin + done // self.substeps
                 self._make_room(status[FAULT])
-            else:
-                self._resolve_collisions(time_after(done), finished < asked)
-        self.step_count = begin + count // self.substeps
 
-    def _launch(self, count: int) -> None:
-        """Run sub-steps on the device: replayed from a recording, or as they stand, phase by phase when checked."""
-        self.buffers.status.zero_()
+    def _times_after(self, count: int) -> list[float]:
+        """Time in yr after each of the sub-steps of a row."""
+        steps, times = self.step_count, []
+        for number, total in self.channels.substep_done.numpy()[:count].tolist():
+            times.append((steps + (number + 1) / total) * self.params.time_step)
+            steps += number + 1 == total
+        return times
+
+    def _launch(self, count: int, steps: int) -> None:
+        """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked."""
+        self.buffers.begin_row(steps)
         if self.check:
             for phase, group in itertools.groupby(self._stages(), lambda stage: stage.phase):
                 self._run(group)
@@ -589,7 +577,7 @@ class Simulation:
         Raises:
             FloatingPointError: That was not what is wrong.
         """
-        buffers, channels = self.buffers, self.channels
+        buffers, channels, self._calm = self.buffers, self.channels, 0
         if fault == FAULT_NOT_FINITE:
             raise FloatingPointError(
                 f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
@@ -643,16 +631,17 @@ class Simulation:
 
         Args:
             time: Time after that sub-step, yr.
-            halted: Whether others were to follow, which have emptied the table of the search.
+            halted: Whether others were to follow: halted, they have emptied the table of the search.
         """
         if self._collisions is None:
             return
         if halted:
-            self.buffers.status.zero_()
+            self.buffers.begin_row()
             self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
         for _ in range(COLLISION_ROUNDS):
             if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
                 return
+            self._calm = 0
             contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
             self._place_nodes()
             joined = join_channels(self.network, contacts)
@@ -713,8 +702,8 @@ class Simulation:
         self.channels.set_step(edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self._resample_moved()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
-        start: wp.array = wp.array([0, self.substeps], dtype=wp.int32, device=self.device)
-        buffers.status.zero_()
+        start: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
+        buffers.begin_row()
         schedule_channels(network, self.channels, buffers, self.params.time_step, start)
 
     def _place_nodes(self) -> None:

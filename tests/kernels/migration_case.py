@@ -8,7 +8,7 @@ import reference
 import warp as wp
 from kernel_arrays import SCALARS, forms, ring_flags, share_out, split, starts_of, to_device, unwritten
 
-from warpriver.kernels import migration
+from warpriver.kernels import migration, schedule
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -182,11 +182,12 @@ class Case:
         grid.cells_per_meter = 1.0 / GRID[2]
         return to_device(height, wp.float64, self.device), grid
 
-    def mobility(self, law, height, deal=64):
-        """How the ground lets each channel move, (C,) of the case's precision."""
+    def mobility(self, law, height, deal=64, planned=0):
+        """How the ground lets each channel move, (C,) of the case's precision; 0 where the step is planned before."""
         out = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         inputs = [self.point_xy, self.channel_start, self.form, *self.ground(height), law.slope_threshold, ...]
-        self.launch(self.kernel.measure_mobility, deal, inputs, [out])
+        inputs += [to_device([0, 1, planned], wp.int32, self.device)]
+        self.launch(schedule.build(self.scalar).measure_mobility, deal, inputs, [out])
         return out.numpy()
 
     def _channels(self, packed):

@@ -207,7 +207,7 @@ class Case:
         if self.section is not None:
             loop_sections = unwritten(int(oxbow_capacity), self.kernel.vec2, self.device)
         points = to_device(self.packed, self.kernel.vec2, self.device)
-        status = to_device([0, 0, done, before[0], before[1]], wp.int32, self.device)
+        status = to_device([0, 0, done, *before, 0, 1, 0], wp.int32, self.device)
         sums = [to_device(v, wp.int32, self.device) for v in (cuts, loop_points)]
         inputs = [chunk_necks, *sums, point_neck, self.section]
         self.launch_channels(self.kernel.cut_necks, deal, inputs, [records, loops, loop_sections, points, status])

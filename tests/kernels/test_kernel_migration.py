@@ -304,13 +304,12 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
             limit=np.full((len(lines), 3), np.inf),
             nodes=np.zeros((len(lines), 2)),
         )
-        channels.parts.fill_(1)
         buffers = StepBuffers(network, network.point_count, 1, 1)
         channels.deal_out(network, buffers, anew=True)
         law = launcher.migration_law(params, dtype)
         move = launcher.migrate(network, channels, buffers, None, law)
-        begin = launcher.schedule(network, channels, buffers, params.time_step)
-        run_stages([begin, *move], channels.whole, channels.slabs)
+        channels.set_step(np.full(len(lines), params.time_step))
+        run_stages(move, channels.whole, channels.slabs)
         results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()

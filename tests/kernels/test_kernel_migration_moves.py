@@ -163,6 +163,7 @@ def test_mobility_is_that_of_the_freest_point(device, dtype, height):
     assert found[-1] == 0.0, "off the ground"
     for deal in DEALS:
         np.testing.assert_array_equal(case.mobility(law, height, deal), found)
+        assert not case.mobility(law, height, deal, planned=1).any()
 
 
 def test_the_hills_hold_channels_of_all_kinds():

@@ -15,6 +15,7 @@ from kernel_arrays import (
     REALS,
     SCALARS,
     SLABS,
+    UNWRITTEN,
     forms,
     ring_flags,
     share_count,
@@ -120,7 +121,7 @@ class Case:
     def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5), halt=0):
         """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
         channels = len(self.lines)
-        status = to_device([fault, halt, 0, 0, 0], wp.int32, self.device)
+        status = to_device([fault, halt, 0, 0, 0, 0, 1, 0], wp.int32, self.device)
         arc, length = self.measured(deal)
         offset = unwritten(len(length), wp.float64, self.device)
         if isinstance(deal, int):
@@ -137,17 +138,20 @@ class Case:
         self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [points, sections])
         start_out = to_device(self.start, wp.int32, self.device)
         spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
-        count = to_device(substep, wp.int32, self.device)
+        count = to_device([*substep, 1], wp.int32, self.device)
         sums = [to_device(factor * np.arange(1, channels + 1), wp.int32, self.device) for factor in (1, 10)]
-        outputs = [start_out, spacing_out, count, status]
-        self.launch(self.kernel.commit_step, channels + 1, [capacity, start_next, spacing, *sums], outputs)
+        log = unwritten(4, wp.vec2i, self.device)
+        outputs = [start_out, spacing_out, log, count, status]
+        self.launch(self.kernel.commit_step, channels + 1, [capacity, 0, start_next, spacing, *sums], outputs)
         raw, start = points.numpy().astype(np.float64), start_out.numpy()
         by_channel = split(raw, start_next.numpy())
         if sections is not None:
             sections = split(sections.numpy().astype(np.float64), start_next.numpy())
-        done, total = count.numpy().tolist()
+        done, total, planned = count.numpy().tolist()
         assert total == substep[1]
-        fault, _, counted, *cut = status.numpy().tolist()
+        fault, _, counted, *cut, steps = status.numpy().tolist()[:6]
+        assert log.numpy()[0].tolist() == (list(substep) if counted else [UNWRITTEN, UNWRITTEN])
+        assert steps == (counted and done == 0) and planned == 1 - steps
         assert counted == (done != substep[0] or (total == 1 and fault == 0 and not halt))
         assert cut == [counted * channels, counted * 10 * channels]
         return Sampled(by_channel, sections, spacing_out.numpy(), start, fault, needed, raw, done)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import STATUS_SIZE, Work
+from warpriver.kernels.polyline import GOAL, STATUS_SIZE, SUBSTEP_SIZE, Work
 from warpriver.meander.stages import Share
 from warpriver.network import PRECISIONS, RiverNetwork
 
@@ -18,6 +18,7 @@ __all__ = [
     "FAULT_OXBOWS_FULL",
     "FAULT_POINTS_FULL",
     "FAULT_SHORTCUTS_FULL",
+    "SUBSTEPS_IN_A_ROW",
     "StepBuffers",
     "StepChannels",
 ]
@@ -25,6 +26,9 @@ __all__ = [
 # What may be wrong with a sub-step; the kernels write the same numbers.
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 
+# Sub-steps that a GPU does in a row before the host looks at them, once as many went without an event that is for the
+# host. On the CPU looking costs nothing.
+SUBSTEPS_IN_A_ROW = 16
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
@@ -88,6 +92,15 @@ class StepBuffers:
         # On the CPU what the host reads is what the device has written: made once, it saves a call a step.
         self._status = self.status.numpy() if device.is_cpu else None
 
+    def begin_row(self, steps: int = 1) -> None:
+        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
+        fresh = np.zeros(STATUS_SIZE, np.int32)
+        fresh[GOAL] = steps
+        if self._status is None:
+            self.status.assign(fresh)
+        else:
+            self._status[:] = fresh
+
     def read_status(self) -> list[int]:
         """Return ``status`` as it is now on the device."""
         status = self.status.numpy() if self._status is None else self._status
@@ -120,7 +133,8 @@ class StepChannels:
         pace: (C,) greatest speed of a point in the time step so far, m/yr.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
-        substep: two int32, sub-steps done and how many there are; ``most``: one int32, how many the channels ask for.
+        substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
+            the channels ask for; ``substep_done``: (R,) vec2i, number and parts of each sub-step done in a row.
         necks, cuts, cut_points: (C,) int32, necks and cutoffs of this step and their points; ``..._sum`` run over them.
         samples, start_next, spacing_next: points, offsets and spacing that resampling gives.
         share_contacts: places where channels touch, by slab or chunk; ``share_contacts_sum`` runs over them.
@@ -156,11 +170,13 @@ class StepChannels:
         self.closed = zeros(capacity) if rings else None
         self.area = zeros(capacity, wp.int64) if rings else None
         self.head = zeros(capacity) if rings else None
-        self.substep: wp.array = wp.array([0, 1], dtype=wp.int32, device=network.device)
+        self.substep = zeros(SUBSTEP_SIZE)
+        self.substep_done = zeros(SUBSTEPS_IN_A_ROW, wp.vec2i)
         self.most = zeros(1)
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
         self.cut_points, self.cut_points_sum = zeros(capacity), zeros(capacity)
         self.samples = zeros(capacity)
+        self.plan_anew()
 
     def fill(
         self,
@@ -195,6 +211,10 @@ class StepChannels:
         _assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
         for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
             stale.zero_()
+
+    def plan_anew(self) -> None:
+        """Let the next sub-step begin a step, and the step be planned."""
+        self.substep.assign(np.array([0, 1, 0], np.int32))
 
     def set_step(self, values: np.ndarray) -> None:
         """Set ``step`` of the network's channels from a host array."""

@@ -11,7 +11,7 @@ from warpriver.kernels import migration as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams, PathMeander
+from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
 
 __all__ = [
@@ -19,10 +19,7 @@ __all__ = [
     "measure_rings",
     "migrate",
     "migration_law",
-    "plan_steps",
     "rate_of",
-    "schedule",
-    "schedule_channels",
     "stable_dt",
     "step_limits",
 ]
@@ -106,81 +103,6 @@ def migration_law(params: MeanderParams, dtype: str) -> Any:
     law.end_damping = params.end_damping
     law.slope_threshold = params.slope_threshold
     return law
-
-
-def plan_steps(
-    network: RiverNetwork, channels: StepChannels, terrain: Terrain | None, params: MeanderParams | PathMeander
-) -> int:
-    """Choose in how many equal parts each channel does a time step, ``channels.parts``; return the most of them.
-
-    Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
-    longer by 1 / g; g is measured here (``channels.mobility``). ``channels.pace`` is that of the step before.
-
-    Args:
-        network: The network.
-        channels: Its channels.
-        terrain: Ground, on the network's device, or None.
-        params: ``time_step``, yr, and ``slope_threshold``.
-    """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    share = channels.whole
-    if terrain is not None and channels.mobility is not None:
-        channels.mobility.zero_()
-        wp.launch(
-            kernel.measure_mobility,
-            dim=share.point_threads,
-            inputs=[
-                network.point_xy, channels.start, channels.form, terrain.height,
-                terrain.grid(network.dtype, network.origin), params.slope_threshold, share.work,
-            ],
-            outputs=[channels.mobility],
-            device=device,
-        )  # fmt: skip
-    channels.most.zero_()
-    wp.launch(
-        kernel.plan_steps,
-        dim=channels.capacity,
-        inputs=[channels.limit, params.time_step, channels.mobility, channels.pace],
-        outputs=[channels.parts, channels.most],
-        device=device,
-    )
-    return int(channels.most.numpy()[0])
-
-
-def schedule_channels(
-    network: RiverNetwork,
-    channels: StepChannels,
-    buffers: StepBuffers,
-    time_step: float,
-    substep: wp.array,
-    pace: wp.array | None = None,
-) -> None:
-    """Set the time step of every channel in a sub-step, ``channels.step``: 0 where it rests.
-
-    Args:
-        network: The network.
-        channels: Its channels.
-        buffers: ``status`` may halt all that follows.
-        time_step: The whole of it, yr.
-        substep: Two int32, the number of the sub-step and how many there are.
-        pace: ``channels.pace``, to be cleared in the first sub-step.
-    """
-    wp.launch(
-        kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
-        dim=channels.capacity,
-        inputs=[channels.parts, time_step, substep, channels.share_contacts_sum],
-        outputs=[channels.step, pace, buffers.status],
-        device=network.device,
-    )
-
-
-def schedule(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, time_step: float) -> Stage:
-    """Return the stage that begins a sub-step of any solver: :func:`schedule_channels` for ``channels.substep``."""
-
-    def run(_: Share) -> None:
-        schedule_channels(network, channels, buffers, time_step, channels.substep, channels.pace)
-
-    return Stage("migrate", run, shared=False)
 
 
 def measure_rings(network: RiverNetwork, channels: StepChannels) -> list[Stage]:

@@ -38,7 +38,9 @@ def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
     return [Stage(phase, measure_arcs), *([Stage(phase, offset_chunks, shared=False)] if buffers.chunk > 0 else [])]
 
 
-def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> list[Stage]:
+def resample(
+    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, keep_plan: bool = False
+) -> list[Stage]:
     """Return the stages that sample the moved channels evenly and make that the network's new state.
 
     A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
@@ -50,6 +52,7 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
         network: Gets the new points, and ``channel_start``.
         channels: Its channels; get the new spacing.
         buffers: ``point_moved`` (and ``section_moved``) is read.
+        keep_plan: The parts in which channels do a step hold for the next one, too.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
     start, offset = channels.start, buffers.chunk_offset
@@ -86,10 +89,10 @@ def resample(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers
             kernel.commit_step,
             dim=channels.capacity + 1,
             inputs=[
-                buffers.point_capacity, channels.start_next, channels.spacing_next, channels.cuts_sum,
+                buffers.point_capacity, int(keep_plan), channels.start_next, channels.spacing_next, channels.cuts_sum,
                 channels.cut_points_sum,
             ],
-            outputs=[start, channels.spacing, channels.substep, buffers.status],
+            outputs=[start, channels.spacing, channels.substep_done, channels.substep, buffers.status],
             device=device,
         )  # fmt: skip
 

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import REALS, SCALARS, going_on, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, to_device, unwritten
 
-from warpriver.kernels import migration
-from warpriver.kernels.polyline import HALT
+from warpriver.kernels import schedule
+from warpriver.kernels.polyline import DONE, FAULT, GOAL, HALT, PARTS, STATUS_SIZE, STEPS, TOUCH
 
 
 def planned(limit, pace, mobility, time_step, dtype, device, before=0):
     """Parts of each channel's time step, and the most of them, ``before`` at least."""
     scalar = SCALARS[dtype]
-    kernel = migration.build(scalar)
+    kernel = schedule.build(scalar)
     mobility, pace = (
         None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, pace)
     )
     limits = to_device(np.array(limit, np.float64), kernel.vec3, device)
     parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
-    inputs = [limits, time_step, mobility, pace]
+    inputs = [limits, time_step, to_device([0, 1, 0], wp.int32, device), going_on(device), mobility, pace]
     wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
     return parts.numpy().tolist(), int(most.numpy()[0])
 
@@ -29,38 +29,61 @@ def planned(limit, pace, mobility, time_step, dtype, device, before=0):
 @pytest.mark.parametrize(
     ("status", "contacts", "halts"),
     [
-        ((0, 0, 0), 0, False), ((0, 0, 3), 0, False), ((0, 0, 0), 2, False), ((0, 0, 3), 2, True), ((1, 0, 0), 0, True),
-        ((0, 1, 2), 0, True),
+        ({}, 0, False), ({DONE: 3, STEPS: 2}, 0, False), ({}, 2, False), ({DONE: 3}, 2, TOUCH), ({FAULT: 1}, 0, True),
+        ({HALT: 1, DONE: 2}, 0, True), ({DONE: 3, STEPS: 3}, 0, True),
     ],
 )  # fmt: skip
-def test_a_fault_and_contacts_halt_what_is_to_follow(device, status, contacts, halts):
-    """Contacts that the host knows of, from before the first sub-step of a row, do not; steps and paces stay then."""
-    kernel = migration.build(wp.float64)
-    out, pace = unwritten(3, wp.float64, device), to_device(np.ones(3), wp.float64, device)
-    state = to_device([*status, 0, 0], wp.int32, device)
-    inputs = [to_device([1, 1, 1], wp.int32, device), 0.3, to_device([0, 1], wp.int32, device)]
-    inputs += [to_device([0, contacts], wp.int32, device)]
-    wp.launch(kernel.schedule_channels, dim=3, inputs=inputs, outputs=[out, pace, state], device=device)
+@pytest.mark.parametrize("planned", [0, 1])
+def test_faults_contacts_and_the_goal_halt_what_is_to_follow(device, status, contacts, halts, planned):
+    """Contacts that the host knows of, from before the first sub-step of a row, do not; halted, nothing changes."""
+    kernel = schedule.build(wp.float64)
+    state = np.zeros(STATUS_SIZE)
+    state[GOAL] = 3
+    state[list(status)] = list(status.values())
+    state, substep = to_device(state, wp.int32, device), to_device([0, 2, planned], wp.int32, device)
+    found, most = to_device([0, contacts], wp.int32, device), to_device([4], wp.int32, device)
+    mobility, pace = (to_device(np.full(3, 0.5), wp.float64, device) for _ in range(2))
+    inputs, outputs = [substep, found], [mobility, most, state]
+    wp.launch(kernel.begin_substep, dim=3, inputs=inputs, outputs=outputs, device=device)
     assert state.numpy()[HALT] == halts
+    assert (mobility.numpy() == (0.5 if halts or planned else 0.0)).all()
+    assert most.numpy()[0] == (4 if halts or planned else 0)
+    parts = unwritten(3, wp.int32, device)
+    limit = to_device(np.full((3, 3), 10.0), kernel.vec3, device)
+    inputs, outputs = [limit, 0.3, substep, state, mobility, pace], [parts, most]
+    wp.launch(kernel.plan_steps, dim=3, inputs=inputs, outputs=outputs, device=device)
+    if halts or planned:
+        assert (parts.numpy() == UNWRITTEN).all() and most.numpy()[0] == 4
+        parts = to_device([1, 2, 4], wp.int32, device)
+    out, outputs = unwritten(3, wp.float64, device), None
+    outputs = [out, pace, substep, state]
+    wp.launch(kernel.schedule_channels, dim=3, inputs=[parts, 0.3, most], outputs=outputs, device=device)
     if halts:
-        assert np.isnan(out.numpy()).all() and (pace.numpy() == 1.0).all()
+        assert np.isnan(out.numpy()).all() and (pace.numpy() == 0.5).all()
+        assert substep.numpy().tolist() == [0, 2, planned]
     else:
-        assert (out.numpy() == 0.3).all() and (pace.numpy() == 0.0).all()
+        assert bool((out.numpy() > 0.0).all()) == bool(planned) and (pace.numpy() == 0.0).all()
+        total = 4 if planned else 1
+        assert substep.numpy().tolist() == [0, total, 1] and state.numpy()[PARTS] == total
 
 
 def scheduled(parts, time_step, total, dtype, device):
     """Step of each channel in each sub-step, (total, C); the paces are cleared in the first."""
     scalar = SCALARS[dtype]
-    kernel = migration.build(scalar)
+    kernel = schedule.build(scalar)
     steps = []
     for k in range(total):
         out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
-        number = to_device([k, total], wp.int32, device)
-        inputs, status = [to_device(parts, wp.int32, device), time_step, number, None], going_on(device)
-        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace, status], device=device)
+        inputs, status = [to_device(parts, wp.int32, device), time_step, None], going_on(device)
+        number = to_device([k, total, 1], wp.int32, device)
+        wp.launch(
+            kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace, number, status], device=device
+        )
         assert (pace.numpy() == (k > 0)).all()
         steps.append(out.numpy())
-        wp.launch(kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None, status], device=device)
+        wp.launch(
+            kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None, number, status], device=device
+        )
     return np.array(steps)
 
 

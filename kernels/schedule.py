@@ -1,0 +1,182 @@
+"""In how many parts each channel does a time step, and which of them it takes."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels import polyline, raster
+from warpriver.kernels.polyline import DONE, FAULT, GOAL, HALT, NUMBER, PARTS, PLANNED, STEPS, TOTAL, TOUCH, Work
+
+wp.set_module_options({"enable_backward": False})
+
+
+@functools.cache
+def build(scalar):
+    """Make the planning kernels for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.schedule_{scalar.__name__}"
+    line, cells = polyline.build(scalar), raster.build(scalar)
+    vec2, vec4, vec3 = line.vec2, line.vec4, wp.types.vector(3, scalar)
+    ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
+    # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
+    FREE = scalar(0.9)
+    # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
+    SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def begin_substep(
+        # in
+        substep: wp.array[int],
+        share_contacts_sum: wp.array[int],
+        # out
+        channel_mobility_out: wp.array[scalar],
+        most_out: wp.array[int],
+        status_io: wp.array[int],
+    ):
+        """Halt this sub-step and those after it where the host is needed first, or clear what is planned anew.
+
+        The host is needed after a fault, when as many steps are done as it asked for, and when channels have come to
+        touch in a sub-step of the row: it joins them.
+        """
+        channel = wp.tid()
+        touch = bool(False)
+        if share_contacts_sum and status_io[DONE] > 0:
+            touch = share_contacts_sum[share_contacts_sum.shape[0] - 1] > 0
+        if touch or status_io[FAULT] != 0 or status_io[STEPS] >= status_io[GOAL] or status_io[HALT] != 0:
+            # Every thread comes to the same answer, whether it sees this or not.
+            if channel == 0 and status_io[HALT] == 0:
+                status_io[HALT] = 1
+                if touch:
+                    status_io[HALT] = TOUCH
+        elif substep[PLANNED] == 0:
+            if channel_mobility_out:
+                channel_mobility_out[channel] = ZERO
+            if channel == 0:
+                most_out[0] = 0
+
+    @wp.kernel(module=name, enable_backward=False)
+    def measure_mobility(
+        # network
+        point_xy: wp.array[vec2],
+        channel_start: wp.array[int],
+        channel_form: wp.array[vec4],
+        # terrain
+        cell_height: wp.array2d[wp.float64],
+        grid: cells.RasterGrid,
+        # params
+        slope_threshold: scalar,
+        work: Work,
+        # in
+        substep: wp.array[int],
+        # out
+        channel_mobility_io: wp.array[scalar],
+    ):
+        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held."""
+        if substep[PLANNED] != 0:
+            return
+        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
+        i = int(share[0])
+        end = share[1]
+        channel = int(share[2])
+        while i < end:
+            stop = wp.min(end, channel_start[channel + 1])
+            highest = scalar(0.0)
+            while i < stop and highest < FREE:
+                highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
+                i += 1
+            if highest >= FREE:
+                highest = ONE
+            wp.atomic_max(channel_mobility_io, channel, highest)
+            i = stop
+            channel += 1
+
+    @wp.kernel(module=name, enable_backward=False)
+    def plan_steps(
+        # network
+        channel_limit: wp.array[vec3],
+        # params
+        time_step: scalar,
+        # in
+        substep: wp.array[int],
+        status: wp.array[int],
+        channel_mobility: wp.array[scalar],
+        channel_pace: wp.array[scalar],
+        # out
+        channel_parts_out: wp.array[int],
+        most_io: wp.array[int],
+    ):
+        """Equal parts in which each channel does a time step, and the most of them.
+
+        channel_limit = (longest step in which the tightest bend keeps within a width, longest in which its waves stay
+        true, least width), on flat ground; no width, no channel. Where the ground lets no point move by more than a
+        part g, the steps are longer by 1 / g. The pace of the step before tells how fast the bends that there are do
+        move: a part takes them by half a width at most.
+        """
+        channel = wp.tid()
+        if substep[PLANNED] != 0 or status[HALT] != 0:
+            return
+        limit = channel_limit[channel]
+        mobility = scalar(1.0)
+        if channel_mobility:
+            mobility = channel_mobility[channel]
+        parts = int(0)
+        if mobility > ZERO and limit[2] > ZERO:
+            travel = wp.min(mobility / limit[0], TWO * channel_pace[channel] / limit[2])
+            needed = time_step * wp.max(mobility / limit[1], travel) * SLACK
+            parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
+        channel_parts_out[channel] = parts
+        wp.atomic_max(most_io, 0, parts)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def schedule_channels(
+        # network
+        channel_parts: wp.array[int],
+        # params
+        time_step: scalar,
+        # in
+        most: wp.array[int],
+        # out
+        channel_step_out: wp.array[scalar],
+        channel_pace_out: wp.array[scalar],
+        substep_io: wp.array[int],
+        status_io: wp.array[int],
+    ):
+        """Time step in yr of each channel in a sub-step, 0 where it rests: n of the N sub-steps are its own, evenly.
+
+        substep = (number of this one, N, 1 once the step is planned). Every channel that moves at all does so in the
+        first; the paces begin anew there, if they are given.
+        """
+        channel = wp.tid()
+        if status_io[HALT] != 0:
+            return
+        number = substep_io[NUMBER]
+        total = substep_io[TOTAL]
+        if most and number == 0:
+            # The most parts that a channel asked for; where the step was planned before, it is the same.
+            total = wp.max(1, most[0])
+        if channel == 0:
+            substep_io[TOTAL] = total
+            substep_io[PLANNED] = 1
+            status_io[PARTS] = total
+        parts = wp.min(channel_parts[channel], total)
+        step = scalar(0.0)
+        if (number * parts) % total < parts:
+            step = time_step / scalar(parts)
+        channel_step_out[channel] = step
+        if channel_pace_out and number == 0:
+            channel_pace_out[channel] = ZERO
+
+    return SimpleNamespace(
+        vec2=vec2,
+        vec3=vec3,
+        vec4=vec4,
+        RasterGrid=cells.RasterGrid,
+        begin_substep=begin_substep,
+        measure_mobility=measure_mobility,
+        plan_steps=plan_steps,
+        schedule_channels=schedule_channels,
+    )
