@@ -239,9 +239,9 @@ def impulse_response(width, spacing, time_step, monkeypatch):
     xy[count // 4, 1] = 1e-4
     params = wr.MeanderParams(spacing=spacing, time_step=time_step, end_damping=0.0, cutoff_distance=0.0)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=width), params, capture=False)
-    assert sim.substeps == 1
     before = np.fft.rfft(sim.network.polylines()[0][:, 1])
     sim.step()
+    assert sim.substeps == 1
     after = np.fft.rfft(sim.network.polylines()[0][:, 1])
     return 2.0 * np.pi * np.fft.rfftfreq(count + 1, spacing)[1:], (after / before)[1:]
 
