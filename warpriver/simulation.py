@@ -537,7 +537,7 @@ class Simulation:
             self._launch(self._in_a_row if self._calm >= self._in_a_row <= ahead else 1, goal - self.step_count)
             status = self.buffers.read_status()
             if status[DONE] > 0:
-                self.network.point_count = int(self.channels.start.numpy()[-1])
+                self.network.point_count = self.channels.read_point_count()
                 self.substeps = status[PARTS]
             times = self._times_after(status[DONE])
             self._collect_cutoffs(status[CUTS], times)
@@ -551,7 +551,7 @@ class Simulation:
     def _times_after(self, count: int) -> list[float]:
         """Time in yr after each of the sub-steps of a row."""
         steps, times = self.step_count, []
-        for number, total in self.channels.substep_done.numpy()[:count].tolist():
+        for number, total in self.channels.read_substeps_done(count):
             times.append((steps + (number + 1) / total) * self.params.time_step)
             steps += number + 1 == total
         return times

@@ -38,6 +38,23 @@ SLAB_POINTS = 16_384
 CPU_COPY_CHUNK = 4096
 
 
+class _HostView:
+    """A small device array as the host sees it: on the CPU the array itself, looked at without a call that costs."""
+
+    def __init__(self, array: wp.array):
+        self._array = array
+        self._view = array.numpy() if array.device.is_cpu else None
+
+    def read(self) -> np.ndarray:
+        return self._array.numpy() if self._view is None else self._view
+
+    def write(self, values: np.ndarray) -> None:
+        if self._view is None:
+            self._array.assign(values)
+        else:
+            self._view[...] = values
+
+
 class StepBuffers:
     """Scratch of one step for a network of up to ``point_capacity`` points.
 
@@ -89,22 +106,17 @@ class StepBuffers:
         self.oxbow_xy = zeros(oxbow_capacity, vec2)
         self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
         self.status = zeros(STATUS_SIZE, wp.int32)
-        # On the CPU what the host reads is what the device has written: made once, it saves a call a step.
-        self._status = self.status.numpy() if device.is_cpu else None
+        self._status = _HostView(self.status)
 
     def begin_row(self, steps: int = 1) -> None:
         """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
         fresh = np.zeros(STATUS_SIZE, np.int32)
         fresh[GOAL] = steps
-        if self._status is None:
-            self.status.assign(fresh)
-        else:
-            self._status[:] = fresh
+        self._status.write(fresh)
 
     def read_status(self) -> list[int]:
         """Return ``status`` as it is now on the device."""
-        status = self.status.numpy() if self._status is None else self._status
-        return status.tolist()
+        return self._status.read().tolist()
 
     @property
     def nbytes(self) -> int:
@@ -176,6 +188,7 @@ class StepChannels:
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
         self.cut_points, self.cut_points_sum = zeros(capacity), zeros(capacity)
         self.samples = zeros(capacity)
+        self._start, self._substep_done = _HostView(self.start), _HostView(self.substep_done)
         self.plan_anew()
 
     def fill(
@@ -211,6 +224,14 @@ class StepChannels:
         _assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
         for stale in (self.step, self.necks, self.cuts, self.cut_points, self.samples):
             stale.zero_()
+
+    def read_point_count(self) -> int:
+        """Return the number of points as it is now on the device."""
+        return int(self._start.read()[-1])
+
+    def read_substeps_done(self, count: int) -> list[list[int]]:
+        """Return the number and the parts of each of the first sub-steps of the row just done."""
+        return self._substep_done.read()[:count].tolist()
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
