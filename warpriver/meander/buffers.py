@@ -41,9 +41,9 @@ CPU_COPY_CHUNK = 4096
 class _HostView:
     """A small device array as the host sees it: on the CPU the array itself, looked at without a call that costs."""
 
-    def __init__(self, array: wp.array):
+    def __init__(self, array: wp.array, device: Any):
         self._array = array
-        self._view = array.numpy() if array.device.is_cpu else None
+        self._view = array.numpy() if device.is_cpu else None
 
     def read(self) -> np.ndarray:
         return self._array.numpy() if self._view is None else self._view
@@ -106,7 +106,7 @@ class StepBuffers:
         self.oxbow_xy = zeros(oxbow_capacity, vec2)
         self.oxbow_section = zeros(oxbow_capacity, vec2) if varies else None
         self.status = zeros(STATUS_SIZE, wp.int32)
-        self._status = _HostView(self.status)
+        self._status = _HostView(self.status, device)
 
     def begin_row(self, steps: int = 1) -> None:
         """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
@@ -188,7 +188,7 @@ class StepChannels:
         self.necks, self.cuts, self.cuts_sum = zeros(capacity), zeros(capacity), zeros(capacity)
         self.cut_points, self.cut_points_sum = zeros(capacity), zeros(capacity)
         self.samples = zeros(capacity)
-        self._start, self._substep_done = _HostView(self.start), _HostView(self.substep_done)
+        self._start, self._substep_done = (_HostView(a, network.device) for a in (self.start, self.substep_done))
         self.plan_anew()
 
     def fill(
