@@ -8,8 +8,8 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
-# How a row of sub-steps goes, as integers on the device: why the one at hand cannot be taken over (0: it can), not 0 where
-# those still to come must leave all as it is (TOUCH: channels have come to touch), the sub-steps done, the cutoffs in
+# How a row of sub-steps goes, as integers on the device: why the one at hand cannot be taken over (0: it can), not 0
+# where those to come must leave all as it is (TOUCH: channels have come to touch), the sub-steps done, the cutoffs in
 # them and their points, the whole steps done and those asked for, and the sub-steps of the step at hand.
 FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, PARTS, STATUS_SIZE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 TOUCH = 2

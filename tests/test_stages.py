@@ -230,7 +230,7 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name)
 
 
 @pytest.mark.parametrize("tight", [False, True], ids=["roomy", "tight"])
-@pytest.mark.parametrize("row", [2, 7])
+@pytest.mark.parametrize("row", [2, 8])
 @pytest.mark.parametrize("name", [name for name in MODELS if "in two" not in name])
 def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, tight):
     """As a GPU does them: the host looks after so many, and those behind an event or a fault change nothing."""
@@ -249,9 +249,8 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
 
     sim._in_a_row, sim._launch = row, noted
     sim.run(steps=steps, record_every=10_000)
-    if sim._keep_plan or sim.substeps >= row:
-        assert set(asked) == {1, row} and max(done) == row
-    if sim._keep_plan and ("tree" in name or tight):
+    assert set(asked) <= {1, 2, 4, 8} and max(asked) == max(done) == row
+    if "tree" in name or tight:
         assert (np.array(done) < asked).any(), "none was halted"
     assert_same(sim, references(name))
 

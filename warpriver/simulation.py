@@ -533,8 +533,10 @@ class Simulation:
         """Do so many steps; a sub-step that did not fit into the buffers changed nothing and is repeated."""
         goal = self.step_count + count
         while self.step_count < goal:
-            ahead = (goal - self.step_count) * max(1, self.substeps)
-            self._launch(self._in_a_row if self._calm >= self._in_a_row <= ahead else 1, goal - self.step_count)
+            steps = goal - self.step_count
+            row = max(1, min(self._in_a_row, self._calm, steps * self.substeps))
+            # Powers of two: a few recordings serve rows of any length.
+            self._launch(1 << row.bit_length() - 1, steps)
             status = self.buffers.read_status()
             if status[DONE] > 0:
                 self.network.point_count = self.channels.read_point_count()
@@ -703,8 +705,8 @@ class Simulation:
         self._resample_moved()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         start: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
-        buffers.begin_row()
-        schedule_channels(network, self.channels, buffers, self.params.time_step, start)
+        self.buffers.begin_row()
+        schedule_channels(network, self.channels, self.buffers, self.params.time_step, start)
 
     def _place_nodes(self) -> None:
         """Bring the nodes to where junctions have wandered."""

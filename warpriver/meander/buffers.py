@@ -26,8 +26,8 @@ __all__ = [
 # What may be wrong with a sub-step; the kernels write the same numbers.
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 
-# Sub-steps that a GPU does in a row before the host looks at them, once as many went without an event that is for the
-# host. On the CPU looking costs nothing.
+# Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
+# that is for the host. On the CPU looking costs nothing.
 SUBSTEPS_IN_A_ROW = 16
 # Consecutive points that a thread of a GPU takes.
 CUDA_CHUNK = 32
