@@ -99,7 +99,9 @@ STEP = (
     )),
     Launch("cut off", "cutoffs", "insert_points", (
         *_read("point_moved"), *_read("channel_start", "channel_form", "channel_step", per="channel"),
-        *_written("point_next_out"), Moved("bucket_head_io", 1.0, BUCKETS_A_POINT + 1.0),
+        *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0),
+        # The table by fours; chunks find it emptied by a memset.
+        Moved("bucket_row_out", written=BUCKETS_A_POINT / 4.0),
     )),
     Launch("cut off", "cutoffs", "find_necks", (
         *_read("channel_closed", per="ring"),

@@ -264,11 +264,16 @@ def build(scalar):
                 ib = ic
                 ic = id
                 id = ie
-                ie = kept_after(point, ie, first, last, closed)
                 b = c
                 c = d
                 d = e
-                e = kept_point(point, ie, first, last, closed)
+                ie += 1
+                if ie < last:
+                    e = point[ie]
+                if ie >= last or e == d:
+                    # At the end of a line, round a ring, or where a cutoff left copies.
+                    ie = kept_after(point, ie - 1, first, last, closed)
+                    e = kept_point(point, ie, first, last, closed)
                 bc = cd
                 cd = de
                 de = wp.length(e - d)

@@ -44,6 +44,11 @@ def unwritten(count, kind, device):
     return array
 
 
+def by_fours(array):
+    """The same array of integers, as one of vectors of four."""
+    return wp.array(ptr=array.ptr, dtype=wp.vec4i, shape=len(array) // 4, device=array.device, copy=False)
+
+
 def chunk_count(capacity, chunk):
     """Threads that cover a capacity."""
     return math.ceil(capacity / chunk)

@@ -12,6 +12,7 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     UNWRITTEN,
+    by_fours,
     forms,
     nested,
     ring_flags,
@@ -107,7 +108,7 @@ class Case:
             # A slab empties the table of its own channels.
             head.fill_(UNWRITTEN)
         inputs = [self.channel_start, self.form, self.channel_step, self.cutoff, ..., points]
-        self.launch_points(self.kernel.insert_points, deal, inputs, [after, head])
+        self.launch_points(self.kernel.insert_points, deal, inputs, [after, by_fours(head), head])
         return after, head
 
     def necks(self, deal=64, ordered=0):

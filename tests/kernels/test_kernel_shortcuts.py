@@ -6,7 +6,7 @@ import reference_paths as twin
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import DEALS, UNWRITTEN, chunk_count, share_count, slab_bounds, to_device, unwritten
+from kernel_arrays import DEALS, UNWRITTEN, by_fours, chunk_count, share_count, slab_bounds, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
 from warpriver.kernels import cutoffs, resampling, routes, shortcuts
@@ -57,7 +57,7 @@ class Case(PackedLines):
         """Grid of the points: (next, head)."""
         after, head = self.ints(), self.counters(4 * self.capacity, deal)
         inputs = [self.channel_start, self.form, self.step, radius, ..., self.points]
-        self.launch(cutoffs.build(self.scalar).insert_points, deal, inputs, [after, head])
+        self.launch(cutoffs.build(self.scalar).insert_points, deal, inputs, [after, by_fours(head), head])
         return after, head
 
     def counted(self, radius, min_arc, cone, deal=64, ordered=0):

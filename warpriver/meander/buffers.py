@@ -64,7 +64,8 @@ class StepBuffers:
         point_smoothed: (P,) vec2, room for a smoothing pass, made by the first one.
         point_rate: (P,) migration rate, m/yr, positive to the right.
         point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
-        point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list.
+        point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list. ``bucket_row``: the same
+            table by fours.
         point_neck: (P,) int32, the later point that a point's neck reaches, -1 if none.
         chunk_length, chunk_offset, chunk_necks: what each chunk adds, where points are dealt out in chunks.
         cut: (K,) vec4i records; ``oxbow_xy``, ``oxbow_section``: their points, end to end.
@@ -97,6 +98,9 @@ class StepBuffers:
         self.point_arc = zeros(point_capacity, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
         self.bucket_head = zeros(4 * point_capacity, wp.int32)
+        self.bucket_row: wp.array = wp.array(
+            ptr=self.bucket_head.ptr, dtype=wp.vec4i, shape=point_capacity, device=device, copy=False
+        )
         self.point_neck = zeros(point_capacity, wp.int32)
         self.chunk_length = zeros(self.chunk_count, wp.float64)
         self.chunk_offset = zeros(self.chunk_count, wp.float64)
@@ -286,5 +290,6 @@ def _assign(array: wp.array, values: np.ndarray) -> None:
 
 
 def _nbytes(owner: object) -> int:
-    arrays = [a for a in vars(owner).values() if isinstance(a, wp.array)]
-    return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays)
+    # Two that begin at the same place are one.
+    arrays = {a.ptr: a for a in vars(owner).values() if isinstance(a, wp.array)}
+    return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays.values())

@@ -76,7 +76,7 @@ def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuff
             kernel.insert_points,
             dim=share.point_threads,
             inputs=[channels.start, channels.form, channels.step, distance, share.work, buffers.point_moved],
-            outputs=[buffers.point_next, buffers.bucket_head],
+            outputs=[buffers.point_next, buffers.bucket_row, buffers.bucket_head],
             device=device,
         )
 
