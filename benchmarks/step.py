@@ -184,7 +184,7 @@ def meanderpy_row(points: int, dtype: str) -> dict | None:
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width, dtype=dtype), threads=1)
     peer()  # compiles its numba functions, if any
     ours = 1e-3 * throughput.step_cost(sim)["ms_per_step"]
-    theirs = throughput.least_seconds(peer, max(1, 3000 // points), 5 if points < 5000 else 2)
+    theirs = throughput.least_seconds(peer, max(1, 3000 // points), 5)
     print(f"{points} points: meanderpy {1e3 * theirs:.3g} ms, ours {1e3 * ours:.3g} ms, x{theirs / ours:.0f}")
     return {
         "case": "meanderpy", "asked_points": points, "meanderpy_ms": 1e3 * theirs, "ours_ms": 1e3 * ours,
