@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
 import sys
 import time
@@ -91,25 +90,6 @@ def least(sims: tuple[wr.Simulation, ...], steps: int) -> list[float]:
     return best
 
 
-def phase_costs(sim: wr.Simulation) -> dict[str, float]:
-    """Nanoseconds a point of each phase, launched one by one; the median over several steps."""
-    graphs = {}
-    for name, stages in itertools.groupby(sim._stages(), lambda stage: stage.phase):
-        with wp.ScopedCapture(device=sim.device) as recording:
-            sim._run(list(stages))
-        graphs[name] = recording.graph
-    costs: dict[str, list[float]] = {name: [] for name in graphs}
-    for _ in range(2 * ROUNDS):
-        sim.buffers.status.zero_()
-        for name, graph in graphs.items():
-            wp.synchronize_device(sim.device)
-            begin = time.perf_counter()
-            wp.capture_launch(graph)
-            wp.synchronize_device(sim.device)
-            costs[name].append(time.perf_counter() - begin)
-    return {name: 1e9 * float(np.median(cost)) / sim.network.point_count for name, cost in costs.items()}
-
-
 def search_cost(network: wr.RiverNetwork) -> dict:
     """Our sweep and scipy's search on the same graph, which a wide radius and no cone fill with shortcuts.
 
@@ -184,7 +164,9 @@ def main() -> None:
     for points, channel_points in cases:
         migration, path = both(points, channel_points, options.device, options.dtype)
         row = compared(migration, path)
-        row |= {"search": search_cost(path.network), "phases_ns_per_point": phase_costs(path)}
+        row["search"] = search_cost(path.network)
+        seconds = throughput.phase_seconds(path, steps=2 * ROUNDS)
+        row["phases_ns_per_point"] = {name: 1e9 * cost / path.network.point_count for name, cost in seconds.items()}
         rows.append(row)
         print(
             f"{row['points']:>9} {row['channels']:>8} {row['migration_ns_per_point']:>12.1f} "
