@@ -167,6 +167,18 @@ def build(scalar):
         return TWO * end - point[j]
 
     @wp.func(module=name)
+    def next_point(point: wp.array[vec2], i: int, here: vec2, first: int, last: int, closed: int):
+        """Kept point after point i, which lies ``here``, and where it lies itself."""
+        j = i + 1
+        if j < last:
+            ahead = point[j]
+            if not (ahead == here):
+                return j, ahead
+        # At the end of a line, round a ring, or where a cutoff left copies.
+        j = kept_after(point, i, first, last, closed)
+        return j, kept_point(point, j, first, last, closed)
+
+    @wp.func(module=name)
     def segment_of(
         point: wp.array[vec2],
         point_arc: wp.array[wp.float64],
@@ -267,13 +279,7 @@ def build(scalar):
                 b = c
                 c = d
                 d = e
-                ie += 1
-                if ie < last:
-                    e = point[ie]
-                if ie >= last or e == d:
-                    # At the end of a line, round a ring, or where a cutoff left copies.
-                    ie = kept_after(point, ie - 1, first, last, closed)
-                    e = kept_point(point, ie, first, last, closed)
+                ie, e = next_point(point, ie, d, first, last, closed)
                 bc = cd
                 cd = de
                 de = wp.length(e - d)
