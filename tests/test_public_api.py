@@ -18,7 +18,7 @@ LEVELS = [
     {"crs", "params", "network", "progress", "terrain"},
     {"meander", "metrics", "generate", "hydrology"},
     {"history"},
-    {"simulation"},
+    {"simulation", "stepping"},
     {"io", "throughput"},
     {"viz"},
     {"cli", "__main__"},

@@ -1,67 +1,26 @@
-"""Simulation: the list of verbs that is one step, and runs of many steps."""
+"""Simulation: runs of many steps, recorded, interrupted and resumed."""
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-import warp as wp
-
 from warpriver import progress as progress_bar
-from warpriver.crs import short_name
-from warpriver.history import Collision, Cutoff, History, Record, Split, StopReason
-from warpriver.kernels.polyline import CUTS, DONE, FAULT, HALT, PARTS, STEPS, TOUCH
+from warpriver.history import History, Record, StopReason
 from warpriver.meander import checks
-from warpriver.meander.buffers import (
-    FAULT_NONE,
-    FAULT_NOT_FINITE,
-    FAULT_OXBOWS_FULL,
-    FAULT_SHORTCUTS_FULL,
-    SUBSTEPS_IN_A_ROW,
-    StepBuffers,
-    StepChannels,
-)
-from warpriver.meander.collisions import (
-    COARSEST_SPACING,
-    collision_law,
-    find_contacts,
-    gather_points,
-    gathered_nodes,
-    join_channels,
-    list_contacts,
-)
-from warpriver.meander.junctions import drift_junctions
-from warpriver.meander.resampling import resample
-from warpriver.meander.rings import split_rings
-from warpriver.meander.schedule import begin_substep, schedule_channels
-from warpriver.meander.shortcuts import PathBuffers
-from warpriver.meander.smoothing import smooth
-from warpriver.meander.solvers import Solver, solver_of
-from warpriver.meander.stages import Replay, Stage, run_stages
-from warpriver.meander.topology import EditedChannels, Rejoin, check_forest
+from warpriver.meander.solvers import solver_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
+from warpriver.stepping import Stepper, check_ground
 from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
-
-# Columns of what holds for a channel between edits; see ``Record.channel_fixed``.
-NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
-# Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
-HEADROOM = 1.5
-# Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
-COLLISION_ROUNDS = 8
-# A time step that needs more sub-steps than this is taken for a mistake in its unit.
-MAX_SUBSTEPS = 10_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +52,7 @@ class Every:
         return now > math.floor((step - 1) * time_step / self.years + 1e-9)
 
 
-class Simulation:
+class Simulation(Stepper):
     """A river network that migrates and cuts off its loops, step by step.
 
     Attributes:
@@ -110,18 +69,6 @@ class Simulation:
         seed: Seed of random events; migration and cutoffs draw no random numbers.
         check: True: every phase of every step is checked.
     """
-
-    network: RiverNetwork
-    params: MeanderParams | PathMeander
-    history: History
-    buffers: StepBuffers
-    channels: StepChannels
-    _solver: Solver
-    _law: Any
-    _fixed: np.ndarray
-    _replays: dict[int, Replay]
-    _collisions: Any
-    _keep_plan: bool
 
     def __init__(
         self,
@@ -158,7 +105,7 @@ class Simulation:
         self.params = params if params is not None else MeanderParams()
         self._solver = solver_of(self.params)
         self._check_network(network)
-        _check_ground(network, terrain)
+        check_ground(network, terrain)
         self.terrain = terrain
         self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture, threads=threads)
         self._resample_start()
@@ -205,7 +152,7 @@ class Simulation:
         self._solver = solver_of(self.params)
         record = history.record(-1)
         network = history.network(-1).to(device)
-        _check_ground(network, terrain)
+        check_ground(network, terrain)
         self.terrain = terrain
         self._prepare(network, seed=history.seed, check=check, capture=capture, threads=threads, record=record)
         self.step_count = record.step
@@ -225,11 +172,6 @@ class Simulation:
     def time(self) -> float:
         """Time now, yr."""
         return self.step_count * self.params.time_step
-
-    @property
-    def device(self) -> Any:
-        """The Warp device of the run."""
-        return self.network.device
 
     def __repr__(self) -> str:
         p = self.params
@@ -334,388 +276,6 @@ class Simulation:
     def _any_due(self, schedules: list[Every], step: int) -> bool:
         return any(every.due(step, self.params.time_step) for every in schedules)
 
-    def _check_network(self, network: RiverNetwork) -> None:
-        looped = (network.channel_from == network.channel_to) & ~network.channel_closed
-        if looped.any():
-            raise ValueError(
-                f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
-                "closed=True), or open it"
-            )
-        self._solver.check(network, self.params)
-        if self.params.collision_distance > 0.0 or self.params.junction_drift > 0.0:
-            check_forest(network)
-        if self.params.spacing_in_widths > 0.0:
-            return
-        narrow = [float(w.min()) for w in network.point_widths()]
-        c = int(np.argmin(narrow))
-        if self.params.spacing > narrow[c]:
-            kind = type(self.params).__name__
-            raise ValueError(
-                f"spacing {self.params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
-                f"be missed; set {kind}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
-            )
-
-    def _prepare(
-        self,
-        network: RiverNetwork,
-        *,
-        seed: int,
-        check: bool,
-        capture: bool,
-        threads: int | None,
-        record: Record | None = None,
-    ) -> None:
-        self.seed = seed
-        self.check = check
-        self.threads = _thread_count(threads) if network.device.is_cpu else 1
-        self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
-        self.step_count = 0
-        self.substeps = 0
-        self._replays = {}
-        self._capture = capture and not check
-        # Rings that split are for the host at once.
-        splits = network.channel_closed.any() and self.params.ring_policy == "both"
-        alone = network.device.is_cpu or not self._capture or bool(splits)
-        self._in_a_row = 1 if alone else SUBSTEPS_IN_A_ROW
-        self._calm = 0
-        self._keep_plan = False
-        if self.terrain is not None and self.terrain.device != network.device:
-            self.terrain = self.terrain.to(network.device)
-        self.network = network
-        self._law = self._solver.law(self.params, network.dtype)
-        length = network.channel_lengths()
-        fixed = self._fix_channels(length) if record is None else record.channel_fixed
-        needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
-        self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
-        self._collisions = None
-        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
-        self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
-
-    def _fix_channels(self, length: np.ndarray) -> np.ndarray:
-        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``.
-
-        Args:
-            length: (C,) length of the channels, m.
-        """
-        network = self.network
-        narrow = widest = network.channel_width
-        shallow = network.channel_depth
-        if network.point_section is not None:
-            section = network.point_section.numpy()[: network.point_count].astype(np.float64)
-            first = network.starts()[:-1]
-            narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
-            widest = np.maximum.reduceat(section[:, 0], first)
-        wanted = np.full(network.channel_count, self.params.spacing)
-        if self.params.spacing_in_widths > 0.0:
-            wanted = np.minimum(wanted, self.params.spacing_in_widths * narrow)
-        nodes = gathered_nodes(network, length, self.params)
-        return np.column_stack([narrow, shallow, widest, wanted, nodes])
-
-    def _install(
-        self,
-        spacing: np.ndarray,
-        fixed: np.ndarray,
-        *,
-        pace: np.ndarray | None = None,
-        parts: np.ndarray | None = None,
-        mobility: np.ndarray | None = None,
-    ) -> None:
-        """Prepare what the step needs of the network's channels.
-
-        Args:
-            spacing: (C,) even spacing of their points, m.
-            fixed: (C, 6) from :meth:`_fix_channels`.
-            pace: (C,) greatest speed of their points in the time step so far, m/yr.
-            parts: (C,) parts in which they do the time step.
-            mobility: (C,) how the ground lets them move.
-        """
-        network, self._fixed = self.network, fixed
-        limits = self._solver.limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
-        limit = np.column_stack([*limits, fixed[:, NARROWEST]])
-        self.stable_dt = float(np.min(limit[:, :2]))
-        needed = self.params.time_step / self.stable_dt
-        if needed > MAX_SUBSTEPS:
-            raise ValueError(
-                f"a time step of {self.params.time_step:g} yr is {math.ceil(needed)} times what these channels allow "
-                f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
-            )
-        if network.channel_count > self.channels.capacity:
-            before = self.channels
-            self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
-            self.channels.substep = before.substep
-            self.channels.deal_out(network, self.buffers, anew=True)
-            self._replays = {}
-        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
-        drift = self.params.junction_drift * self._solver.rate(network.channel_width, self.params)
-        self.channels.fill(
-            network, form=form, spacing=spacing, limit=limit, nodes=fixed[:, NODES], drift=drift, pace=pace,
-            parts=parts, mobility=mobility,
-        )  # fmt: skip
-        law = collision_law(network, self.params, form, self._collisions)
-        if law is not self._collisions:
-            self._collisions, self._replays = law, {}
-        # On a plain a step that is stable for any bend needs no plan but the first.
-        keep_plan = self.terrain is None and self.params.time_step <= self.stable_dt
-        if self._keep_plan:
-            self.channels.plan_anew()
-        if self._keep_plan != keep_plan:
-            self._keep_plan, self._replays = keep_plan, {}
-
-    def _allocate(self, points: int, cuts: int, oxbow_points: int) -> None:
-        """Make room for so many points, cutoffs a step and oxbow points a step; the state is kept."""
-        network = self.network
-        self.buffers = self._solver.buffers(network, points, cuts, oxbow_points)
-        self.channels.deal_out(network, self.buffers, anew=True)
-        self._replays = {}
-        if points == network.point_xy.shape[0]:
-            return
-        for name in ("point_xy", "point_section"):
-            old = getattr(network, name)
-            if old is not None:
-                new = wp.zeros(points, dtype=old.dtype, device=network.device)
-                wp.copy(new, old, count=network.point_count)
-                setattr(network, name, new)
-
-    def _resample_start(self) -> None:
-        """Bring the lines as given to the even spacing."""
-        self.channels.set_step(np.ones(self.network.channel_count))
-        wp.copy(self.buffers.point_moved, self.network.point_xy)
-        if self.buffers.section_moved is not None and self.network.point_section is not None:
-            wp.copy(self.buffers.section_moved, self.network.point_section)
-        self._resample_moved()
-
-    def _measure_pace(self) -> None:
-        """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
-        self.buffers.begin_row()
-        self._run(self._move_stages())
-        self.channels.plan_anew()
-
-    def _resample_moved(self) -> None:
-        """Sample the lines in ``buffers.point_moved`` evenly, with more room if they need it."""
-        network = self.network
-        while True:
-            buffers = self.buffers
-            buffers.begin_row(steps=0)
-            self._run(resample(network, self.channels, buffers))
-            needed = int(self.channels.start_next.numpy()[-1])
-            if needed <= buffers.point_capacity:
-                network.point_count = needed
-                return
-            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
-            wp.copy(self.buffers.point_moved, buffers.point_moved, count=buffers.point_capacity)
-            if buffers.section_moved is not None and self.buffers.section_moved is not None:
-                wp.copy(self.buffers.section_moved, buffers.section_moved, count=buffers.point_capacity)
-
-    def _move_stages(self) -> list[Stage]:
-        """What moves the points in one (sub-)step."""
-        network, channels = self.network, self.channels
-        return [
-            *begin_substep(network, channels, self.buffers, self.terrain, self.params),
-            *self._solver.move(network, channels, self.buffers, self.terrain, self._law),
-        ]
-
-    def _stages(self) -> list[Stage]:
-        """The verbs of one (sub-)step, in order."""
-        network, channels, buffers = self.network, self.channels, self.buffers
-        return [
-            *self._move_stages(),
-            *smooth(network, channels, buffers, self.params),
-            *drift_junctions(network, channels, buffers, self.params),
-            *self._solver.cut(network, channels, buffers, self.params),
-            *resample(network, channels, buffers, self._keep_plan),
-            *find_contacts(network, channels, buffers, self._collisions),
-        ]
-
-    def _run(self, stages: Iterable[Stage]) -> None:
-        run_stages(stages, self.channels.whole, self.channels.slabs)
-
-    def _do_steps(self, count: int) -> None:
-        """Do so many steps; a sub-step that did not fit into the buffers changed nothing and is repeated."""
-        goal = self.step_count + count
-        while self.step_count < goal:
-            steps = goal - self.step_count
-            row = max(1, min(self._in_a_row, self._calm, steps * self.substeps))
-            # Powers of two: a few recordings serve rows of any length.
-            self._launch(1 << row.bit_length() - 1, steps)
-            status = self.buffers.read_status()
-            if status[DONE] > 0:
-                self.network.point_count = self.channels.read_point_count()
-                self.substeps = status[PARTS]
-            times = self._times_after(status[DONE])
-            self._collect_cutoffs(status[CUTS], times)
-            self._calm += status[DONE]
-            if status[FAULT] == FAULT_NONE:
-                self._resolve_collisions(times[-1], status[HALT] == TOUCH)
-            self.step_count += status[STEPS]
-            if status[FAULT] != FAULT_NONE:
-                self._make_room(status[FAULT])
-
-    def _times_after(self, count: int) -> list[float]:
-        """Time in yr after each of the sub-steps of a row."""
-        steps, times = self.step_count, []
-        for number, total in self.channels.read_substeps_done(count):
-            times.append((steps + (number + 1) / total) * self.params.time_step)
-            steps += number + 1 == total
-        return times
-
-    def _launch(self, count: int, steps: int) -> None:
-        """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked."""
-        self.buffers.begin_row(steps)
-        if self.check:
-            for phase, group in itertools.groupby(self._stages(), lambda stage: stage.phase):
-                self._run(group)
-                checks.check_phase(phase, self.network, self.channels, self.buffers, self.params.junction_drift == 0.0)
-        elif not self._capture:
-            self._run(self._stages())
-        else:
-            if count not in self._replays:
-                stages, channels = self._stages() * count, self.channels
-                self._replays[count] = Replay(stages, channels.whole, channels.slabs, self.device, self._pool)
-            self._replays[count].run()
-
-    def _make_room(self, fault: int) -> None:
-        """Enlarge what a sub-step found too small.
-
-        Raises:
-            FloatingPointError: That was not what is wrong.
-        """
-        buffers, channels, self._calm = self.buffers, self.channels, 0
-        if fault == FAULT_NOT_FINITE:
-            raise FloatingPointError(
-                f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
-            )
-        if fault == FAULT_SHORTCUTS_FULL:
-            assert isinstance(buffers, PathBuffers)
-            buffers.make_room_for_shortcuts()
-            self._replays = {}
-        elif fault == FAULT_OXBOWS_FULL:
-            cuts = int(channels.cuts_sum.numpy()[-1])
-            loop_points = int(channels.cut_points_sum.numpy()[-1])
-            self._allocate(
-                buffers.point_capacity,
-                max(buffers.cut_capacity, 2 * cuts),
-                max(buffers.oxbow_capacity, 2 * loop_points),
-            )
-        else:
-            needed = int(channels.start_next.numpy()[-1])
-            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
-
-    def _collect_cutoffs(self, count: int, times: list[float]) -> None:
-        """Move the cutoffs and splits of the sub-steps just done into the history; of a ring, both parts may go on.
-
-        Args:
-            count: How many there are.
-            times: Time after each of those sub-steps, yr.
-        """
-        if count == 0:
-            return
-        buffers, network = self.buffers, self.network
-        cut = buffers.cut.numpy()[:count]
-        xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
-        section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
-        both = self.params.ring_policy == "both"
-        split = network.channel_closed[cut[:, 0]] & both
-        following = int(network.channel_id.max()) + 1 + np.cumsum(split) - 1  # as `split_rings` numbers them
-        for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
-            width = float(network.channel_width[channel] if section is None else section[begin, 0])
-            identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
-            if split[k]:
-                event = Split(times[substep], identity, int(following[k]), width, loop.copy())
-                self.history.splits.append(event)
-            else:
-                self.history.cutoffs.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
-        if split.any():
-            self._adopt(split_rings(network, cut[split, :3], xy))
-            self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
-
-    def _resolve_collisions(self, time: float, halted: bool) -> None:
-        """Join the channels that touch after the (sub-)step just done, until none can be joined any more.
-
-        Args:
-            time: Time after that sub-step, yr.
-            halted: Whether others were to follow: halted, they have emptied the table of the search.
-        """
-        if self._collisions is None:
-            return
-        if halted:
-            self.buffers.begin_row()
-            self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
-        for _ in range(COLLISION_ROUNDS):
-            if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
-                return
-            self._calm = 0
-            contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
-            self._place_nodes()
-            joined = join_channels(self.network, contacts)
-            if joined is None:
-                return
-            edited, done = joined
-            self._collect_collisions(time, done)
-            self._adopt(edited)
-            if self._collisions is None:
-                return
-            self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
-
-    def _collect_collisions(self, time: float, done: list[Rejoin]) -> None:
-        """Note what was joined in the history, with the courses that were abandoned."""
-        network = self.network
-        xy = network.point_xy.numpy()
-        order = np.argsort(network.channel_id)
-        minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
-        for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
-            ranges = [(first, stop) for first, stop, _ in edit.abandoned]
-            pieces = [xy[first:stop].astype(np.float64) + network.origin for first, stop in ranges]
-            start = np.cumsum([0] + [len(p) for p in pieces])
-            self.history.collisions.append(
-                Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start)
-            )
-
-    def _adopt(self, edited: EditedChannels) -> None:
-        """Go on with edited channels: their points are taken over and brought to the even spacing."""
-        network, buffers = self.network, self.buffers
-        needed = int(edited.channel_start[-1])
-        if needed > buffers.point_capacity:
-            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
-        gather_points(network, edited, self.buffers, buffers)
-        network.replace_channels(
-            edited.channel_start,
-            channel_width=edited.channel_width,
-            channel_depth=edited.channel_depth,
-            channel_discharge=edited.channel_discharge,
-            channel_drainage_area=edited.channel_drainage_area,
-            channel_id=edited.channel_id,
-            channel_nodes=edited.channel_nodes,
-            channel_closed=network.channel_closed[edited.channel_old],
-            channel_slope=edited.channel_slope,
-        )
-        if network.point_section is not None and self.buffers.section_moved is not None:
-            wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
-        spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
-        length = spacing * (np.diff(edited.channel_start) - ~network.channel_closed)
-        carried = {
-            name: array.numpy()[edited.channel_old]
-            for name in ("pace", "parts", "mobility")
-            if (array := getattr(self.channels, name)) is not None
-        }
-        fixed = self._fix_channels(length)
-        self._install(spacing, fixed, **carried)
-        self.channels.deal_out(network, self.buffers, anew=False)
-        # A channel that has become narrower may have to be sampled more finely.
-        self.channels.set_step(edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
-        self._resample_moved()
-        # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
-        start: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
-        self.buffers.begin_row()
-        schedule_channels(network, self.channels, self.buffers, self.params.time_step, start)
-
-    def _place_nodes(self) -> None:
-        """Bring the nodes to where junctions have wandered."""
-        if self.params.junction_drift > 0.0:
-            network, start = self.network, self.network.starts()
-            xy = network.point_xy.numpy()
-            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
-
     def _record(self) -> None:
         self._place_nodes()
         with _storing():
@@ -765,40 +325,6 @@ class Simulation:
         if not (math.isfinite(years) and years >= 0):
             raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
         return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
-
-
-def _channel_room(network: RiverNetwork) -> int:
-    """Channels to make room for: a join or the split of a ring makes one more, a loss of a whole channel one less."""
-    grows = network.channel_count > 1 or network.channel_closed.any()
-    return network.channel_count + max(8, network.channel_count // 8) if grows else 1
-
-
-def _thread_count(threads: int | None) -> int:
-    """Return the number of threads asked for, or that of the cores that the process may use."""
-    if threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads != int(threads) or threads < 1:
-        raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
-    return int(threads)
-
-
-def _check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
-    """Raise ``ValueError`` unless the terrain lies under the network."""
-    if terrain is None:
-        return
-    if terrain.crs is not None and network.crs is not None and terrain.crs != network.crs:
-        raise ValueError(
-            f"the terrain is in {short_name(terrain.crs)}, the network in {short_name(network.crs)}; "
-            "read one of them with to_crs="
-        )
-    west, south, east, north = terrain.bounds
-    xy = network.points()
-    inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
-    if not inside.any():
-        raise ValueError(
-            f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
-            f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
-        )
 
 
 class _StoreError(Exception):
