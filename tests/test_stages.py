@@ -255,6 +255,34 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
     assert_same(sim, references(name))
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_chunks_as_a_gpu_takes_them_come_to_the_same(references, monkeypatch, name):
+    """All of a step in chunks of 32 points: in a row, in buffers that grow, and one by one the same bits.
+
+    Slabs give those to rounding: sums along channels are made of other parts. Ten steps make up to 3e-6 m of it where
+    bends are tight.
+    """
+    model, steps = MODELS[name]
+    slabs = model(threads=1)
+    if not slabs.device.is_cpu:
+        pytest.skip("a GPU has no slabs to compare with")
+    monkeypatch.setattr(buffers, "CPU_CHUNK", 32)
+    alone, row, tight = model(), model(), model()
+    tight._allocate(tight.network.point_count, 1, 4)
+    row._in_a_row = 8 if "in two" not in name else 1
+    assert alone.channels.whole.point_threads > alone.network.point_count // 32 and len(alone.channels.slabs) == 1
+    slabs.run(steps=10, record_every=10_000)
+    alone.run(steps=10, record_every=10_000)
+    allowed = 1e-4 if slabs.network.dtype == "float64" else 1.0
+    assert slabs.network.channel_count == alone.network.channel_count
+    for a, b in zip(alone.network.polylines(), slabs.network.polylines(), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=allowed)
+    for sim in (alone, row, tight):
+        sim.run(steps=steps - sim.step_count, record_every=10_000)
+    assert_same(row, alone)
+    assert_same(tight, alone)
+
+
 def test_slabs_hold_every_channel_once(monkeypatch):
     monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
     sim = plain()

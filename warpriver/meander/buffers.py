@@ -29,8 +29,8 @@ FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POI
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
 SUBSTEPS_IN_A_ROW = 16
-# Consecutive points that a thread of a GPU takes.
-CUDA_CHUNK = 32
+# Consecutive points that a thread takes, on a GPU and on the CPU; 0: slabs of whole channels.
+CUDA_CHUNK, CPU_CHUNK = 32, 0
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
 # cache when the next one reads it.
 SLAB_POINTS = 16_384
@@ -80,7 +80,7 @@ class StepBuffers:
         """Allocate for ``network``, with room for that many points, cutoffs a step and oxbow points a step."""
         scalar, vec2, _ = PRECISIONS[network.dtype]
         device = network.device
-        self.chunk = 0 if device.is_cpu else CUDA_CHUNK
+        self.chunk = CPU_CHUNK if device.is_cpu else CUDA_CHUNK
         self.point_capacity = point_capacity
         self.cut_capacity = cut_capacity
         self.oxbow_capacity = oxbow_capacity

@@ -25,7 +25,8 @@ def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
     if params.cutoff_distance == 0.0:
         return []
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    start, distance, ordered = channels.start, params.cutoff_distance, int(device.is_cpu)
+    # A slab links its points in order.
+    start, distance, ordered = channels.start, params.cutoff_distance, int(buffers.chunk == 0)
     keep_longer = int(params.ring_policy == "longer")
 
     def find(share: Share) -> None:

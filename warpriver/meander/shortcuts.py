@@ -109,7 +109,7 @@ def find_shortcuts(
         wp.launch(
             kernel.count_shortcuts,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, law, share.work, int(device.is_cpu), *near],
+            inputs=[*shape, channels.step, law, share.work, int(b.chunk == 0), *near],
             outputs=[b.point_links, b.point_neck, b.point_from, b.share_links, channels.necks],
             device=device,
         )
