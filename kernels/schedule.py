@@ -24,6 +24,8 @@ def build(scalar):
     ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
     # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
     FREE = scalar(0.9)
+    # Any other than none.
+    LEAST = scalar(1.0e-30)
     # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
     SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
 
@@ -58,6 +60,11 @@ def build(scalar):
             if channel == 0:
                 most_out[0] = 0
 
+    @wp.func(module=name)
+    def most_parts(limit: vec3, time_step: scalar) -> scalar:
+        """Parts of a step that a channel may need, with its tightest bends and on flat ground; see ``plan_steps``."""
+        return time_step / wp.min(limit[0], limit[1]) * SLACK
+
     @wp.kernel(module=name, enable_backward=False)
     def measure_mobility(
         # network
@@ -69,13 +76,18 @@ def build(scalar):
         grid: cells.RasterGrid,
         # params
         slope_threshold: scalar,
+        time_step: scalar,
         work: Work,
         # in
+        channel_limit: wp.array[vec3],
         substep: wp.array[int],
         # out
         channel_mobility_io: wp.array[scalar],
     ):
-        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held."""
+        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held.
+
+        A channel that would do the step in one part even on flat ground counts as free as soon as any point can move.
+        """
         if substep[PLANNED] != 0:
             return
         share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
@@ -85,10 +97,13 @@ def build(scalar):
         while i < end:
             stop = wp.min(end, channel_start[channel + 1])
             highest = scalar(0.0)
-            while i < stop and highest < FREE:
+            enough = FREE
+            if most_parts(channel_limit[channel], time_step) <= ONE:
+                enough = LEAST
+            while i < stop and highest < enough:
                 highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
                 i += 1
-            if highest >= FREE:
+            if highest >= enough:
                 highest = ONE
             wp.atomic_max(channel_mobility_io, channel, highest)
             i = stop

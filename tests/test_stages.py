@@ -260,7 +260,7 @@ def test_chunks_as_a_gpu_takes_them_come_to_the_same(references, monkeypatch, na
     """All of a step in chunks of 32 points: in a row, in buffers that grow, and one by one the same bits.
 
     Slabs give those to rounding: sums along channels are made of other parts. The lines of the trees are full of tight
-    bends and lose 76 loops in the first step: a difference grows there by ten to forty times a step, to 1e-6 m in three.
+    bends and lose 76 loops in the first step: there a difference grows ten to forty times a step, to 1e-6 m in three.
     """
     model, steps = MODELS[name]
     slabs = model(threads=1)

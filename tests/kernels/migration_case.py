@@ -182,12 +182,22 @@ class Case:
         grid.cells_per_meter = 1.0 / GRID[2]
         return to_device(height, wp.float64, self.device), grid
 
-    def mobility(self, law, height, deal=64, planned=0):
+    def mobility(self, law, height, deal=64, planned=0, limit=0.0):
         """How the ground lets each channel move, (C,) of the case's precision; 0 where the step is planned before."""
         out = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        inputs = [self.point_xy, self.channel_start, self.form, *self.ground(height), law.slope_threshold, ...]
-        inputs += [to_device([0, 1, planned], wp.int32, self.device)]
-        self.launch(schedule.build(self.scalar).measure_mobility, deal, inputs, [out])
+        inputs = [
+            self.point_xy,
+            self.channel_start,
+            self.form,
+            *self.ground(height),
+            law.slope_threshold,
+            law.time_step,
+            ...,
+        ]
+        kernel = schedule.build(self.scalar)
+        limits = to_device(np.full((len(self.lines), 3), limit), kernel.vec3, self.device)
+        inputs += [limits, to_device([0, 1, planned], wp.int32, self.device)]
+        self.launch(kernel.measure_mobility, deal, inputs, [out])
         return out.numpy()
 
     def _channels(self, packed):

@@ -69,7 +69,8 @@ def _plan(
             dim=share.point_threads,
             inputs=[
                 network.point_xy, channels.start, channels.form, terrain.height,
-                terrain.grid(network.dtype, network.origin), params.slope_threshold, share.work, channels.substep,
+                terrain.grid(network.dtype, network.origin), params.slope_threshold, params.time_step, share.work,
+                channels.limit, channels.substep,
             ],
             outputs=[channels.mobility],
             device=device,
