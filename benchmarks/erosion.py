@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 # One core: set before NumPy is loaded.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -17,11 +15,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 import numpy as np
 import warp as wp
-from machine import baseline, machine
+from machine import baseline, machine, write_result
 
 import warpriver as wr
 
-RESULTS = Path(__file__).parent / "results"
 PAGE = (200, 300)
 BIAS, DEPTH, THRESHOLD = 0.05, 10.0, 2000.0
 
@@ -167,10 +164,7 @@ def main() -> None:
         "baseline": baseline(options.device),
         **measure(options),
     }
-    target = Path(options.out) if options.out else RESULTS / f"erosion-{options.device.split(':')[0]}.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"written to {target}")
+    write_result(result, options.out, f"erosion-{options.device.split(':')[0]}")
 
 
 if __name__ == "__main__":

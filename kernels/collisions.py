@@ -34,7 +34,7 @@ def build(scalar):
     # A bucket is four integers: last block + 1, highest channel + 1, NOTHING - lowest channel, 1 if one of them moves.
     # All 0: empty.
     HEAD, HIGH, LOW, MOVES, FIELDS = 0, 1, 2, 3, 4
-    # Whole tiles, so that a level keeps its tiles together.
+    # Cells that the next level lies away in the table, so that levels do not fall on each other.
     LEVEL_X, LEVEL_Y = 8 * 7919, 8 * 104729
 
     @wp.struct

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, HALT, Work
+from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, FAULT_OXBOWS_FULL, HALT, RING_POINTS, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,9 +22,6 @@ def build(scalar):
     line, table = polyline.build(scalar), buckets.build(scalar)
     vec2, vec4, bucket_mask = line.vec2, line.vec4, table.bucket_mask
     ZERO, HALF = scalar(0.0), scalar(0.5)
-    FAULT_OXBOWS_FULL = 2
-    # Least number of points that a ring keeps when a loop is cut off it.
-    RING_POINTS = 8
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_points(

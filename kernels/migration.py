@@ -286,7 +286,6 @@ def build(scalar):
             memory_before = memory
             after = ahead
             c = d
-            lb = lc
             lc = ld
             k0 = k1
             k1 = k2

@@ -13,8 +13,12 @@ wp.set_module_options({"enable_backward": False})
 # them and their points, the whole steps done and those asked for, and the sub-steps of the step at hand.
 FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, PARTS, STATUS_SIZE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 TOUCH = 2
+# What may be wrong with a sub-step.
+FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 # The sub-step at hand: its number within the step, how many there are, and 1 where that is settled.
 NUMBER, TOTAL, PLANNED, SUBSTEP_SIZE = 0, 1, 2, 3
+# Least number of points of a ring, when it is made and when a loop is cut off it.
+RING_POINTS = 8
 
 
 @wp.struct

@@ -6,7 +6,22 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import CUT_POINTS, CUTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, TOTAL, Work
+from warpriver.kernels.polyline import (
+    CUT_POINTS,
+    CUTS,
+    DONE,
+    FAULT,
+    FAULT_NOT_FINITE,
+    FAULT_POINTS_FULL,
+    GOAL,
+    HALT,
+    NUMBER,
+    PLANNED,
+    RING_POINTS,
+    STEPS,
+    TOTAL,
+    Work,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,9 +37,6 @@ def build(scalar):
     line = polyline.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
-    FAULT_NOT_FINITE, FAULT_POINTS_FULL = 1, 4
-    # Least number of points of a ring; the network refuses rings of fewer.
-    RING_POINTS = 8
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
     @wp.kernel(module=name, enable_backward=False)

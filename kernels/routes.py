@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import RING_POINTS, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -21,8 +21,6 @@ def build(scalar):
     name = f"warpriver.kernels.routes_{scalar.__name__}"
     line = polyline.build(scalar)
     vec2 = line.vec2
-    # Least number of points of a ring; half of them on either side of a ring's head are never bypassed.
-    RING_POINTS = 8
     # A shortcut that saves this much is never taken.
     FORBIDDEN = wp.float64(-1.0)
     ZERO_64 = wp.float64(0.0)
@@ -163,6 +161,7 @@ def build(scalar):
                                     link_saving_io[m] = FORBIDDEN
                             lower = wp.min(begin, end)
                             upper = wp.max(begin, end)
+                            # Half a least ring on either side of the head is never bypassed.
                             if 2 * lower < RING_POINTS or 2 * (count - upper) < RING_POINTS:
                                 link_saving_io[m] = FORBIDDEN
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import FAULT, Work
+from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,7 +22,6 @@ def build(scalar):
     line, table = polyline.build(scalar), buckets.build(scalar)
     vec2, vec4 = line.vec2, line.vec4
     ZERO, HALF = scalar(0.0), scalar(0.5)
-    FAULT_SHORTCUTS_FULL = 3
 
     @wp.struct
     class ShortcutLaw:

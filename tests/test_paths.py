@@ -12,6 +12,7 @@ from phases import crossings
 
 import warpriver as wr
 from warpriver.cli import main
+from warpriver.kernels.polyline import FAULT_SHORTCUTS_FULL
 from warpriver.meander import buffers as step_buffers
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.paths import path_law, push, push_limits
@@ -80,7 +81,7 @@ def cut(lines, params, **options):
     while True:
         b.status.zero_()
         take(state)
-        if b.read_status()[0] != step_buffers.FAULT_SHORTCUTS_FULL:
+        if b.read_status()[0] != FAULT_SHORTCUTS_FULL:
             break
         b.make_room_for_shortcuts()
     assert b.read_status()[0] == 0

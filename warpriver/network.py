@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.crs import is_geographic, short_name
+from warpriver.kernels.polyline import RING_POINTS
 
 __all__ = ["RiverNetwork", "bankfull_depth", "bankfull_discharge", "bankfull_width"]
 
@@ -16,8 +17,6 @@ PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.floa
 
 # Two channel ends closer than this part of the narrower width are one node.
 NODE_TOLERANCE = 1e-3
-# A ring has at least so many points; the kernels hold the same number.
-RING_POINTS = 8
 # The ends of a line that is to be a ring may be so many times its longest segment, or its width, apart.
 RING_GAP = 3.0
 

@@ -14,13 +14,21 @@ import warp as wp
 
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, Split
-from warpriver.kernels.polyline import CUTS, DONE, FAULT, HALT, PARTS, STEPS, TOUCH
-from warpriver.meander import checks
-from warpriver.meander.buffers import (
+from warpriver.kernels.polyline import (
+    CUTS,
+    DONE,
+    FAULT,
     FAULT_NONE,
     FAULT_NOT_FINITE,
     FAULT_OXBOWS_FULL,
     FAULT_SHORTCUTS_FULL,
+    HALT,
+    PARTS,
+    STEPS,
+    TOUCH,
+)
+from warpriver.meander import checks
+from warpriver.meander.buffers import (
     SUBSTEPS_IN_A_ROW,
     StepBuffers,
     StepChannels,
@@ -375,17 +383,17 @@ class Stepper:
         section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
         both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
-        following = int(network.channel_id.max()) + 1 + np.cumsum(split) - 1  # as `split_rings` numbers them
+        edited = split_rings(network, cut[split, :3], xy) if split.any() else None
+        added = iter([] if edited is None else edited.channel_id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
             if split[k]:
-                event = Split(times[substep], identity, int(following[k]), width, loop.copy())
-                self.history.splits.append(event)
+                self.history.splits.append(Split(times[substep], identity, next(added), width, loop.copy()))
             else:
                 self.history.cutoffs.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
-        if split.any():
-            self._adopt(split_rings(network, cut[split, :3], xy))
+        if edited is not None:
+            self._adopt(edited)
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
 
     def _resolve_collisions(self, time: float, halted: bool) -> None:

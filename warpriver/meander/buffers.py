@@ -13,18 +13,10 @@ from warpriver.meander.stages import Share
 from warpriver.network import PRECISIONS, RiverNetwork
 
 __all__ = [
-    "FAULT_NONE",
-    "FAULT_NOT_FINITE",
-    "FAULT_OXBOWS_FULL",
-    "FAULT_POINTS_FULL",
-    "FAULT_SHORTCUTS_FULL",
     "SUBSTEPS_IN_A_ROW",
     "StepBuffers",
     "StepChannels",
 ]
-
-# What may be wrong with a sub-step; the kernels write the same numbers.
-FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from warpriver.kernels.polyline import FAULT
-from warpriver.meander.buffers import FAULT_NONE, StepBuffers, StepChannels
+from warpriver.kernels.polyline import FAULT, FAULT_NONE
+from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.network import RiverNetwork
 
 __all__ = ["PhaseError", "check_phase"]
