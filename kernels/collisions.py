@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.polyline import CONTACTS, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -104,11 +104,14 @@ def build(scalar):
         point_next_out: wp.array[int],
         point_owner_out: wp.array[int],
         bucket_io: wp.array[int],
+        status_out: wp.array[int],
     ):
         """Link the first point of every block into the cell of the block's middle, and note the cell's channels.
 
-        Rings are left out: they never join others.
+        Rings are left out: they never join others. The count of contacts begins anew.
         """
+        if work.status[HALT] == 0 and work.first + wp.tid() == 0:
+            status_out[CONTACTS] = 0
         mask = bucket_io.shape[0] // FIELDS - 1
         share = line.point_range(work, channel_start, channel_spacing.shape[0], work.first + wp.tid())
         i = int(share[0])
@@ -311,12 +314,15 @@ def build(scalar):
         # out
         contact_out: wp.array[wp.vec2i],
         share_contacts_io: wp.array[int],
+        status_io: wp.array[int],
     ):
         """Count the blocks of each slab or chunk that touch another channel; with ``contact_out``, list the contacts.
 
         Channels touch where |p_i - p_j| < (w_i + w_j) / 2, away from nodes that they share [Paris2023, Sec. 6.2]. Two
-        channels whose steps are 0 are left as they are.
+        channels whose steps are 0 are left as they are. Chunks add their count to the status.
         """
+        if work.status[HALT] != 0:
+            return
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_spacing.shape[0], k)
         i = int(share[0])
@@ -345,6 +351,22 @@ def build(scalar):
             channel += 1
         if not contact_out:
             share_contacts_io[k] = contacts
+            if work.chunk > 0 and contacts > 0:
+                wp.atomic_add(status_io, CONTACTS, contacts)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def count_contacts(
+        # in
+        share_contacts: wp.array[int],
+        # out
+        status_io: wp.array[int],
+    ):
+        """Add up the contacts of the slabs, whose threads do not share a counter; launched with one thread."""
+        if status_io[HALT] == 0:
+            contacts = int(0)
+            for k in range(share_contacts.shape[0]):
+                contacts += share_contacts[k]
+            status_io[CONTACTS] = contacts
 
     @wp.kernel(module=name, enable_backward=False)
     def gather_runs(
@@ -384,5 +406,6 @@ def build(scalar):
         CollisionLaw=CollisionLaw,
         insert_blocks=insert_blocks,
         find_contacts=find_contacts,
+        count_contacts=count_contacts,
         gather_runs=gather_runs,
     )

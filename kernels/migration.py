@@ -21,7 +21,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, vec3, vec4 = line.vec2, wp.types.vector(3, scalar), line.vec4
+    vec2, vec3, vec4, bits = line.vec2, wp.types.vector(3, scalar), line.vec4, line.bits
     ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
     TWO_THIRDS = scalar(2.0 / 3.0)
@@ -491,7 +491,7 @@ def build(scalar):
         # out
         point_moved_out: wp.array[vec2],
         section_moved_out: wp.array[vec2],
-        channel_pace_io: wp.array[scalar],
+        channel_pace_io: wp.array[bits],
     ):
         """Finish the smoothing upstream and move: p += n mu g e dt [Paris2023, Eq. 1 and 6].
 
@@ -522,7 +522,7 @@ def build(scalar):
                     point_xy, point_section, point_rate, cell_height, grid, law, reach, factor, first, last, closed,
                     i, stop, point_moved_out, section_moved_out,
                 )  # fmt: skip
-                wp.atomic_max(channel_pace_io, channel, fastest)
+                wp.atomic_max(channel_pace_io, channel, wp.cast(fastest, bits))
             else:
                 line.copy_points(point_xy, point_section, i, stop, point_moved_out, section_moved_out)
             i = stop

@@ -21,7 +21,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.paths_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, vec4, bits = line.vec2, line.vec4, line.bits
     ZERO, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 1.0, 2.0, 4.0))
     PI = scalar(math.pi)
 
@@ -278,7 +278,7 @@ def build(scalar):
         # out
         point_moved_out: wp.array[vec2],
         section_moved_out: wp.array[vec2],
-        channel_pace_io: wp.array[scalar],
+        channel_pace_io: wp.array[bits],
     ):
         """Finish the blur upstream and move: p += g (e push + pull); the two ends of a channel stay.
 
@@ -307,7 +307,7 @@ def build(scalar):
                     point_xy, point_section, point_push, cell_height, grid, channel_form[channel], spacing, step, law,
                     swell, first, last, closed, i, stop, point_moved_out, section_moved_out,
                 )  # fmt: skip
-                wp.atomic_max(channel_pace_io, channel, farthest / step)
+                wp.atomic_max(channel_pace_io, channel, wp.cast(farthest / step, bits))
             else:
                 line.copy_points(point_xy, point_section, i, stop, point_moved_out, section_moved_out)
             i = stop

@@ -10,8 +10,12 @@ wp.set_module_options({"enable_backward": False})
 
 # How a row of sub-steps goes, as integers on the device: why the one at hand cannot be taken over (0: it can), not 0
 # where those to come must leave all as it is (TOUCH: channels have come to touch), the sub-steps done, the cutoffs in
-# them and their points, the whole steps done and those asked for, and the sub-steps of the step at hand.
-FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, PARTS, STATUS_SIZE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+# them and their points, the whole steps done and those asked for, the sub-steps of the step at hand, the points of the
+# network after the last one, and the places where channels touch.
+FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, PARTS, POINTS, CONTACTS = range(10)
+# What the sub-step at hand needs: room for points, for cutoffs and for their points, also where there is too little.
+POINTS_NEEDED, CUTS_NEEDED, CUT_POINTS_NEEDED, LINKS_NEEDED = range(10, 14)
+STATUS_SIZE = 14
 TOUCH = 2
 # What may be wrong with a sub-step.
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
@@ -36,6 +40,18 @@ class Work:
     first: int
 
 
+@wp.struct
+class Marks:
+    """The chunks that hold something, such as necks: a list of them, in ascending order.
+
+    ``place``, one longer than there are chunks, has the number of marked chunks before each. Where a thread takes a
+    slab, there are no chunks, and both arrays are missing.
+    """
+
+    place: wp.array[int]
+    chunk: wp.array[int]
+
+
 @functools.cache
 def build(scalar):
     """Make the shared polyline functions for one precision.
@@ -45,10 +61,15 @@ def build(scalar):
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
+    # The integers whose order is that of real numbers from 0 on, bit for bit.
+    bits = wp.int64 if scalar is wp.float64 else wp.int32
     ZERO, ONE, TWO, THREE, FOUR, THIRD = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0, 1.0 / 3.0))
     # Beyond this many e-foldings a weight is lost in the rounding of the sum.
     REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
     TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
+    # Arc lengths are whole numbers of quanta: their sums are exact, and so the same however they are dealt out. A
+    # channel may be 2^31 m long.
+    ARC_QUANTUM = wp.float64(2.0**-32)  # m
 
     @wp.func(module=name)
     def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
@@ -87,18 +108,25 @@ def build(scalar):
         return wp.vec2i(k, k + 1)
 
     @wp.func(module=name)
-    def piece_count(work: Work, first: int, stop: int) -> int:
-        """Number of pieces of a channel for ``piece_range``."""
+    def share_of(work: Work, k: int, i: int) -> int:
+        """Chunk that a point belongs to; in slabs the slab k, whose thread asks."""
         if work.chunk == 0:
-            return 1
-        return (stop - 1) // work.chunk + 1 - first // work.chunk
+            return k
+        return i // work.chunk
 
     @wp.func(module=name)
-    def piece_range(work: Work, first: int, stop: int, k: int) -> wp.vec2i:
-        """Points of the k-th piece of a channel: all of them, or its share of one chunk."""
+    def piece_count(work: Work, marks: Marks, first: int, stop: int) -> int:
+        """Number of pieces of the points first .. stop - 1 for ``piece_range``: the marked chunks, or all as one."""
+        if work.chunk == 0:
+            return 1
+        return marks.place[(stop - 1) // work.chunk + 1] - marks.place[first // work.chunk]
+
+    @wp.func(module=name)
+    def piece_range(work: Work, marks: Marks, first: int, stop: int, k: int) -> wp.vec2i:
+        """Points of the k-th piece: all of them, or their share of a marked chunk."""
         if work.chunk == 0:
             return wp.vec2i(first, stop)
-        c = first // work.chunk + k
+        c = marks.chunk[marks.place[first // work.chunk] + k]
         return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
 
     @wp.func(module=name)
@@ -163,8 +191,8 @@ def build(scalar):
         return here - (la * part * (after - here) - lb * part * (here - before))
 
     @wp.func(module=name)
-    def arc_at(point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.float64], chunk: int, i: int) -> wp.float64:
-        """Arc length of a point from its channel's head or, with chunks, from the first of all points.
+    def arc_at(point_arc: wp.array[wp.int64], chunk_offset: wp.array[wp.int64], chunk: int, i: int) -> wp.int64:
+        """Arc length of a point in quanta from its channel's head or, with chunks, from the first of all points.
 
         ``chunk_offset`` is an inclusive sum.
         """
@@ -176,18 +204,25 @@ def build(scalar):
         return chunk_offset[k - 1] + point_arc[i]
 
     @wp.func(module=name)
+    def arc_between(
+        point_arc: wp.array[wp.int64], chunk_offset: wp.array[wp.int64], chunk: int, i: int, j: int
+    ) -> wp.float64:
+        """Arc length from point i to point j of one channel, m."""
+        here = arc_at(point_arc, chunk_offset, chunk, i)
+        return wp.float64(arc_at(point_arc, chunk_offset, chunk, j) - here) * ARC_QUANTUM
+
+    @wp.func(module=name)
     def length_of(
         point: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
         last: int,
         closed: int,
     ) -> wp.float64:
-        """Length of a channel, that of a ring with the segment that closes it."""
-        head = arc_at(point_arc, chunk_offset, chunk, first)
-        length = arc_at(point_arc, chunk_offset, chunk, last) - head
+        """Length of a channel in m, that of a ring with the segment that closes it."""
+        length = arc_between(point_arc, chunk_offset, chunk, first, last)
         if closed != 0:
             length += wp.float64(wp.length(point[first] - point[last]))
         return length
@@ -243,9 +278,11 @@ def build(scalar):
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
+        bits=bits,
         channel_at=channel_at,
         point_range=point_range,
         channel_range=channel_range,
+        share_of=share_of,
         piece_count=piece_count,
         piece_range=piece_range,
         section_at=section_at,
@@ -256,6 +293,7 @@ def build(scalar):
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
         arc_at=arc_at,
+        arc_between=arc_between,
         length_of=length_of,
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,
@@ -263,4 +301,5 @@ def build(scalar):
         right_normal=right_normal,
         copy_points=copy_points,
         REACH=REACH,
+        ARC_QUANTUM=ARC_QUANTUM,
     )

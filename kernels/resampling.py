@@ -17,7 +17,10 @@ from warpriver.kernels.polyline import (
     HALT,
     NUMBER,
     PLANNED,
+    POINTS,
+    POINTS_NEEDED,
     RING_POINTS,
+    STATUS_SIZE,
     STEPS,
     TOTAL,
     Work,
@@ -28,7 +31,7 @@ wp.set_module_options({"enable_backward": False})
 
 @functools.cache
 def build(scalar):
-    """Make the resampling kernels for one precision; arc length is float64 in both.
+    """Make the resampling kernels for one precision; arc lengths are whole numbers of quanta in both.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.
@@ -38,6 +41,14 @@ def build(scalar):
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
+    QUANTA, QUANTUM = wp.float64(1.0) / line.ARC_QUANTUM, line.ARC_QUANTUM
+    # m; two neighbours that are farther apart have run away.
+    FARTHEST = scalar(2.0**28)
+
+    @wp.func(module=name)
+    def segment_quanta(length: scalar) -> wp.int64:
+        """Length of a segment in m, in whole quanta of arc length."""
+        return wp.int64(wp.float64(length) * QUANTA + HALF_64)
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_arcs(
@@ -49,38 +60,50 @@ def build(scalar):
         # in
         point_moved: wp.array[vec2],
         # out
-        point_arc_out: wp.array[wp.float64],
-        chunk_length_out: wp.array[wp.float64],
+        point_arc_out: wp.array[wp.int64],
+        chunk_length_out: wp.array[wp.int64],
+        status_io: wp.array[int],
     ):
-        """Arc length of each point from its channel's head; with chunks, from its chunk's first point on.
+        """Arc length of each point from its channel's head, in quanta; with chunks, from its chunk's first point on.
 
-        Each chunk notes the length that it adds. A slab passes over channels whose step is 0.
+        Each chunk notes the length that it adds. A slab passes over channels whose step is 0. A segment that is not
+        finite, or longer than there are rivers, is a fault.
         """
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_step.shape[0], k)
         i = int(share[0])
         end = share[1]
         channel = int(share[2])
-        arc = wp.float64(0.0)
+        arc = wp.int64(0)
+        fault = int(0)
         while i < end:
             first = channel_start[channel]
             stop = wp.min(end, channel_start[channel + 1])
             if work.chunk == 0:
-                arc = wp.float64(0.0)
+                arc = wp.int64(0)
             if work.chunk > 0 or channel_step[channel] > ZERO:
                 here = point_moved[i]
                 if i > first:
-                    arc += wp.float64(wp.length(here - point_moved[i - 1]))
+                    length = wp.length(here - point_moved[i - 1])
+                    if not (length < FARTHEST):
+                        fault = 1
+                    arc += segment_quanta(length)
                 point_arc_out[i] = arc
                 for j in range(i + 1, stop):
                     after = point_moved[j]
-                    arc += wp.float64(wp.length(after - here))
+                    length = wp.length(after - here)
+                    if not (length < FARTHEST):
+                        fault = 1
+                    arc += segment_quanta(length)
                     point_arc_out[j] = arc
                     here = after
             i = stop
             channel += 1
-        if work.chunk > 0:
+        if work.chunk > 0 and work.status[HALT] == 0:
             chunk_length_out[k] = arc
+        if fault != 0:
+            # Nothing of this step is taken over, so that the state before the fault can still be looked at.
+            wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)
 
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
@@ -94,8 +117,8 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         # out
         channel_samples_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
@@ -116,14 +139,13 @@ def build(scalar):
                 closed = line.closed_at(channel_closed, channel)
                 length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
-                if length > ZERO_64 and wp.isfinite(length):
+                if length > ZERO_64:
                     least = int(2)
                     if closed != 0:
                         least = RING_POINTS
                     pieces = wp.max(least, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
                     channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
                 else:
-                    # Nothing of this step is taken over, so that the state before the fault can still be looked at.
                     wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)
                 channel_samples_out[channel] = pieces + 1 - closed
 
@@ -193,20 +215,20 @@ def build(scalar):
     @wp.func(module=name)
     def segment_of(
         point: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
         last: int,
         closed: int,
         target: wp.float64,
     ) -> int:
-        """First point of the segment of a channel that holds an arc length (binary search)."""
+        """First point of the segment of a channel that holds an arc length from its head (binary search)."""
         low = first
         high = last + closed
         while high - low > 1:
             middle = (low + high) // 2
-            if line.arc_at(point_arc, chunk_offset, chunk, middle) <= target:
+            if line.arc_between(point_arc, chunk_offset, chunk, first, middle) <= target:
                 low = middle
             else:
                 high = middle
@@ -216,18 +238,23 @@ def build(scalar):
 
     @wp.func(module=name)
     def arc_beyond(
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
         last: int,
+        head: wp.int64,
         length: wp.float64,
         i: int,
     ) -> wp.float64:
-        """Arc length of a point; the index of a ring may go on beyond its end, into the next lap."""
+        """Arc length of a point from its channel's head, m; the index of a ring may go on into the next lap.
+
+        ``head`` is the arc length of the first point, in quanta.
+        """
         if i > last:
-            return length + line.arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
-        return line.arc_at(point_arc, chunk_offset, chunk, i)
+            there = line.arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
+            return length + wp.float64(there - head) * QUANTUM
+        return wp.float64(line.arc_at(point_arc, chunk_offset, chunk, i) - head) * QUANTUM
 
     @wp.func(module=name)
     def hermite(b: vec2, c: vec2, tangent_b: vec2, tangent_c: vec2, size: scalar, u: scalar) -> vec2:
@@ -245,8 +272,8 @@ def build(scalar):
         spacing: wp.float64,
         point: wp.array[vec2],
         section: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         sample_out: wp.array[vec2],
         sample_section_out: wp.array[vec2],
     ):
@@ -257,7 +284,7 @@ def build(scalar):
         first = channel_range[0]
         last = channel_range[1]
         head = line.arc_at(point_arc, chunk_offset, chunk, first)
-        target = head + spacing * wp.float64(sample_range[2] - sample_range[0])
+        target = spacing * wp.float64(sample_range[2] - sample_range[0])
         ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, closed, target)
         ia = kept_before(point, ib, first, last, closed)
         ic = kept_after(point, ib, first, last, closed)
@@ -280,10 +307,10 @@ def build(scalar):
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
         length = line.length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
-        arc_b = line.arc_at(point_arc, chunk_offset, chunk, ib)
-        arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
+        arc_b = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ib)
+        arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ic)
         for k in range(sample_range[2], sample_range[3]):
-            target = head + spacing * wp.float64(k - sample_range[0])
+            target = spacing * wp.float64(k - sample_range[0])
             while arc_c < target and ic < last + closed:
                 ib = ic
                 ic = id
@@ -301,7 +328,7 @@ def build(scalar):
                 tangent_b = tangent_c
                 tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
                 arc_b = arc_c
-                arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
+                arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ic)
             u = scalar(0.0)
             if k > sample_range[0] and arc_c > arc_b:
                 u = wp.clamp(scalar((target - arc_b) / (arc_c - arc_b)), ZERO, ONE)
@@ -327,8 +354,8 @@ def build(scalar):
         channel_start_next: wp.array[int],
         point_moved: wp.array[vec2],
         section_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         status: wp.array[int],
         # out
         point_xy_out: wp.array[vec2],
@@ -373,41 +400,48 @@ def build(scalar):
         # in
         channel_start_next: wp.array[int],
         channel_spacing_next: wp.array[scalar],
-        channel_cuts_sum: wp.array[int],
-        channel_cut_points_sum: wp.array[int],
+        share_cut_sum: wp.array[wp.vec2i],
         # out
         channel_start_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
-        substep_done_out: wp.array[wp.vec2i],
         substep_io: wp.array[int],
         status_io: wp.array[int],
     ):
         """Take over the new starts and spacings and count the sub-step, unless it failed or its points do not fit.
 
         ``keep_plan``: 1 where the plan of one step holds for the next. Where no steps are asked for, lines are sampled
-        anew outside of any step, and nothing is counted.
+        anew outside of any step, and nothing is counted. The number of each sub-step done and that of all in its step
+        follow the status.
         """
         channel = wp.tid()
         last = channel_start_next.shape[0] - 1
         if status_io[HALT] != 0 or status_io[FAULT] != 0:
             return
-        if channel_start_next[last] > point_capacity:
+        points = channel_start_next[last]
+        if points > point_capacity:
+            # The first thread to come here hides this from the others, which have nothing else to say.
+            status_io[POINTS_NEEDED] = points
             wp.atomic_max(status_io, FAULT, FAULT_POINTS_FULL)
             return
         channel_start_out[channel] = channel_start_next[channel]
         if channel < last:
             channel_spacing_out[channel] = channel_spacing_next[channel]
-        elif status_io[GOAL] > 0:
-            substep_done_out[status_io[DONE]] = wp.vec2i(substep_io[NUMBER], substep_io[TOTAL])
-            status_io[DONE] = status_io[DONE] + 1
-            substep_io[NUMBER] = substep_io[NUMBER] + 1
-            if substep_io[NUMBER] == substep_io[TOTAL]:
-                substep_io[NUMBER] = 0
-                substep_io[PLANNED] = keep_plan
-                status_io[STEPS] = status_io[STEPS] + 1
-            if last > 0:
-                status_io[CUTS] = status_io[CUTS] + channel_cuts_sum[last - 1]
-                status_io[CUT_POINTS] = status_io[CUT_POINTS] + channel_cut_points_sum[last - 1]
+        else:
+            status_io[POINTS] = points
+            status_io[POINTS_NEEDED] = points
+            if status_io[GOAL] > 0:
+                done = status_io[DONE]
+                status_io[STATUS_SIZE + 2 * done] = substep_io[NUMBER]
+                status_io[STATUS_SIZE + 2 * done + 1] = substep_io[TOTAL]
+                status_io[DONE] = done + 1
+                substep_io[NUMBER] = substep_io[NUMBER] + 1
+                if substep_io[NUMBER] == substep_io[TOTAL]:
+                    substep_io[NUMBER] = 0
+                    substep_io[PLANNED] = keep_plan
+                    status_io[STEPS] = status_io[STEPS] + 1
+                cut = share_cut_sum[share_cut_sum.shape[0] - 1]
+                status_io[CUTS] = status_io[CUTS] + cut[0]
+                status_io[CUT_POINTS] = status_io[CUT_POINTS] + cut[1]
 
     return SimpleNamespace(
         vec2=vec2,

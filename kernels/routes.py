@@ -6,9 +6,20 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import RING_POINTS, Work
+from warpriver.kernels.polyline import RING_POINTS, Marks, Work
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Links:
+    """Shortcuts (i, j) in ascending order, and what each saves in m; at each point how many begin and the first."""
+
+    point_links: wp.array[int]
+    point_link: wp.array[int]
+    link_from: wp.array[int]
+    link_to: wp.array[int]
+    link_saving: wp.array[wp.float64]
 
 
 @functools.cache
@@ -28,16 +39,11 @@ def build(scalar):
     # ---- the head of a ring
 
     @wp.func(module=name)
-    def is_linked(work: Work, chunk_linked: wp.array[int], first: int, k: int) -> bool:
-        """Tell whether a shortcut may begin or end in the k-th piece of a channel that has any."""
-        return work.chunk == 0 or chunk_linked[first // work.chunk + k] > 0
-
-    @wp.func(module=name)
     def mark_ends(
         work: Work,
         point_links: wp.array[int],
         point_link: wp.array[int],
-        chunk_linked: wp.array[int],
+        marks: Marks,
         link_to: wp.array[int],
         first: int,
         last: int,
@@ -49,16 +55,15 @@ def build(scalar):
         those where one of these ends and the first where one begins; without any, the ends of the ring.
         """
         inner = wp.vec2i(first, last)
-        for k in range(line.piece_count(work, first, last + 1)):
-            if is_linked(work, chunk_linked, first, k):
-                piece = line.piece_range(work, first, last + 1, k)
-                for i in range(piece[0], piece[1]):
-                    if point_links[i] > 0:
-                        for m in range(point_link[i], point_link[i] + point_links[i]):
-                            j = link_to[m]
-                            point_from_out[j] = -1
-                            if 2 * (j - i) > last + 1 - first:
-                                inner = wp.vec2i(wp.max(inner[0], i), wp.min(inner[1], j))
+        for k in range(line.piece_count(work, marks, first, last + 1)):
+            piece = line.piece_range(work, marks, first, last + 1, k)
+            for i in range(piece[0], piece[1]):
+                if point_links[i] > 0:
+                    for m in range(point_link[i], point_link[i] + point_links[i]):
+                        j = link_to[m]
+                        point_from_out[j] = -1
+                        if 2 * (j - i) > last + 1 - first:
+                            inner = wp.vec2i(wp.max(inner[0], i), wp.min(inner[1], j))
         return inner
 
     @wp.func(module=name)
@@ -79,7 +84,7 @@ def build(scalar):
         work: Work,
         point_links: wp.array[int],
         point_link: wp.array[int],
-        chunk_linked: wp.array[int],
+        marks: Marks,
         link_to: wp.array[int],
         first: int,
         last: int,
@@ -95,22 +100,21 @@ def build(scalar):
         begin = int(first)
         lead = int(0)
         passed = int(first)
-        for k in range(line.piece_count(work, first, last + 1)):
-            if is_linked(work, chunk_linked, first, k):
-                piece = line.piece_range(work, first, last + 1, k)
-                for i in range(piece[0], piece[1]):
-                    if point_links[i] > 0 or point_from[i] != 0:
-                        if begin == first:
-                            lead = i - first
-                        elif i > begin:
-                            rate = rate_stretch(begin, i - begin, passed, inner, longer, count)
-                            if rate > best:
-                                best = rate
-                                head = (begin + i) // 2
-                        begin = i + 1
-                        for m in range(point_link[i], point_link[i] + point_links[i]):
-                            if 2 * (link_to[m] - i) <= count:
-                                passed = wp.max(passed, link_to[m])
+        for k in range(line.piece_count(work, marks, first, last + 1)):
+            piece = line.piece_range(work, marks, first, last + 1, k)
+            for i in range(piece[0], piece[1]):
+                if point_links[i] > 0 or point_from[i] != 0:
+                    if begin == first:
+                        lead = i - first
+                    elif i > begin:
+                        rate = rate_stretch(begin, i - begin, passed, inner, longer, count)
+                        if rate > best:
+                            best = rate
+                            head = (begin + i) // 2
+                    begin = i + 1
+                    for m in range(point_link[i], point_link[i] + point_links[i]):
+                        if 2 * (link_to[m] - i) <= count:
+                            passed = wp.max(passed, link_to[m])
         # The stretch across the seam, which only shortcuts from its one side to the other pass over.
         size = last + 1 - begin + lead
         if begin > last:
@@ -128,7 +132,7 @@ def build(scalar):
         work: Work,
         point_links: wp.array[int],
         point_link: wp.array[int],
-        chunk_linked: wp.array[int],
+        marks: Marks,
         link_to: wp.array[int],
         first: int,
         last: int,
@@ -142,28 +146,27 @@ def build(scalar):
         it.
         """
         count = last + 1 - first
-        for k in range(line.piece_count(work, first, last + 1)):
-            if is_linked(work, chunk_linked, first, k):
-                piece = line.piece_range(work, first, last + 1, k)
-                for i in range(piece[0], piece[1]):
-                    if point_links[i] > 0:
-                        for m in range(point_link[i], point_link[i] + point_links[i]):
-                            j = link_to[m]
-                            begin = line.round_index(i - head, 0, count - 1)
-                            end = line.round_index(j - head, 0, count - 1)
-                            if begin > end:
-                                chord = point[j] - point[i]
-                                dx = wp.float64(chord[0])
-                                dy = wp.float64(chord[1])
-                                size = wp.sqrt(dx * dx + dy * dy)
-                                link_saving_io[m] = length - link_saving_io[m] - size - size
-                                if longer == 0 and i > first:
-                                    link_saving_io[m] = FORBIDDEN
-                            lower = wp.min(begin, end)
-                            upper = wp.max(begin, end)
-                            # Half a least ring on either side of the head is never bypassed.
-                            if 2 * lower < RING_POINTS or 2 * (count - upper) < RING_POINTS:
+        for k in range(line.piece_count(work, marks, first, last + 1)):
+            piece = line.piece_range(work, marks, first, last + 1, k)
+            for i in range(piece[0], piece[1]):
+                if point_links[i] > 0:
+                    for m in range(point_link[i], point_link[i] + point_links[i]):
+                        j = link_to[m]
+                        begin = line.round_index(i - head, 0, count - 1)
+                        end = line.round_index(j - head, 0, count - 1)
+                        if begin > end:
+                            chord = point[j] - point[i]
+                            dx = wp.float64(chord[0])
+                            dy = wp.float64(chord[1])
+                            size = wp.sqrt(dx * dx + dy * dy)
+                            link_saving_io[m] = length - link_saving_io[m] - size - size
+                            if longer == 0 and i > first:
                                 link_saving_io[m] = FORBIDDEN
+                        lower = wp.min(begin, end)
+                        upper = wp.max(begin, end)
+                        # Half a least ring on either side of the head is never bypassed.
+                        if 2 * lower < RING_POINTS or 2 * (count - upper) < RING_POINTS:
+                            link_saving_io[m] = FORBIDDEN
 
     @wp.kernel(module=name, enable_backward=False)
     def open_rings(
@@ -175,13 +178,13 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
         point_links: wp.array[int],
         point_link: wp.array[int],
-        share_links_sum: wp.array[int],
+        share_links_sum: wp.array[wp.vec2i],
         channel_links: wp.array[int],
-        chunk_linked: wp.array[int],
+        marks: Marks,
         link_to: wp.array[int],
         # out
         link_saving_io: wp.array[wp.float64],
@@ -194,20 +197,23 @@ def build(scalar):
         in the middle of the longest stretch that is near no other and longer than what any neck cuts off (``longer``),
         or of the first one from the ring's first point on. Lines begin at their first point.
         """
-        listed = share_links_sum[share_links_sum.shape[0] - 1] <= link_to.shape[0]
+        listed = share_links_sum[share_links_sum.shape[0] - 1][0] <= link_to.shape[0]
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             head = int(first)
-            if listed and channel_closed[channel] != 0 and channel_links[channel] > 0:
-                inner = mark_ends(work, point_links, point_link, chunk_linked, link_to, first, last, point_from_io)
+            linked = line.piece_count(work, marks, first, last + 1) > 0
+            if work.chunk == 0:
+                linked = channel_links[channel] > 0
+            if listed and channel_closed[channel] != 0 and linked:
+                inner = mark_ends(work, point_links, point_link, marks, link_to, first, last, point_from_io)
                 head = choose_head(
-                    work, point_links, point_link, chunk_linked, link_to, first, last, inner, longer, point_from_io
+                    work, point_links, point_link, marks, link_to, first, last, inner, longer, point_from_io
                 )
                 length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, 1)
                 turn_shortcuts(
-                    point_moved, length, work, point_links, point_link, chunk_linked, link_to, first, last, head,
+                    point_moved, length, work, point_links, point_link, marks, link_to, first, last, head,
                     longer, link_saving_io,
                 )  # fmt: skip
             channel_head_out[channel] = head
@@ -217,14 +223,12 @@ def build(scalar):
     @wp.func(module=name)
     def sweep_links(
         work: Work,
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        chunk_linked: wp.array[int],
-        link_to: wp.array[int],
-        link_saving: wp.array[wp.float64],
+        marks: Marks,
+        links: Links,
         first: int,
         stop: int,
         head: int,
+        inner: wp.vec2i,
         saved: wp.float64,
         point_from_io: wp.array[int],
         point_saving_io: wp.array[wp.float64],
@@ -232,29 +236,31 @@ def build(scalar):
         """Sweep the points first .. stop - 1 from what is saved above them; return what is saved below.
 
         They all lie from ``head`` on, or all before it, on a ring; then the shortcuts of a point that end from the head
-        on come from there: they are looked up, the others were noted by the points where they begin.
+        on come from there: they are looked up, the others were noted by the points where they begin. Shortcuts that
+        end before inner[0] or begin from inner[1] on are not of these points' route.
         """
         best = wp.float64(saved)
-        for k in range(line.piece_count(work, first, stop)):
-            if is_linked(work, chunk_linked, first, k):
-                piece = line.piece_range(work, first, stop, k)
-                for i in range(piece[0], piece[1]):
-                    source = int(0)
-                    if i < head:
-                        for m in range(point_link[i], point_link[i] + point_links[i]):
-                            j = link_to[m]
-                            if j >= head and point_saving_io[j] + link_saving[m] > best:
-                                best = point_saving_io[j] + link_saving[m]
-                                source = j + 1
+        for k in range(line.piece_count(work, marks, first, stop)):
+            piece = line.piece_range(work, marks, first, stop, k)
+            for i in range(piece[0], piece[1]):
+                source = int(0)
+                if i < head:
+                    for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
+                        j = links.link_to[m]
+                        if j >= head and point_saving_io[j] + links.link_saving[m] > best:
+                            best = point_saving_io[j] + links.link_saving[m]
+                            source = j + 1
+                if i >= inner[0]:
                     if point_from_io[i] > 0 and point_saving_io[i] > best:
                         best = point_saving_io[i]
                         source = point_from_io[i]
                     if point_from_io[i] != 0 or source > 0:
                         point_from_io[i] = source
                         point_saving_io[i] = best
-                    for m in range(point_link[i], point_link[i] + point_links[i]):
-                        j = link_to[m]
-                        gain = best + link_saving[m]
+                if i < inner[1]:
+                    for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
+                        j = links.link_to[m]
+                        gain = best + links.link_saving[m]
                         if (i >= head or j < head) and (point_from_io[j] <= 0 or gain > point_saving_io[j]):
                             point_saving_io[j] = gain
                             point_from_io[j] = i + 1
@@ -263,45 +269,105 @@ def build(scalar):
     @wp.func(module=name)
     def walk_path(
         work: Work,
-        first: int,
-        last: int,
+        marks: Marks,
+        share: int,
+        ring_points: int,
         begin: int,
         stop: int,
         cursor: int,
-        chunk_linked: wp.array[int],
         point_from: wp.array[int],
         point_neck_out: wp.array[int],
-        chunk_necks_io: wp.array[int],
-    ) -> wp.vec3i:
+        share_cut_io: wp.array[wp.vec2i],
+    ) -> int:
         """Walk the shortest path back up the points begin .. stop - 1 and note the shortcuts on it where they begin.
 
-        Returns their number, that of their loops' points and the point that the walk has come to, which lies outside
-        where a shortcut leads there.
+        Returns the point that the walk has come to, which lies outside where a shortcut leads there.
+        ``ring_points``: those of a ring; 0 on a line.
         """
-        cuts = int(0)
-        points = int(0)
         at = int(wp.min(cursor, stop - 1))
-        pieces = line.piece_count(work, begin, stop)
+        pieces = line.piece_count(work, marks, begin, stop)
         for n in range(0, pieces):
             k = pieces - 1 - n
-            piece = line.piece_range(work, begin, stop, k)
-            if at >= piece[0] and at < stop and is_linked(work, chunk_linked, begin, k):
+            piece = line.piece_range(work, marks, begin, stop, k)
+            if at >= piece[0] and at < stop:
                 j = wp.min(at, piece[1] - 1)
                 while j >= piece[0] and j < stop:
                     if point_from[j] > 0:
                         i = point_from[j] - 1
                         point_neck_out[i] = j
-                        if work.chunk > 0:
-                            wp.atomic_add(chunk_necks_io, i // work.chunk, 1)
-                        cuts += 1
-                        points += j - i + 1
+                        points = j - i + 1
                         if i > j:
-                            points += last + 1 - first
+                            points += ring_points
+                        wp.atomic_add(share_cut_io, line.share_of(work, share, i), wp.vec2i(1, points))
                         at = i
                         j = i
                     else:
                         j -= 1
-        return wp.vec3i(cuts, points, at)
+        return at
+
+    @wp.func(module=name)
+    def cluster_end(links: Links, link: int, total: int) -> int:
+        """Last point of the cluster of shortcuts that begins with one: none of them reaches beyond it."""
+        reach = links.link_to[link]
+        m = int(link + 1)
+        while m < total and links.link_from[m] < reach:
+            reach = wp.max(reach, links.link_to[m])
+            m += 1
+        return reach
+
+    @wp.func(module=name)
+    def route_line(
+        work: Work,
+        marks: Marks,
+        share: int,
+        links: Links,
+        first: int,
+        last: int,
+        point_from_io: wp.array[int],
+        point_saving_io: wp.array[wp.float64],
+        point_neck_out: wp.array[int],
+        share_cut_io: wp.array[wp.vec2i],
+    ):
+        """Find the route from one point of a line to a later one that no shortcut passes over, and note it.
+
+        What ends in the first point or begins in the last is of the routes above and below.
+        """
+        sweep_links(
+            work, marks, links, first, last + 1, first,
+            wp.vec2i(first + 1, last), ZERO_64, point_from_io, point_saving_io,
+        )  # fmt: skip
+        walk_path(work, marks, share, 0, first + 1, last + 1, last, point_from_io, point_neck_out, share_cut_io)
+
+    @wp.func(module=name)
+    def route_ring(
+        work: Work,
+        marks: Marks,
+        share: int,
+        head: int,
+        links: Links,
+        first: int,
+        last: int,
+        point_from_io: wp.array[int],
+        point_saving_io: wp.array[wp.float64],
+        point_neck_out: wp.array[int],
+        share_cut_io: wp.array[wp.vec2i],
+    ):
+        """Find the route from the head of a ring round to it, and note it."""
+        inner, size = wp.vec2i(first, last + 1), last + 1 - first
+        saved = sweep_links(
+            work, marks, links, head, last + 1, head, inner, ZERO_64,
+            point_from_io, point_saving_io,
+        )  # fmt: skip
+        sweep_links(
+            work, marks, links, first, head, head, inner, saved,
+            point_from_io, point_saving_io,
+        )  # fmt: skip
+        cursor = walk_path(
+            work, marks, share, size, first, head, head - 1, point_from_io, point_neck_out, share_cut_io
+        )  # fmt: skip
+        if cursor < head:
+            cursor = last
+        walk_path(work, marks, share, size, head, last + 1, cursor, point_from_io, point_neck_out, share_cut_io)
 
     @wp.kernel(module=name, enable_backward=False)
     def find_path(
@@ -310,21 +376,17 @@ def build(scalar):
         # params
         work: Work,
         # in
+        channel_closed: wp.array[int],
         channel_head: wp.array[int],
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        share_links_sum: wp.array[int],
         channel_links: wp.array[int],
-        chunk_linked: wp.array[int],
-        link_to: wp.array[int],
-        link_saving: wp.array[wp.float64],
+        share_links_sum: wp.array[wp.vec2i],
+        marks: Marks,
+        links: Links,
         # out
         point_from_io: wp.array[int],
         point_saving_io: wp.array[wp.float64],
         point_neck_out: wp.array[int],
-        chunk_necks_io: wp.array[int],
-        channel_cuts_out: wp.array[int],
-        channel_cut_points_out: wp.array[int],
+        share_cut_io: wp.array[wp.vec2i],
     ):
         """Shortest path from the head of a channel to its foot, or round a ring, over its segments and shortcuts.
 
@@ -333,42 +395,50 @@ def build(scalar):
         a shortcut ends: chunks that hold no end of one are passed over. Where routes are equally short, the channel
         goes before a shortcut, and of shortcuts the one that begins farthest upstream is kept.
 
-        A ring is swept from its head on, round to it. A shortcut is noted where it begins; the end lies before that
-        where it passes over the ring's first point. Without ``channel_head`` there are only lines.
-        """
-        listed = share_links_sum[share_links_sum.shape[0] - 1] <= link_to.shape[0]
-        share = line.channel_range(work, work.first + wp.tid())
-        for channel in range(share[0], share[1]):
-            cuts = int(0)
-            points = int(0)
-            if listed and channel_links[channel] > 0:
-                first = channel_start[channel]
-                stop = channel_start[channel + 1]
-                head = int(first)
-                if channel_head:
-                    head = channel_head[channel]
-                saved = sweep_links(
-                    work, point_links, point_link, chunk_linked, link_to, link_saving, head, stop, head, ZERO_64,
-                    point_from_io, point_saving_io,
-                )  # fmt: skip
-                sweep_links(
-                    work, point_links, point_link, chunk_linked, link_to, link_saving, first, head, head, saved,
-                    point_from_io, point_saving_io,
-                )  # fmt: skip
-                after = walk_path(
-                    work, first, stop - 1, first, head, head - 1, chunk_linked, point_from_io, point_neck_out,
-                    chunk_necks_io,
-                )  # fmt: skip
-                cursor = stop - 1
-                if after[2] >= head:
-                    cursor = after[2]
-                before = walk_path(
-                    work, first, stop - 1, head, stop, cursor, chunk_linked, point_from_io, point_neck_out,
-                    chunk_necks_io,
-                )  # fmt: skip
-                cuts = after[0] + before[0]
-                points = after[1] + before[1]
-            channel_cuts_out[channel] = cuts
-            channel_cut_points_out[channel] = points
+        A slab takes its channels one by one. A chunk takes the rings and the clusters of shortcuts that begin in it: a
+        point that no shortcut passes over is on the route of a line, whatever lies above and below.
 
-    return SimpleNamespace(vec2=vec2, open_rings=open_rings, find_path=find_path)
+        A ring is swept from its head on, round to it. A shortcut is noted where it begins; the end lies before that
+        where it passes over the ring's first point. Without ``channel_closed`` there are only lines.
+        """
+        k = work.first + wp.tid()
+        total = share_links_sum[share_links_sum.shape[0] - 1][0]
+        if total > links.link_to.shape[0]:
+            return
+        share = line.point_range(work, channel_start, channel_start.shape[0] - 1, k)
+        i = int(share[0])
+        channel = int(share[2])
+        link = int(0)
+        reach = int(0)
+        if k > 0 and work.chunk > 0:
+            link = share_links_sum[k - 1][0]
+            reach = share_links_sum[k - 1][1]
+        while i < share[1]:
+            first = channel_start[channel]
+            last = channel_start[channel + 1] - 1
+            closed = line.closed_at(channel_closed, channel)
+            linked = work.chunk > 0
+            if work.chunk == 0:
+                linked = channel_links[channel] > 0
+            if linked and closed != 0:
+                if i == first:
+                    route_ring(
+                        work, marks, k, channel_head[channel], links, first, last, point_from_io, point_saving_io,
+                        point_neck_out, share_cut_io,
+                    )  # fmt: skip
+            elif linked and work.chunk == 0:
+                route_line(
+                    work, marks, k, links, first, last, point_from_io, point_saving_io, point_neck_out, share_cut_io
+                )
+            while work.chunk > 0 and link < share_links_sum[k][0] and links.link_from[link] <= last:
+                if closed == 0 and links.link_from[link] >= reach:
+                    route_line(
+                        work, marks, k, links, links.link_from[link], cluster_end(links, link, total), point_from_io,
+                        point_saving_io, point_neck_out, share_cut_io,
+                    )  # fmt: skip
+                reach = wp.max(reach, links.link_to[link])
+                link += 1
+            i = last + 1
+            channel += 1
+
+    return SimpleNamespace(vec2=vec2, Links=Links, open_rings=open_rings, find_path=find_path)

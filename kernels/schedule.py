@@ -6,7 +6,20 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline, raster
-from warpriver.kernels.polyline import DONE, FAULT, GOAL, HALT, NUMBER, PARTS, PLANNED, STEPS, TOTAL, TOUCH, Work
+from warpriver.kernels.polyline import (
+    CONTACTS,
+    DONE,
+    FAULT,
+    GOAL,
+    HALT,
+    NUMBER,
+    PARTS,
+    PLANNED,
+    STEPS,
+    TOTAL,
+    TOUCH,
+    Work,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,7 +33,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.schedule_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, vec4, vec3 = line.vec2, line.vec4, wp.types.vector(3, scalar)
+    vec2, vec4, vec3, bits = line.vec2, line.vec4, wp.types.vector(3, scalar), line.bits
     ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
     # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
     FREE = scalar(0.9)
@@ -33,7 +46,6 @@ def build(scalar):
     def begin_substep(
         # in
         substep: wp.array[int],
-        share_contacts_sum: wp.array[int],
         # out
         channel_mobility_out: wp.array[scalar],
         most_out: wp.array[int],
@@ -45,9 +57,7 @@ def build(scalar):
         touch in a sub-step of the row: it joins them.
         """
         channel = wp.tid()
-        touch = bool(False)
-        if share_contacts_sum and status_io[DONE] > 0:
-            touch = share_contacts_sum[share_contacts_sum.shape[0] - 1] > 0
+        touch = status_io[DONE] > 0 and status_io[CONTACTS] > 0
         if touch or status_io[FAULT] != 0 or status_io[STEPS] >= status_io[GOAL] or status_io[HALT] != 0:
             # Every thread comes to the same answer, whether it sees this or not.
             if channel == 0 and status_io[HALT] == 0:
@@ -82,11 +92,12 @@ def build(scalar):
         channel_limit: wp.array[vec3],
         substep: wp.array[int],
         # out
-        channel_mobility_io: wp.array[scalar],
+        channel_mobility_io: wp.array[bits],
     ):
         """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held.
 
         A channel that would do the step in one part even on flat ground counts as free as soon as any point can move.
+        Numbers from 0 on are in the order of their bits, of which a GPU finds the greatest without a loop.
         """
         if substep[PLANNED] != 0:
             return
@@ -105,7 +116,7 @@ def build(scalar):
                 i += 1
             if highest >= enough:
                 highest = ONE
-            wp.atomic_max(channel_mobility_io, channel, highest)
+            wp.atomic_max(channel_mobility_io, channel, wp.cast(highest, bits))
             i = stop
             channel += 1
 

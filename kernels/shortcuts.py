@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, Work
+from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED, Work
 
 wp.set_module_options({"enable_backward": False})
 
@@ -123,6 +123,13 @@ def build(scalar):
         return last
 
     @wp.func(module=name)
+    def highest_first(bucket_head: wp.array[int], fields: int, bucket: int, nearest: int) -> int:
+        """First point of a bucket's list; none, -1, where the highest point in it lies before ``nearest``."""
+        if bucket_head[fields * bucket + fields - 1] <= nearest:
+            return -1
+        return bucket_head[fields * bucket] - 1
+
+    @wp.func(module=name)
     def partners_of(
         point: wp.array[vec2],
         section: wp.array[vec2],
@@ -135,10 +142,13 @@ def build(scalar):
         i: int,
         form: vec4,
         min_arc: scalar,
-        ordered: int,
+        fields: int,
         law: ShortcutLaw,
-    ) -> int:
-        """Number of later points that point i may be joined to."""
+    ) -> wp.vec2i:
+        """Number of later points that point i may be joined to, and the last of them, 0 without any.
+
+        ``fields`` of a bucket: 1 where its list descends.
+        """
         here = point[i]
         radius = law.radius * form[2]
         nearest = lowest_partner(section, i, form[2], min_arc)
@@ -147,19 +157,22 @@ def build(scalar):
         per_cell = HALF / radius
         x0 = table.floor_int(here[0] * per_cell - HALF)
         y0 = table.floor_int(here[1] * per_cell - HALF)
-        found = int(0)
+        found = wp.vec2i(0, 0)
+        lowest = int(0)
+        if fields == 1:
+            lowest = nearest
         for corner in range(4):
             x = x0 + (corner & 1)
             y = y0 + (corner >> 1)
-            j = bucket_head[4 * first + table.bucket_of(x, y, mask)] - 1
-            while j >= ordered * nearest:
+            j = highest_first(bucket_head, fields, 4 * first + table.bucket_of(x, y, mask), nearest)
+            while j >= lowest:
                 if (
                     j >= nearest
                     and j <= farthest
                     and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
                     and is_in_cell(point[j] * per_cell, x, y)
                 ):
-                    found += 1
+                    found = wp.vec2i(found[0] + 1, wp.max(found[1], j))
                 j = point_next[j] - 1
         return found
 
@@ -176,11 +189,16 @@ def build(scalar):
         i: int,
         form: vec4,
         min_arc: scalar,
+        fields: int,
         law: ShortcutLaw,
         offset: int,
+        stop: int,
         link_to_io: wp.array[int],
     ) -> int:
-        """List the points that point i may be joined to in ascending order from ``offset`` on; gives the end."""
+        """List the points that point i may be joined to in ascending order from ``offset`` on; gives the end.
+
+        As many as were counted, up to ``stop``.
+        """
         here = point[i]
         radius = law.radius * form[2]
         nearest = lowest_partner(section, i, form[2], min_arc)
@@ -193,11 +211,12 @@ def build(scalar):
         for corner in range(4):
             x = x0 + (corner & 1)
             y = y0 + (corner >> 1)
-            j = bucket_head[4 * first + table.bucket_of(x, y, mask)] - 1
+            j = highest_first(bucket_head, fields, 4 * first + table.bucket_of(x, y, mask), nearest)
             while j >= 0:
                 if (
                     j >= nearest
                     and j <= farthest
+                    and end < stop
                     and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
                     and is_in_cell(point[j] * per_cell, x, y)
                 ):
@@ -211,11 +230,11 @@ def build(scalar):
         return end
 
     @wp.func(module=name)
-    def first_link(share_links_sum: wp.array[int], k: int) -> int:
+    def first_link(share_links_sum: wp.array[wp.vec2i], k: int) -> int:
         """First shortcut of a share of the work, from the inclusive sum."""
         if k == 0:
             return 0
-        return share_links_sum[k - 1]
+        return share_links_sum[k - 1][0]
 
     @wp.kernel(module=name, enable_backward=False)
     def count_shortcuts(
@@ -227,7 +246,6 @@ def build(scalar):
         # params
         law: ShortcutLaw,
         work: Work,
-        ordered: int,
         # in
         point_moved: wp.array[vec2],
         section_moved: wp.array[vec2],
@@ -237,28 +255,32 @@ def build(scalar):
         point_links_out: wp.array[int],
         point_neck_out: wp.array[int],
         point_from_out: wp.array[int],
-        share_links_out: wp.array[int],
-        channel_links_io: wp.array[int],
+        share_links_out: wp.array[wp.vec2i],
+        share_cut_out: wp.array[wp.vec2i],
+        channel_links_out: wp.array[int],
     ):
-        """Number of shortcuts that begin at each point, in each share of the work and in each channel.
+        """Number of shortcuts that begin at each point, and in each share with the last point that one of them reaches.
 
         i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a ring,
         and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck
         the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are joined at
-        any angle. ``ordered`` as for necks: the lists descend. Clears what the path is noted in; channels whose step is
-        0 have none.
+        any angle. Slabs have lists that descend, as for necks, and count by channel, too. Clears what the path is noted
+        in; channels whose step is 0 have none.
         """
+        if work.status[HALT] != 0:
+            return
         k = work.first + wp.tid()
+        fields = 1 + wp.min(work.chunk, 1)
         share = line.point_range(work, channel_start, channel_form.shape[0], k)
         i = int(share[0])
         end = share[1]
         channel = int(share[2])
-        links = int(0)
+        links = wp.vec2i(0, 0)
         while i < end:
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
-            own = int(0)
+            own = wp.vec2i(0, 0)
             if channel_step[channel] > ZERO:
                 mask = table.bucket_mask(last + 1 - first)
                 closed = line.closed_at(law.channel_closed, channel)
@@ -267,20 +289,24 @@ def build(scalar):
                 for j in range(i, stop):
                     found = partners_of(
                         point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
-                        min_arc, ordered, law,
+                        min_arc, fields, law,
                     )  # fmt: skip
-                    own += found
-                    point_links_out[j] = found
+                    own = wp.vec2i(own[0] + found[0], wp.max(own[1], found[1]))
+                    point_links_out[j] = found[0]
+                    point_neck_out[j] = -1
+                    point_from_out[j] = 0
+            elif work.chunk > 0:
+                for j in range(i, stop):
+                    point_links_out[j] = 0
                     point_neck_out[j] = -1
                     point_from_out[j] = 0
             if work.chunk == 0:
-                channel_links_io[channel] = own
-            elif own > 0:
-                wp.atomic_add(channel_links_io, channel, own)
-            links += own
+                channel_links_out[channel] = own[0]
+            links = wp.vec2i(links[0] + own[0], wp.max(links[1], own[1]))
             i = stop
             channel += 1
         share_links_out[k] = links
+        share_cut_out[k] = wp.vec2i(0, 0)
 
     @wp.kernel(module=name, enable_backward=False)
     def list_shortcuts(
@@ -288,6 +314,7 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
+        channel_step: wp.array[scalar],
         # params
         law: ShortcutLaw,
         work: Work,
@@ -298,7 +325,7 @@ def build(scalar):
         bucket_head: wp.array[int],
         point_links: wp.array[int],
         channel_links: wp.array[int],
-        share_links_sum: wp.array[int],
+        share_links_sum: wp.array[wp.vec2i],
         # out
         point_link_out: wp.array[int],
         link_from_out: wp.array[int],
@@ -309,13 +336,19 @@ def build(scalar):
 
         A point at which any begin notes the first of them.
         """
-        if share_links_sum[share_links_sum.shape[0] - 1] > link_to_out.shape[0]:
-            wp.atomic_max(status_io, FAULT, FAULT_SHORTCUTS_FULL)
+        if work.status[HALT] != 0:
             return
         k = work.first + wp.tid()
-        slot = first_link(share_links_sum, k)
-        if share_links_sum[k] == slot:
+        total = share_links_sum[share_links_sum.shape[0] - 1][0]
+        if k == 0:
+            status_io[LINKS_NEEDED] = total
+        if total > link_to_out.shape[0]:
+            wp.atomic_max(status_io, FAULT, FAULT_SHORTCUTS_FULL)
             return
+        slot = first_link(share_links_sum, k)
+        if share_links_sum[k][0] == slot:
+            return
+        fields = 1 + wp.min(work.chunk, 1)
         share = line.point_range(work, channel_start, channel_form.shape[0], k)
         i = int(share[0])
         end = share[1]
@@ -324,7 +357,10 @@ def build(scalar):
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
-            if channel_links[channel] > 0:
+            linked = channel_step[channel] > ZERO
+            if work.chunk == 0:
+                linked = channel_links[channel] > 0
+            if linked:
                 mask = table.bucket_mask(last + 1 - first)
                 closed = line.closed_at(law.channel_closed, channel)
                 form = channel_form[channel]
@@ -334,7 +370,7 @@ def build(scalar):
                         begin = slot
                         slot = write_partners(
                             point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
-                            min_arc, law, begin, link_to_out,
+                            min_arc, fields, law, begin, begin + point_links[j], link_to_out,
                         )  # fmt: skip
                         point_link_out[j] = begin
                         for m in range(begin, slot):
@@ -348,31 +384,30 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.float64],
-        share_links_sum: wp.array[int],
+        point_arc: wp.array[wp.int64],
+        chunk_offset: wp.array[wp.int64],
+        share_links_sum: wp.array[wp.vec2i],
         link_from: wp.array[int],
         link_to: wp.array[int],
         # out
         link_saving_out: wp.array[wp.float64],
-        chunk_linked_io: wp.array[int],
+        chunk_mark_io: wp.array[wp.vec2i],
     ):
-        """What each shortcut saves, the arc i .. j less its own length; flags the chunks where one begins or ends."""
-        if share_links_sum[share_links_sum.shape[0] - 1] > link_saving_out.shape[0]:
+        """What each shortcut saves, the arc i .. j less its own length; marks the chunks where one begins or ends."""
+        if work.status[HALT] != 0 or share_links_sum[share_links_sum.shape[0] - 1][0] > link_saving_out.shape[0]:
             return
         k = work.first + wp.tid()
-        for m in range(first_link(share_links_sum, k), share_links_sum[k]):
+        for m in range(first_link(share_links_sum, k), share_links_sum[k][0]):
             i = link_from[m]
             j = link_to[m]
-            head = line.arc_at(point_arc, chunk_offset, work.chunk, i)
-            arc = line.arc_at(point_arc, chunk_offset, work.chunk, j) - head
+            arc = line.arc_between(point_arc, chunk_offset, work.chunk, i, j)
             chord = point_moved[j] - point_moved[i]
             dx = wp.float64(chord[0])
             dy = wp.float64(chord[1])
             link_saving_out[m] = arc - wp.sqrt(dx * dx + dy * dy)
             if work.chunk > 0:
-                wp.atomic_max(chunk_linked_io, i // work.chunk, 1)
-                wp.atomic_max(chunk_linked_io, j // work.chunk, 1)
+                wp.atomic_max(chunk_mark_io, i // work.chunk, wp.vec2i(1, 0))
+                wp.atomic_max(chunk_mark_io, j // work.chunk, wp.vec2i(1, 0))
 
     return SimpleNamespace(
         vec2=vec2,

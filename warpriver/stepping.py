@@ -15,7 +15,11 @@ import warp as wp
 from warpriver.crs import short_name
 from warpriver.history import Collision, Cutoff, History, Record, Split
 from warpriver.kernels.polyline import (
+    CONTACTS,
+    CUT_POINTS,
+    CUT_POINTS_NEEDED,
     CUTS,
+    CUTS_NEEDED,
     DONE,
     FAULT,
     FAULT_NONE,
@@ -24,6 +28,9 @@ from warpriver.kernels.polyline import (
     FAULT_SHORTCUTS_FULL,
     HALT,
     PARTS,
+    POINTS,
+    POINTS_NEEDED,
+    STATUS_SIZE,
     STEPS,
     TOUCH,
 )
@@ -169,7 +176,7 @@ class Stepper:
         narrow = widest = network.channel_width
         shallow = network.channel_depth
         if network.point_section is not None:
-            section = network.point_section.numpy()[: network.point_count].astype(np.float64)
+            section = network.point_section[: network.point_count].numpy().astype(np.float64)
             first = network.starts()[:-1]
             narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
             widest = np.maximum.reduceat(section[:, 0], first)
@@ -265,7 +272,7 @@ class Stepper:
             buffers = self.buffers
             buffers.begin_row(steps=0)
             self._run(resample(network, self.channels, buffers))
-            needed = int(self.channels.start_next.numpy()[-1])
+            needed = buffers.read_status()[POINTS_NEEDED]
             if needed <= buffers.point_capacity:
                 network.point_count = needed
                 return
@@ -304,50 +311,58 @@ class Stepper:
             steps = goal - self.step_count
             row = max(1, min(self._in_a_row, self._calm, steps * self.substeps))
             # Powers of two: a few recordings serve rows of any length.
-            self._launch(1 << row.bit_length() - 1, steps)
-            status = self.buffers.read_status()
+            status = self._launch(1 << row.bit_length() - 1, steps)
             if status[DONE] > 0:
-                self.network.point_count = self.channels.read_point_count()
+                self.network.point_count = status[POINTS]
                 self.substeps = status[PARTS]
-            times = self._times_after(status[DONE])
-            self._collect_cutoffs(status[CUTS], times)
+            times = self._times_after(status)
+            edited = self._collect_cutoffs(status[CUTS], status[CUT_POINTS], times)
             self._calm += status[DONE]
-            if status[FAULT] == FAULT_NONE:
+            if status[FAULT] == FAULT_NONE and (status[CONTACTS] > 0 or edited):
                 self._resolve_collisions(times[-1], status[HALT] == TOUCH)
             self.step_count += status[STEPS]
             if status[FAULT] != FAULT_NONE:
-                self._make_room(status[FAULT])
+                self._make_room(status)
 
-    def _times_after(self, count: int) -> list[float]:
+    def _times_after(self, status: list[int]) -> list[float]:
         """Time in yr after each of the sub-steps of a row."""
         steps, times = self.step_count, []
-        for number, total in self.channels.read_substeps_done(count):
+        done = status[STATUS_SIZE : STATUS_SIZE + 2 * status[DONE]]
+        for number, total in zip(done[::2], done[1::2], strict=True):
             times.append((steps + (number + 1) / total) * self.params.time_step)
             steps += number + 1 == total
         return times
 
-    def _launch(self, count: int, steps: int) -> None:
-        """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked."""
-        self.buffers.begin_row(steps)
+    def _launch(self, count: int, steps: int) -> list[int]:
+        """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked.
+
+        Returns:
+            The status after them.
+        """
+        buffers, channels = self.buffers, self.channels
+        if self._capture:
+            if count not in self._replays:
+                stages = buffers.status.stages(self._stages() * count)
+                self._replays[count] = Replay(stages, channels.whole, channels.slabs, self.device, self._pool)
+            buffers.status.begin(steps)
+            self._replays[count].run()
+            return buffers.status.read().tolist()
+        buffers.begin_row(steps)
         if self.check:
             for phase, group in itertools.groupby(self._stages(), lambda stage: stage.phase):
                 self._run(group)
-                checks.check_phase(phase, self.network, self.channels, self.buffers, self.params.junction_drift == 0.0)
-        elif not self._capture:
-            self._run(self._stages())
+                checks.check_phase(phase, self.network, channels, buffers, self.params.junction_drift == 0.0)
         else:
-            if count not in self._replays:
-                stages, channels = self._stages() * count, self.channels
-                self._replays[count] = Replay(stages, channels.whole, channels.slabs, self.device, self._pool)
-            self._replays[count].run()
+            self._run(self._stages() * count)
+        return buffers.read_status()
 
-    def _make_room(self, fault: int) -> None:
-        """Enlarge what a sub-step found too small.
+    def _make_room(self, status: list[int]) -> None:
+        """Enlarge what a sub-step found too small; where a row as a whole did, the next one has all the room.
 
         Raises:
             FloatingPointError: That was not what is wrong.
         """
-        buffers, channels, self._calm = self.buffers, self.channels, 0
+        buffers, fault, self._calm = self.buffers, status[FAULT], 0
         if fault == FAULT_NOT_FINITE:
             raise FloatingPointError(
                 f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
@@ -357,30 +372,32 @@ class Stepper:
             buffers.make_room_for_shortcuts()
             self._replays = {}
         elif fault == FAULT_OXBOWS_FULL:
-            cuts = int(channels.cuts_sum.numpy()[-1])
-            loop_points = int(channels.cut_points_sum.numpy()[-1])
-            self._allocate(
-                buffers.point_capacity,
-                max(buffers.cut_capacity, 2 * cuts),
-                max(buffers.oxbow_capacity, 2 * loop_points),
-            )
+            cuts, points = status[CUTS_NEEDED], status[CUT_POINTS_NEEDED]
+            if cuts > buffers.cut_capacity or points > buffers.oxbow_capacity:
+                cuts, points = max(buffers.cut_capacity, 2 * cuts), max(buffers.oxbow_capacity, 2 * points)
+                buffers.allocate_cuts(self.network, cuts, points)
+                self._replays = {}
         else:
-            needed = int(channels.start_next.numpy()[-1])
-            self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
+            needed = int(HEADROOM * status[POINTS_NEEDED])
+            self._allocate(needed, buffers.cut_capacity, buffers.oxbow_capacity)
 
-    def _collect_cutoffs(self, count: int, times: list[float]) -> None:
+    def _collect_cutoffs(self, count: int, points: int, times: list[float]) -> bool:
         """Move the cutoffs and splits of the sub-steps just done into the history; of a ring, both parts may go on.
 
         Args:
             count: How many there are.
+            points: How many points they have.
             times: Time after each of those sub-steps, yr.
+
+        Returns:
+            Whether channels were added.
         """
         if count == 0:
-            return
+            return False
         buffers, network = self.buffers, self.network
-        cut = buffers.cut.numpy()[:count]
-        xy = buffers.oxbow_xy.numpy().astype(np.float64)[: cut[-1, 1] + cut[-1, 2]] + network.origin
-        section = None if buffers.oxbow_section is None else buffers.oxbow_section.numpy()
+        cut = buffers.cut[:count].numpy()
+        xy = buffers.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
+        section = None if buffers.oxbow_section is None else buffers.oxbow_section[:points].numpy()
         both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
         edited = split_rings(network, cut[split, :3], xy) if split.any() else None
@@ -395,6 +412,7 @@ class Stepper:
         if edited is not None:
             self._adopt(edited)
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
+        return edited is not None
 
     def _resolve_collisions(self, time: float, halted: bool) -> None:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more.
@@ -409,7 +427,7 @@ class Stepper:
             self.buffers.begin_row()
             self._run(find_contacts(self.network, self.channels, self.buffers, self._collisions))
         for _ in range(COLLISION_ROUNDS):
-            if int(self.channels.share_contacts_sum.numpy()[-1]) == 0:
+            if self.buffers.read_status()[CONTACTS] == 0:
                 return
             self._calm = 0
             contacts = list_contacts(self.network, self.channels, self.buffers, self._collisions)
@@ -480,7 +498,7 @@ class Stepper:
         """Bring the nodes to where junctions have wandered."""
         if self.params.junction_drift > 0.0:
             network, start = self.network, self.network.starts()
-            xy = network.point_xy.numpy()
+            xy = network.point_xy[: network.point_count].numpy()
             for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
                 network.node_xy[node] = xy[end].astype(np.float64) + network.origin
 

@@ -37,7 +37,7 @@ def check_phase(
     if buffers.read_status()[FAULT] != FAULT_NONE:
         return  # the step will not be taken over
     if phase == "resample":
-        if int(channels.start_next.numpy()[-1]) <= buffers.point_capacity:
+        if int(channels.start_next[-1:].numpy()[0]) <= buffers.point_capacity:
             _check_resampled(network, channels.spacing.numpy()[: network.channel_count].astype(np.float64))
     elif phase in ("migrate", "smooth", "cut off"):
         _check_moved(phase, network, channels, buffers, anchored or phase in ("migrate", "smooth"))
@@ -55,10 +55,10 @@ def _check_moved(
         kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
         _require(kept, phase, "lost its anchored end", "channel")
     if phase == "cut off":
-        cut = buffers.cut.numpy()[: int(channels.cuts_sum.numpy()[-1])]
+        count, total = buffers.share_cut_sum[-1:].numpy()[0].tolist()
+        cut = buffers.cut[:count].numpy()
         _require(np.diff(cut[:, 0]) >= 0, phase, "is out of order", "cutoff")
         _require(cut[:, 2] >= 3, phase, "has no loop", "cutoff")
-        total = int(channels.cut_points_sum.numpy()[-1])
         following = np.concatenate([cut[1:, 1], [total]])[: len(cut)]
         _require(following == cut[:, 1] + cut[:, 2], phase, "has a gap", "cutoff")
 

@@ -91,7 +91,7 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
 
 
 def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any) -> list[Stage]:
-    """Return the stages that count the places where channels touch, ``channels.share_contacts_sum[-1]``.
+    """Return the stages that count the places where channels touch, into ``buffers.status``.
 
     Of two channels that touch at least one must not be at rest.
 
@@ -115,23 +115,30 @@ def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
                 network.point_xy, channels.start, channels.form, channels.spacing, channels.step, channels.closed,
                 law, whole.work,
             ],
-            outputs=[buffers.point_next, buffers.point_neck, buffers.block_bucket],
+            outputs=[buffers.point_next, buffers.point_neck, buffers.block_bucket, buffers.status.array],
             device=device,
         )  # fmt: skip
 
-    def number(_: Share) -> None:
-        wp.utils.array_scan(channels.share_contacts, channels.share_contacts_sum, inclusive=True)
+    def count(_: Share) -> None:
+        wp.launch(
+            kernel.count_contacts,
+            dim=1,
+            inputs=[channels.share_contacts],
+            outputs=[buffers.status.array],
+            device=device,
+        )
 
     return [
         Stage("collide", insert, shared=False),
         Stage("collide", lambda share: _search(network, channels, buffers, law, share, None)),
-        Stage("collide", number, shared=False),
+        *([Stage("collide", count, shared=False)] if buffers.chunk == 0 else []),
     ]
 
 
 def list_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any) -> np.ndarray:
     """Return the contacts that :func:`find_contacts` counted, (K, 2) point indices, in the order of the points."""
-    count = int(channels.share_contacts_sum.numpy()[-1])
+    channels.scan_contacts.run()
+    count = int(channels.share_contacts_sum[-1:].numpy()[0])
     if count == 0:
         return np.zeros((0, 2), np.int32)
     contact = wp.zeros(count, dtype=wp.vec2i, device=network.device)
@@ -154,7 +161,7 @@ def _search(
             channels.spacing, channels.step, channels.closed, law, share.work, buffers.point_next,
             buffers.point_neck, buffers.block_bucket, channels.share_contacts_sum,
         ],
-        outputs=[out, channels.share_contacts],
+        outputs=[out, channels.share_contacts, buffers.status.array],
         device=network.device,
     )  # fmt: skip
 

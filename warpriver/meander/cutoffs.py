@@ -6,11 +6,11 @@ import warp as wp
 
 from warpriver.kernels import cutoffs as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
 
-__all__ = ["cut_loops", "cut_off", "link_points"]
+__all__ = ["cut_loops", "cut_off", "link_points", "list_marks"]
 
 
 def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams) -> list[Stage]:
@@ -24,36 +24,51 @@ def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
     """
     if params.cutoff_distance == 0.0:
         return []
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    # A slab links its points in order.
-    start, distance, ordered = channels.start, params.cutoff_distance, int(buffers.chunk == 0)
+    kernel, device, b = kernels.build(PRECISIONS[network.dtype][0]), network.device, buffers
+    start, distance = channels.start, params.cutoff_distance
     keep_longer = int(params.ring_policy == "longer")
 
     def find(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.find_necks,
-            dim=share.point_threads,
-            inputs=[
+            share.point_threads,
+            [
                 start, channels.form, channels.spacing, channels.step, channels.closed, distance,
-                params.cutoff_min_arc, share.work, ordered, buffers.point_moved, buffers.section_moved,
-                buffers.point_next, buffers.bucket_head,
+                params.cutoff_min_arc, share.work, b.point_moved, b.section_moved, b.point_next, b.bucket_head,
             ],
-            outputs=[buffers.point_neck, buffers.chunk_necks, channels.necks],
-            device=device,
+            [b.point_neck, b.chunk_mark, b.share_cut, channels.necks],
+            device,
         )  # fmt: skip
-        wp.launch(
+
+    def select(share: Share) -> None:
+        launch(
             kernel.select_cuts,
-            dim=share.channel_threads,
-            inputs=[start, channels.closed, keep_longer, share.work, buffers.chunk_necks, channels.necks],
-            outputs=[channels.cuts, channels.cut_points, buffers.point_neck],
-            device=device,
+            share.point_threads,
+            [start, channels.closed, keep_longer, share.work, channels.necks, b.chunk_mark_sum, b.marks, b.point_neck],
+            [b.point_cut, b.share_cut],
+            device,
         )
 
     return [
         *link_points(network, channels, buffers, distance),
         Stage("cut off", find),
-        *cut_loops(network, channels, buffers),
+        *list_marks(network, buffers),
+        Stage("cut off", select),
+        *cut_loops(network, channels, buffers, b.point_cut),
     ]
+
+
+def list_marks(network: RiverNetwork, buffers: StepBuffers) -> list[Stage]:
+    """Return the stages that list the chunks marked in ``buffers.chunk_mark``, in ``marks``; none without chunks."""
+    if buffers.chunk == 0:
+        return []
+    kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
+
+    def run(_: Share) -> None:
+        b.scan_marks.run()
+        launch(kernel.list_marks, b.chunk_count, [b.chunk_mark_sum], [b.marks.place, b.marks.chunk], network.device)
+
+    return [Stage("cut off", run, shared=False)]
 
 
 def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, distance: float) -> list[Stage]:
@@ -61,16 +76,14 @@ def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuff
 
     Args:
         network: The network whose points moved.
-        channels: Its channels; ``necks`` is made ready to be counted up.
-        buffers: Gets ``point_next`` and ``bucket_head``; ``chunk_necks`` is made ready to be counted up.
+        channels: Its channels.
+        buffers: Gets ``point_next`` and ``bucket_head``.
         distance: How far apart near points are at most, in greatest widths of the channel; a cell is twice as wide.
     """
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
     def clear(_: Share) -> None:
         buffers.bucket_head.zero_()
-        buffers.chunk_necks.zero_()
-        channels.necks.zero_()
 
     def link(share: Share) -> None:
         wp.launch(
@@ -86,33 +99,46 @@ def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuff
     return [*cleared, Stage("cut off", link)]
 
 
-def cut_loops(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers) -> list[Stage]:
-    """Return the stages that cut off the loops between each point and its ``point_neck``; they must not overlap.
+def cut_loops(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, point_cut: wp.array) -> list[Stage]:
+    """Return the stages that cut off the loops between each point and its ``point_cut``; they must not overlap.
 
-    The loops go to ``buffers.cut`` and ``buffers.oxbow_xy`` in the order of the channels; their inner points in
+    The loops go to ``buffers.cut`` and ``buffers.oxbow_xy`` in the order of the points; their inner points in
     ``point_moved`` become copies of the point before, which have no length.
 
     Args:
         network: The network whose points moved.
-        channels: Its channels; ``cuts`` and ``cut_points`` tell how much there is to cut.
-        buffers: ``point_neck`` and, with chunks, ``chunk_necks`` are read.
+        channels: Its channels.
+        buffers: ``share_cut`` tells how much there is to cut, ``point_neck`` is -1 where nothing is.
+        point_cut: (P,) int32, see ``buffers``.
     """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
+    kernel, device, b = kernels.build(PRECISIONS[network.dtype][0]), network.device, buffers
 
-    def number(_: Share) -> None:
-        wp.utils.array_scan(channels.cuts, channels.cuts_sum, inclusive=True)
-        wp.utils.array_scan(channels.cut_points, channels.cut_points_sum, inclusive=True)
-
-    def cut(share: Share) -> None:
-        wp.launch(
-            kernel.cut_necks,
-            dim=share.channel_threads,
-            inputs=[
-                channels.start, share.work, buffers.chunk_necks, channels.cuts_sum,
-                channels.cut_points_sum, buffers.point_neck, buffers.section_moved,
+    def record(share: Share) -> None:
+        launch(
+            kernel.record_cuts,
+            share.point_threads,
+            [
+                channels.start, share.work, channels.necks, b.share_cut, b.share_cut_sum, b.point_neck, point_cut,
+                b.section_moved,
             ],
-            outputs=[buffers.cut, buffers.oxbow_xy, buffers.oxbow_section, buffers.point_moved, buffers.status],
-            device=device,
+            [b.cut, b.cut_span, b.oxbow_xy, b.oxbow_section, b.point_moved, b.status.array],
+            device,
         )  # fmt: skip
 
-    return [Stage("cut off", number, shared=False), Stage("cut off", cut)]
+    def save(share: Share) -> None:
+        launch(
+            kernel.save_loops,
+            share.point_threads,
+            [
+                channels.start, share.work, b.share_cut, b.share_cut_sum, b.cut, b.cut_span, b.section_moved,
+                b.status.array,
+            ],
+            [b.oxbow_xy, b.oxbow_section, b.point_moved],
+            device,
+        )  # fmt: skip
+
+    return [
+        Stage("cut off", lambda _: b.scan_cuts.run(), shared=False),
+        Stage("cut off", record),
+        Stage("cut off", save),
+    ]

@@ -162,7 +162,7 @@ def migrate(
             kernel.move_points,
             dim=share.point_threads,
             inputs=[*shape, height, grid, law, share.work, buffers.point_rate],
-            outputs=[buffers.point_moved, buffers.section_moved, channels.pace],
+            outputs=[buffers.point_moved, buffers.section_moved, channels.pace_bits],
             device=device,
         )
 

@@ -94,7 +94,7 @@ def push(
             kernel.shift_points,
             dim=share.point_threads,
             inputs=[*shape, channels.area, height, grid, law, share.work, buffers.point_push],
-            outputs=[buffers.point_moved, buffers.section_moved, channels.pace],
+            outputs=[buffers.point_moved, buffers.section_moved, channels.pace_bits],
             device=device,
         )
 

@@ -28,12 +28,12 @@ def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
             kernel.measure_arcs,
             dim=share.point_threads,
             inputs=[channels.start, channels.step, share.work, buffers.point_moved],
-            outputs=[buffers.point_arc, buffers.chunk_length],
+            outputs=[buffers.point_arc, buffers.chunk_length, buffers.status.array],
             device=device,
         )
 
     def offset_chunks(_: Share) -> None:
-        wp.utils.array_scan(buffers.chunk_length, buffers.chunk_offset, inclusive=True)
+        buffers.scan_lengths.run()
 
     return [Stage(phase, measure_arcs), *([Stage(phase, offset_chunks, shared=False)] if buffers.chunk > 0 else [])]
 
@@ -45,8 +45,8 @@ def resample(
 
     A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
     ring gets n points for its n segments, at least 8. A channel at rest keeps its points. Nothing is taken over when
-    ``buffers.status`` tells of a fault. It does when the points do not fit into the capacity: then the last entry of
-    ``channels.start_next`` tells how much room the step needs.
+    ``buffers.status`` tells of a fault. It does when the points do not fit into the capacity, and tells how much room
+    the step needs.
 
     Args:
         network: Gets the new points, and ``channel_start``.
@@ -65,12 +65,12 @@ def resample(
                 start, channels.form, channels.spacing, channels.step, channels.closed, share.work,
                 buffers.point_moved, buffers.point_arc, offset,
             ],
-            outputs=[channels.samples, channels.spacing_next, buffers.status],
+            outputs=[channels.samples, channels.spacing_next, buffers.status.array],
             device=device,
         )  # fmt: skip
 
     def number(_: Share) -> None:
-        wp.utils.array_scan(channels.samples, channels.start_next[1:], inclusive=True)
+        channels.scan_samples.run()
 
     def sample(share: Share) -> None:
         wp.launch(
@@ -78,7 +78,7 @@ def resample(
             dim=share.point_threads,
             inputs=[
                 start, channels.spacing_next, channels.step, channels.closed, share.work, channels.start_next,
-                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.status,
+                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.status.array,
             ],
             outputs=[network.point_xy, network.point_section],
             device=device,
@@ -89,10 +89,10 @@ def resample(
             kernel.commit_step,
             dim=channels.capacity + 1,
             inputs=[
-                buffers.point_capacity, int(keep_plan), channels.start_next, channels.spacing_next, channels.cuts_sum,
-                channels.cut_points_sum,
+                buffers.point_capacity, int(keep_plan), channels.start_next, channels.spacing_next,
+                buffers.share_cut_sum,
             ],
-            outputs=[start, channels.spacing, channels.substep_done, channels.substep, buffers.status],
+            outputs=[start, channels.spacing, channels.substep, buffers.status.array],
             device=device,
         )  # fmt: skip
 

@@ -8,7 +8,7 @@ from warpriver.kernels import routes as kernels
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.cutoffs import cut_loops
 from warpriver.meander.shortcuts import PathBuffers, find_shortcuts
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 
@@ -22,13 +22,14 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
     is follows from the ring's head, a point that none passes over (see the kernel ``open_rings``): the route is the
     shortest of all closed ones that pass the head once, and the marked point where the part that holds it goes on.
 
-    Linear in points and edges. The sweep is serial down a channel; channels without a shortcut are passed over, and,
-    with chunks, those that hold no end of one. Channels run in parallel.
+    Linear in points and edges. On the CPU the sweep is serial down a channel, and channels without a shortcut are passed
+    over. With chunks, clusters of shortcuts that reach over each other are swept in parallel, from one chunk that holds
+    an end of one to the next; a ring is swept by one thread.
 
     Args:
         network: The network whose points moved.
-        channels: Its channels; get the counts of cuts.
-        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins.
+        channels: Its channels.
+        buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins, and ``share_cut``.
         params: ``ring_policy``.
     """
     kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
@@ -40,24 +41,22 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
             dim=share.channel_threads,
             inputs=[
                 channels.start, channels.closed, longer, share.work, b.point_moved, b.point_arc, b.chunk_offset,
-                b.point_links, b.point_link, b.share_links_sum, channels.necks, b.chunk_linked, b.link_to,
+                b.point_links, b.point_link, b.share_links_sum, channels.necks, b.marks, b.link_to,
             ],
             outputs=[b.link_saving, b.point_from, channels.head],
             device=network.device,
         )  # fmt: skip
 
     def find(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.find_path,
-            dim=share.channel_threads,
-            inputs=[
-                channels.start, share.work, channels.head, b.point_links, b.point_link, b.share_links_sum,
-                channels.necks, b.chunk_linked, b.link_to, b.link_saving,
+            share.point_threads,
+            [
+                channels.start, share.work, channels.closed, channels.head, channels.necks, b.share_links_sum, b.marks,
+                b.links,
             ],
-            outputs=[
-                b.point_from, b.point_saving, b.point_neck, b.chunk_necks, channels.cuts, channels.cut_points,
-            ],
-            device=network.device,
+            [b.point_from, b.point_saving, b.point_neck, b.share_cut],
+            network.device,
         )  # fmt: skip
 
     opened = [] if channels.closed is None else [Stage("cut off", open_rings)]
@@ -78,5 +77,5 @@ def take_shortcuts(
     return [
         *find_shortcuts(network, channels, buffers, params),
         *find_path(network, channels, buffers, params),
-        *cut_loops(network, channels, buffers),
+        *cut_loops(network, channels, buffers, buffers.point_neck),
     ]

@@ -57,8 +57,8 @@ def _plan(
         wp.launch(
             kernel.begin_substep,
             dim=channels.capacity,
-            inputs=[channels.substep, channels.share_contacts_sum],
-            outputs=[channels.mobility, channels.most, buffers.status],
+            inputs=[channels.substep],
+            outputs=[channels.mobility, channels.most, buffers.status.array],
             device=device,
         )
 
@@ -72,7 +72,7 @@ def _plan(
                 terrain.grid(network.dtype, network.origin), params.slope_threshold, params.time_step, share.work,
                 channels.limit, channels.substep,
             ],
-            outputs=[channels.mobility],
+            outputs=[channels.mobility_bits],
             device=device,
         )  # fmt: skip
 
@@ -81,7 +81,7 @@ def _plan(
             kernel.plan_steps,
             dim=channels.capacity,
             inputs=[
-                channels.limit, params.time_step, channels.substep, buffers.status, channels.mobility, channels.pace,
+                channels.limit, params.time_step, channels.substep, buffers.status.array, channels.mobility, channels.pace,
             ],
             outputs=[channels.parts, channels.most],
             device=device,
@@ -115,6 +115,6 @@ def schedule_channels(
         kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
         dim=channels.capacity,
         inputs=[channels.parts, time_step, most],
-        outputs=[channels.step, pace, substep, buffers.status],
+        outputs=[channels.step, pace, substep, buffers.status.array],
         device=network.device,
     )

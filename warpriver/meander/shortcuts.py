@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import warp as wp
 
 from warpriver.kernels import shortcuts as kernels
+from warpriver.kernels.polyline import LINKS_NEEDED
+from warpriver.kernels.routes import Links
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.cutoffs import link_points
+from warpriver.meander.cutoffs import link_points, list_marks
 from warpriver.meander.resampling import measure
+from warpriver.meander.scans import Scan
 from warpriver.meander.stages import Share, Stage
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
@@ -32,8 +36,8 @@ class PathBuffers(StepBuffers):
         point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
         link_from, link_to: (E,) int32, the shortcuts, in ascending order.
         link_saving: (E,) float64, the arc that each bypasses less its own length, m; -1 for one that is forbidden.
-        share_links, share_links_sum: shortcuts that begin in each slab or chunk of points, and their running sum.
-        chunk_linked: 1 where a shortcut begins or ends in the chunk, where points are dealt out in chunks.
+        share_links, share_links_sum: vec2i, shortcuts that begin in each slab or chunk and the last point that one of
+            them reaches, and their running sum and maximum. ``chunk_mark`` tells where one begins or ends.
     """
 
     def __init__(self, network: RiverNetwork, point_capacity: int, cut_capacity: int, oxbow_capacity: int):
@@ -45,20 +49,28 @@ class PathBuffers(StepBuffers):
         self.point_link = wp.zeros(point_capacity, dtype=wp.int32, device=device)
         self.point_from = wp.zeros(point_capacity, dtype=wp.int32, device=device)
         self.point_saving = wp.zeros(point_capacity, dtype=wp.float64, device=device)
-        self.share_links = wp.zeros(self.share_count, dtype=wp.int32, device=device)
-        self.share_links_sum = wp.zeros(self.share_count, dtype=wp.int32, device=device)
-        self.chunk_linked = wp.zeros(self.chunk_count, dtype=wp.int32, device=device)
+        self.share_links = wp.zeros(self.share_count, dtype=wp.vec2i, device=device)
+        self.share_links_sum = wp.zeros(self.share_count, dtype=wp.vec2i, device=device)
+        self.scan_links = Scan("marks", self.share_links, self.share_links_sum, scalar, serial=self.chunk == 0)
         self._allocate_links(LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * point_capacity))
 
     @property
     def link_count(self) -> int:
         """Shortcuts that the last search found, whether there was room for them or not."""
-        return int(self.share_links_sum.numpy()[-1])
+        return self.read_status()[LINKS_NEEDED]
 
     @property
     def link_capacity(self) -> int:
         """Shortcuts that there is room for."""
         return self.link_to.shape[0]
+
+    @property
+    def links(self) -> Any:
+        """The shortcuts as kernels take them."""
+        links = Links()
+        links.point_links, links.point_link = self.point_links, self.point_link
+        links.link_from, links.link_to, links.link_saving = self.link_from, self.link_to, self.link_saving
+        return links
 
     def _allocate_links(self, count: int) -> None:
         device = self.point_links.device
@@ -92,7 +104,7 @@ def find_shortcuts(
 
     Args:
         network: The network whose points moved.
-        channels: Its channels, of spacing as before the move; ``necks`` gets their number.
+        channels: Its channels, of spacing as before the move.
         buffers: Gets the ``point_links`` and ``link_...`` arrays.
         params: ``search_radius`` and ``cutoff_min_arc`` in widths, ``cone_angle`` in degrees.
     """
@@ -109,21 +121,22 @@ def find_shortcuts(
         wp.launch(
             kernel.count_shortcuts,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, law, share.work, int(b.chunk == 0), *near],
-            outputs=[b.point_links, b.point_neck, b.point_from, b.share_links, channels.necks],
+            inputs=[*shape, channels.step, law, share.work, *near],
+            outputs=[b.point_links, b.point_neck, b.point_from, b.share_links, b.share_cut, channels.necks],
             device=device,
         )
 
     def number(_: Share) -> None:
-        b.chunk_linked.zero_()
-        wp.utils.array_scan(b.share_links, b.share_links_sum, inclusive=True)
+        if b.chunk > 0:
+            b.chunk_mark.zero_()
+        b.scan_links.run()
 
     def list_and_weigh(share: Share) -> None:
         wp.launch(
             kernel.list_shortcuts,
             dim=share.point_threads,
-            inputs=[*shape, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
-            outputs=[b.point_link, b.link_from, b.link_to, b.status],
+            inputs=[*shape, channels.step, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
+            outputs=[b.point_link, b.link_from, b.link_to, b.status.array],
             device=device,
         )
         wp.launch(
@@ -132,7 +145,7 @@ def find_shortcuts(
             inputs=[
                 share.work, b.point_moved, b.point_arc, b.chunk_offset, b.share_links_sum, b.link_from, b.link_to,
             ],
-            outputs=[b.link_saving, b.chunk_linked],
+            outputs=[b.link_saving, b.chunk_mark],
             device=device,
         )  # fmt: skip
 
@@ -142,4 +155,5 @@ def find_shortcuts(
         *measure(network, channels, buffers, "cut off"),
         Stage("cut off", number, shared=False),
         Stage("cut off", list_and_weigh),
+        *list_marks(network, buffers),
     ]

@@ -13,7 +13,17 @@ import warp as wp
 
 from warpriver.kernels.polyline import Work
 
-__all__ = ["Replay", "Share", "Stage", "run_stages"]
+__all__ = ["Replay", "Share", "Stage", "launch", "run_stages"]
+
+# Threads of a block on a GPU. The kernels of a step need up to 150 registers a thread: in blocks of 64 more of them fit
+# on a multiprocessor (65,536 registers) than in Warp's usual 256, and those that need few are not worse off.
+BLOCK_DIM = 64
+
+
+def launch(kernel: Any, threads: int, inputs: list[Any], outputs: list[Any], device: Any) -> None:
+    """Launch a kernel of a step, unless it has no threads: on a GPU an empty launch surfaces as an error later on."""
+    if threads > 0:
+        wp.launch(kernel, threads, inputs, outputs, device=device, block_dim=BLOCK_DIM)
 
 
 @dataclasses.dataclass(frozen=True)
