@@ -16,6 +16,15 @@ COARSEST_SPACING = 1.25
 SLACK_SPACINGS = 1.5
 
 
+@wp.struct
+class BlockIndex:
+    """Blocks by the grid cell of their middle: the next one in the cell's list, whose it is, and the cells' buckets."""
+
+    point_next: wp.array[int]
+    point_owner: wp.array[int]
+    bucket: wp.array[int]
+
+
 @functools.cache
 def build(scalar):
     """Make the collision kernels for one precision.
@@ -216,8 +225,7 @@ def build(scalar):
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         law: CollisionLaw,
-        point_next: wp.array[int],
-        point_owner: wp.array[int],
+        index: BlockIndex,
         head: int,
         seek: wp.vec4i,
         best: wp.vec2i,
@@ -237,9 +245,9 @@ def build(scalar):
         result = best
         other = int(head)
         while other >= 0:
-            d = point_owner[other] >> LEVEL_BITS
+            d = index.point_owner[other] >> LEVEL_BITS
             # Cells of other levels may share the bucket.
-            sought = d > lowest and (point_owner[other] & LEVEL_MASK) == seek[2]
+            sought = d > lowest and (index.point_owner[other] & LEVEL_MASK) == seek[2]
             if sought and (moves or channel_step[d] > ZERO):
                 size = block_points(law, channel_form[d], channel_spacing[d])
                 far = point_xy[wp.min(other + size // 2, channel_start[d + 1] - 1)]
@@ -249,7 +257,7 @@ def build(scalar):
                         point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
                         law, wp.vec4i(channel, block, d, other), result,
                     )  # fmt: skip
-            other = point_next[other] - 1
+            other = index.point_next[other] - 1
         return result
 
     @wp.func(module=name)
@@ -262,15 +270,13 @@ def build(scalar):
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         law: CollisionLaw,
-        point_next: wp.array[int],
-        point_owner: wp.array[int],
-        bucket: wp.array[int],
+        index: BlockIndex,
         channel: int,
         own_level: int,
         block: int,
     ) -> wp.vec2i:
         """First contact of a block with a channel of a higher number or level, (NOTHING, -1) if there is none."""
-        mask = bucket.shape[0] // FIELDS - 1
+        mask = index.bucket.shape[0] // FIELDS - 1
         step = block_points(law, channel_form[channel], channel_spacing[channel])
         middle = point_xy[wp.min(block + step // 2, channel_start[channel + 1] - 1)]
         moves = channel_step[channel] > ZERO
@@ -283,11 +289,11 @@ def build(scalar):
                 for corner in range(4):
                     cell = bucket_at(x0 + (corner & 1), y0 + (corner >> 1), level, mask)
                     # Most cells hold one channel only, or none that moves: nothing to walk through.
-                    alone = bucket[cell + HIGH] - 1 == channel and NOTHING - bucket[cell + LOW] == channel
-                    if not alone and (moves or bucket[cell + MOVES] != 0):
+                    alone = index.bucket[cell + HIGH] - 1 == channel and NOTHING - index.bucket[cell + LOW] == channel
+                    if not alone and (moves or index.bucket[cell + MOVES] != 0):
                         best = cell_contact(
                             point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                            channel_step, law, point_next, point_owner, bucket[cell + HEAD] - 1,
+                            channel_step, law, index, index.bucket[cell + HEAD] - 1,
                             wp.vec4i(channel, block, level, step), best,
                         )  # fmt: skip
         return best
@@ -307,9 +313,7 @@ def build(scalar):
         law: CollisionLaw,
         work: Work,
         # in
-        point_next: wp.array[int],
-        point_owner: wp.array[int],
-        bucket: wp.array[int],
+        index: BlockIndex,
         share_offset: wp.array[int],
         # out
         contact_out: wp.array[wp.vec2i],
@@ -340,7 +344,7 @@ def build(scalar):
             while j < stop:
                 contact = block_contact(
                     point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                    channel_step, law, point_next, point_owner, bucket, channel, level, j,
+                    channel_step, law, index, channel, level, j,
                 )  # fmt: skip
                 if contact[1] >= 0:
                     if contact_out:

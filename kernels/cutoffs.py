@@ -19,6 +19,7 @@ from warpriver.kernels.polyline import (
     Marks,
     Work,
 )
+from warpriver.kernels.variants import named
 
 wp.set_module_options({"enable_backward": False})
 
@@ -71,161 +72,168 @@ def build(scalar):
                     for row in range(first, first + (mask + 1) // 4):
                         bucket_row_out[row] = wp.vec4i(0, 0, 0, 0)
                 per_cell = HALF / (cutoff_distance * channel_form[channel][2])
+                fields = 1 + wp.min(work.chunk, 1)
                 for j in range(i, stop):
                     p = point_moved[j] * per_cell
                     cell = 4 * first + table.bucket_of(table.floor_int(p[0]), table.floor_int(p[1]), mask)
                     # Point + 1, so that a zeroed table is an empty one.
-                    if work.chunk > 0:
-                        cell = 2 * cell
-                        wp.atomic_max(bucket_head_io, cell + 1, j + 1)
-                    point_next_out[j] = wp.atomic_exch(bucket_head_io, cell, j + 1)
+                    point_next_out[j] = wp.atomic_exch(bucket_head_io, fields * cell, j + 1)
+                    if fields == 2:
+                        wp.atomic_max(bucket_head_io, 2 * cell + 1, j + 1)
             i = stop
             channel += 1
 
-    @wp.func(module=name)
-    def nearest_after(
-        point: wp.array[vec2],
-        section: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        fields: int,
-        first: int,
-        mask: int,
-        i: int,
-        nearest: int,
-        last: int,
-        ring_points: int,
-        per_cell: scalar,
-        radius: scalar,
-        cutoff_distance: scalar,
-        min_arc: scalar,
-    ) -> int:
-        """First point from ``nearest`` on, up to ``last``, that is closer to point i than the radius.
+    def neck_search(kernel_name, fields):
+        """Make the search for necks where a bucket has so many fields.
 
-        ``fields`` of a bucket: 1 where its list descends, which then is left at the first entry below ``nearest``.
-        ``ring_points``: those of a ring, 0 on a line.
+        One: the first entry of a list that descends, as slabs make it. Two: that of a list in any order, and the
+        highest.
         """
-        here = point[i]
-        x0 = table.floor_int(here[0] * per_cell - HALF)
-        y0 = table.floor_int(here[1] * per_cell - HALF)
-        found = int(last + 1)
-        cell = fields * wp.vec4i(
-            4 * first + table.bucket_of(x0, y0, mask),
-            4 * first + table.bucket_of(x0 + 1, y0, mask),
-            4 * first + table.bucket_of(x0, y0 + 1, mask),
-            4 * first + table.bucket_of(x0 + 1, y0 + 1, mask),
-        )
-        top = fields - 1
-        highest = wp.vec4i(
-            bucket_head[cell[0] + top],
-            bucket_head[cell[1] + top],
-            bucket_head[cell[2] + top],
-            bucket_head[cell[3] + top],
-        )
-        # Mostly nothing is near: one branch for all four cells tells.
-        if wp.max(highest) <= nearest:
+        FIELDS, TOP = fields, fields - 1
+
+        @wp.func(module=name)
+        def nearest_after(
+            point: wp.array[vec2],
+            section: wp.array[vec2],
+            point_next: wp.array[int],
+            bucket_head: wp.array[int],
+            first: int,
+            mask: int,
+            i: int,
+            nearest: int,
+            last: int,
+            ring_points: int,
+            per_cell: scalar,
+            radius: scalar,
+            cutoff_distance: scalar,
+            min_arc: scalar,
+        ) -> int:
+            """First point from ``nearest`` on, up to ``last``, that is closer to point i than the radius.
+
+            A list that descends is left at its first entry below ``nearest``.
+            ``ring_points``: those of a ring, 0 on a line.
+            """
+            here = point[i]
+            x0 = table.floor_int(here[0] * per_cell - HALF)
+            y0 = table.floor_int(here[1] * per_cell - HALF)
+            found = int(last + 1)
+            bucket = FIELDS * wp.vec4i(
+                4 * first + table.bucket_of(x0, y0, mask),
+                4 * first + table.bucket_of(x0 + 1, y0, mask),
+                4 * first + table.bucket_of(x0, y0 + 1, mask),
+                4 * first + table.bucket_of(x0 + 1, y0 + 1, mask),
+            )
+            highest = wp.vec4i(
+                bucket_head[bucket[0] + TOP],
+                bucket_head[bucket[1] + TOP],
+                bucket_head[bucket[2] + TOP],
+                bucket_head[bucket[3] + TOP],
+            )
+            # Mostly nothing is near: one branch for all four cells tells.
+            if wp.max(highest) <= nearest:
+                return found
+            lowest = nearest * (1 - TOP)
+            for corner in range(4):
+                j = highest[corner] - 1
+                if TOP > 0:
+                    j = wp.where(j >= nearest, bucket_head[bucket[corner]], 0) - 1
+                while j >= lowest:
+                    if j >= nearest and j < found:
+                        reach = radius
+                        if section:
+                            width = HALF * (section[i][0] + section[j][0])
+                            reach = cutoff_distance * width
+                            apart = int(j - i)
+                            if ring_points > 0:
+                                apart = wp.min(apart, ring_points - apart)
+                            if scalar(apart) <= min_arc * width:
+                                reach = scalar(0.0)
+                        if wp.length_sq(point[j] - here) < reach * reach:
+                            found = j
+                    j = point_next[j] - 1
             return found
-        lowest = int(0)
-        if fields == 1:
-            lowest = nearest
-        for corner in range(4):
-            j = int(-1)
-            if highest[corner] > nearest:
-                j = bucket_head[cell[corner]] - 1
-            while j >= lowest:
-                if j >= nearest and j < found:
-                    reach = radius
-                    if section:
-                        width = HALF * (section[i][0] + section[j][0])
-                        reach = cutoff_distance * width
-                        apart = int(j - i)
+
+        @wp.kernel(module=name, enable_backward=False)
+        @named(kernel_name)
+        def find_necks(
+            # network
+            channel_start: wp.array[int],
+            channel_form: wp.array[vec4],
+            channel_spacing: wp.array[scalar],
+            channel_step: wp.array[scalar],
+            channel_closed: wp.array[int],
+            # params
+            cutoff_distance: scalar,
+            cutoff_min_arc: scalar,
+            work: Work,
+            # in
+            point_moved: wp.array[vec2],
+            section_moved: wp.array[vec2],
+            point_next: wp.array[int],
+            bucket_head: wp.array[int],
+            # out
+            point_neck_out: wp.array[int],
+            chunk_mark_out: wp.array[wp.vec2i],
+            share_cut_out: wp.array[wp.vec2i],
+            channel_necks_out: wp.array[int],
+        ):
+            """First later point of the same channel closer than the cutoff distance, -1 if none: |p_i - p_j| < w.
+
+            Points no more than ``cutoff_min_arc`` widths apart along the channel, either way round on a ring, are
+            neighbours [Howard1984]. A slab, which linked its points in order, has lists that descend: most end before
+            their first entry. It counts the necks of its channels; a chunk is marked where it has any, (1, last point
+            that a neck of it reaches). The cuts of the share are cleared.
+            """
+            k = work.first + wp.tid()
+            if work.status[HALT] != 0:
+                return
+            share = line.point_range(work, channel_start, channel_form.shape[0], k)
+            i = int(share[0])
+            end = share[1]
+            channel = int(share[2])
+            reach = int(0)
+            while i < end:
+                first = channel_start[channel]
+                last = channel_start[channel + 1] - 1
+                stop = wp.min(end, last + 1)
+                necks = int(0)
+                if channel_step[channel] > ZERO:
+                    mask = bucket_mask(last + 1 - first)
+                    form = channel_form[channel]
+                    radius = cutoff_distance * form[2]
+                    min_arc = cutoff_min_arc / channel_spacing[channel]
+                    apart = int(min_arc * form[2]) + 1
+                    ring_points = line.closed_at(channel_closed, channel) * (last + 1 - first)
+                    limit = int(last)
+                    for j in range(i, stop):
+                        if section_moved:
+                            # The other point may be narrower: its width is looked at where it is found.
+                            apart = int(HALF * min_arc * section_moved[j][0]) + 1
                         if ring_points > 0:
-                            apart = wp.min(apart, ring_points - apart)
-                        if scalar(apart) <= min_arc * width:
-                            reach = scalar(0.0)
-                    if wp.length_sq(point[j] - here) < reach * reach:
-                        found = j
-                j = point_next[j] - 1
-        return found
+                            limit = wp.min(last, j + ring_points - apart)
+                        found = nearest_after(
+                            point_moved, section_moved, point_next, bucket_head, first, mask, j, j + apart, limit,
+                            ring_points, HALF / radius, radius, cutoff_distance, min_arc,
+                        )  # fmt: skip
+                        if found > limit:
+                            found = -1
+                        else:
+                            necks += 1
+                        reach = wp.max(reach, found)
+                        point_neck_out[j] = found
+                elif work.chunk > 0:
+                    for j in range(i, stop):
+                        point_neck_out[j] = -1
+                if work.chunk == 0:
+                    channel_necks_out[channel] = necks
+                i = stop
+                channel += 1
+            share_cut_out[k] = wp.vec2i(0, 0)
+            if work.chunk > 0:
+                # No neck ends at the first of all points.
+                chunk_mark_out[k] = wp.vec2i(wp.min(reach, 1), reach)
 
-    @wp.kernel(module=name, enable_backward=False)
-    def find_necks(
-        # network
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        channel_closed: wp.array[int],
-        # params
-        cutoff_distance: scalar,
-        cutoff_min_arc: scalar,
-        work: Work,
-        # in
-        point_moved: wp.array[vec2],
-        section_moved: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        # out
-        point_neck_out: wp.array[int],
-        chunk_mark_out: wp.array[wp.vec2i],
-        share_cut_out: wp.array[wp.vec2i],
-        channel_necks_out: wp.array[int],
-    ):
-        """First later point of the same channel closer than the cutoff distance, -1 if none: |p_i - p_j| < w.
-
-        Points no more than ``cutoff_min_arc`` widths apart along the channel, either way round on a ring, are
-        neighbours [Howard1984]. A slab, which linked its points in order, has lists that descend: most end before
-        their first entry. It counts the necks of its channels; a chunk is marked where it has any, (1, last point that
-        a neck of it reaches). The cuts of the share are cleared.
-        """
-        k = work.first + wp.tid()
-        if work.status[HALT] != 0:
-            return
-        share = line.point_range(work, channel_start, channel_form.shape[0], k)
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        mark = wp.vec2i(0, 0)
-        fields = 1 + wp.min(work.chunk, 1)
-        while i < end:
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            stop = wp.min(end, last + 1)
-            necks = int(0)
-            if channel_step[channel] > ZERO:
-                mask = bucket_mask(last + 1 - first)
-                form = channel_form[channel]
-                radius = cutoff_distance * form[2]
-                min_arc = cutoff_min_arc / channel_spacing[channel]
-                apart = int(min_arc * form[2]) + 1
-                ring_points = line.closed_at(channel_closed, channel) * (last + 1 - first)
-                limit = int(last)
-                for j in range(i, stop):
-                    if section_moved:
-                        # The other point may be narrower: its width is looked at where it is found.
-                        apart = int(HALF * min_arc * section_moved[j][0]) + 1
-                    if ring_points > 0:
-                        limit = wp.min(last, j + ring_points - apart)
-                    found = nearest_after(
-                        point_moved, section_moved, point_next, bucket_head, fields, first, mask, j, j + apart, limit,
-                        ring_points, HALF / radius, radius, cutoff_distance, min_arc,
-                    )  # fmt: skip
-                    if found > limit:
-                        found = -1
-                    else:
-                        necks += 1
-                        mark = wp.vec2i(1, wp.max(mark[1], found))
-                    point_neck_out[j] = found
-            elif work.chunk > 0:
-                for j in range(i, stop):
-                    point_neck_out[j] = -1
-            if work.chunk == 0:
-                channel_necks_out[channel] = necks
-            i = stop
-            channel += 1
-        share_cut_out[k] = wp.vec2i(0, 0)
-        if work.chunk > 0:
-            chunk_mark_out[k] = mark
+        return find_necks
 
     @wp.kernel(module=name, enable_backward=False)
     def list_marks(
@@ -310,7 +318,7 @@ def build(scalar):
             for i in range(piece[0], piece[1]):
                 if point_neck[i] >= 0 and point_cut_io[i] >= 0:
                     points = point_cut_io[i] - i + 1
-                    wp.atomic_sub(share_cut_io, line.share_of(work, share, i), wp.vec2i(1, points))
+                    wp.atomic_add(share_cut_io, line.share_of(work, share, i), wp.vec2i(-1, -points))
                     point_cut_io[i] = -1
 
     @wp.func(module=name)
@@ -574,7 +582,8 @@ def build(scalar):
         vec2=vec2,
         vec4=vec4,
         insert_points=insert_points,
-        find_necks=find_necks,
+        find_necks=neck_search("find_necks", 1),
+        find_necks_in_chunks=neck_search("find_necks_in_chunks", 2),
         list_marks=list_marks,
         select_cuts=select_cuts,
         record_cuts=record_cuts,

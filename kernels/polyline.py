@@ -52,6 +52,17 @@ class Marks:
     chunk: wp.array[int]
 
 
+@wp.struct
+class Links:
+    """Shortcuts (i, j) in ascending order, and what each saves in m; at each point how many begin and the first."""
+
+    point_links: wp.array[int]
+    point_link: wp.array[int]
+    link_from: wp.array[int]
+    link_to: wp.array[int]
+    link_saving: wp.array[wp.float64]
+
+
 @functools.cache
 def build(scalar):
     """Make the shared polyline functions for one precision.
@@ -67,9 +78,9 @@ def build(scalar):
     # Beyond this many e-foldings a weight is lost in the rounding of the sum.
     REACH = scalar(40.0 if scalar is wp.float64 else 18.0)
     TINY = scalar(1.0e-30)  # m; a length that keeps 0 / 0 away
-    # Arc lengths are whole numbers of quanta: their sums are exact, and so the same however they are dealt out. A
-    # channel may be 2^31 m long.
-    ARC_QUANTUM = wp.float64(2.0**-32)  # m
+    # Arc lengths are sums of segments that are rounded to whole quanta: they are exact, and so the same however they
+    # are dealt out, up to 2^53 quanta, or 2,097 km of a channel.
+    ARC_QUANTUM, ROUNDER = wp.float64(2.0**-32), wp.float64(1.5 * 2.0**20)  # m
 
     @wp.func(module=name)
     def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
@@ -191,30 +202,41 @@ def build(scalar):
         return here - (la * part * (after - here) - lb * part * (here - before))
 
     @wp.func(module=name)
-    def arc_at(point_arc: wp.array[wp.int64], chunk_offset: wp.array[wp.int64], chunk: int, i: int) -> wp.int64:
-        """Arc length of a point in quanta from its channel's head or, with chunks, from the first of all points.
-
-        ``chunk_offset`` is an inclusive sum.
-        """
-        if chunk == 0:
-            return point_arc[i]
-        k = i // chunk
-        if k == 0:
-            return point_arc[i]
-        return chunk_offset[k - 1] + point_arc[i]
+    def whole_quanta(length: scalar) -> wp.float64:
+        """Length of a segment, m, rounded to whole quanta of arc length: those of the numbers near ``ROUNDER``."""
+        return (wp.float64(length) + ROUNDER) - ROUNDER
 
     @wp.func(module=name)
     def arc_between(
-        point_arc: wp.array[wp.int64], chunk_offset: wp.array[wp.int64], chunk: int, i: int, j: int
+        point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.int64], chunk: int, i: int, j: int
     ) -> wp.float64:
-        """Arc length from point i to point j of one channel, m."""
-        here = arc_at(point_arc, chunk_offset, chunk, i)
-        return wp.float64(arc_at(point_arc, chunk_offset, chunk, j) - here) * ARC_QUANTUM
+        """Arc length from point i to point j of one channel, m.
+
+        With chunks ``point_arc`` begins anew in each, and ``chunk_offset`` is the inclusive sum of their quanta.
+        """
+        arc = point_arc[j] - point_arc[i]
+        if chunk > 0:
+            quanta = wp.int64(0)
+            if j >= chunk:
+                quanta = chunk_offset[j // chunk - 1]
+            if i >= chunk:
+                quanta = quanta - chunk_offset[i // chunk - 1]
+            arc += wp.float64(quanta) * ARC_QUANTUM
+        return arc
+
+    @wp.func(module=name)
+    def arc_at(
+        point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.int64], chunk: int, first: int, i: int
+    ) -> wp.float64:
+        """Arc length of a point from the first one of its channel, m."""
+        if chunk == 0:
+            return point_arc[i]
+        return arc_between(point_arc, chunk_offset, chunk, first, i)
 
     @wp.func(module=name)
     def length_of(
         point: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
@@ -222,7 +244,7 @@ def build(scalar):
         closed: int,
     ) -> wp.float64:
         """Length of a channel in m, that of a ring with the segment that closes it."""
-        length = arc_between(point_arc, chunk_offset, chunk, first, last)
+        length = arc_at(point_arc, chunk_offset, chunk, first, last)
         if closed != 0:
             length += wp.float64(wp.length(point[first] - point[last]))
         return length
@@ -292,8 +314,9 @@ def build(scalar):
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
-        arc_at=arc_at,
+        whole_quanta=whole_quanta,
         arc_between=arc_between,
+        arc_at=arc_at,
         length_of=length_of,
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,

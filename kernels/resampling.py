@@ -31,7 +31,7 @@ wp.set_module_options({"enable_backward": False})
 
 @functools.cache
 def build(scalar):
-    """Make the resampling kernels for one precision; arc lengths are whole numbers of quanta in both.
+    """Make the resampling kernels for one precision; arc lengths are float64 in both.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.
@@ -41,14 +41,9 @@ def build(scalar):
     vec2, vec4 = line.vec2, line.vec4
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
-    QUANTA, QUANTUM = wp.float64(1.0) / line.ARC_QUANTUM, line.ARC_QUANTUM
-    # m; two neighbours that are farther apart have run away.
-    FARTHEST = scalar(2.0**28)
-
-    @wp.func(module=name)
-    def segment_quanta(length: scalar) -> wp.int64:
-        """Length of a segment in m, in whole quanta of arc length."""
-        return wp.int64(wp.float64(length) * QUANTA + HALF_64)
+    QUANTA = wp.float64(1.0) / line.ARC_QUANTUM
+    # m; points of a chunk that lie farther apart have run away.
+    FARTHEST = wp.float64(2.0**30)
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_arcs(
@@ -60,50 +55,46 @@ def build(scalar):
         # in
         point_moved: wp.array[vec2],
         # out
-        point_arc_out: wp.array[wp.int64],
+        point_arc_out: wp.array[wp.float64],
         chunk_length_out: wp.array[wp.int64],
         status_io: wp.array[int],
     ):
-        """Arc length of each point from its channel's head, in quanta; with chunks, from its chunk's first point on.
+        """Arc length of each point from its channel's head, m; with chunks, from its chunk's first point on.
 
-        Each chunk notes the length that it adds. A slab passes over channels whose step is 0. A segment that is not
-        finite, or longer than there are rivers, is a fault.
+        Each chunk notes the length that it adds, in quanta. A slab passes over channels whose step is 0.
         """
+        if work.status[HALT] != 0:
+            return
         k = work.first + wp.tid()
         share = line.point_range(work, channel_start, channel_step.shape[0], k)
         i = int(share[0])
         end = share[1]
         channel = int(share[2])
-        arc = wp.int64(0)
-        fault = int(0)
+        arc = wp.float64(0.0)
         while i < end:
             first = channel_start[channel]
             stop = wp.min(end, channel_start[channel + 1])
             if work.chunk == 0:
-                arc = wp.int64(0)
+                arc = wp.float64(0.0)
             if work.chunk > 0 or channel_step[channel] > ZERO:
                 here = point_moved[i]
                 if i > first:
-                    length = wp.length(here - point_moved[i - 1])
-                    if not (length < FARTHEST):
-                        fault = 1
-                    arc += segment_quanta(length)
+                    arc += line.whole_quanta(wp.length(here - point_moved[i - 1]))
                 point_arc_out[i] = arc
                 for j in range(i + 1, stop):
                     after = point_moved[j]
-                    length = wp.length(after - here)
-                    if not (length < FARTHEST):
-                        fault = 1
-                    arc += segment_quanta(length)
+                    arc += line.whole_quanta(wp.length(after - here))
                     point_arc_out[j] = arc
                     here = after
             i = stop
             channel += 1
-        if work.chunk > 0 and work.status[HALT] == 0:
-            chunk_length_out[k] = arc
-        if fault != 0:
-            # Nothing of this step is taken over, so that the state before the fault can still be looked at.
-            wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)
+        if work.chunk > 0:
+            if arc < FARTHEST:
+                chunk_length_out[k] = wp.int64(arc * QUANTA)
+            else:
+                # Nothing of this step is taken over, so that the state before the fault can still be looked at.
+                chunk_length_out[k] = wp.int64(0)
+                wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)
 
     @wp.kernel(module=name, enable_backward=False)
     def count_samples(
@@ -117,7 +108,7 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         # out
         channel_samples_out: wp.array[int],
@@ -139,7 +130,7 @@ def build(scalar):
                 closed = line.closed_at(channel_closed, channel)
                 length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
-                if length > ZERO_64:
+                if length > ZERO_64 and wp.isfinite(length):
                     least = int(2)
                     if closed != 0:
                         least = RING_POINTS
@@ -215,7 +206,7 @@ def build(scalar):
     @wp.func(module=name)
     def segment_of(
         point: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
@@ -228,7 +219,7 @@ def build(scalar):
         high = last + closed
         while high - low > 1:
             middle = (low + high) // 2
-            if line.arc_between(point_arc, chunk_offset, chunk, first, middle) <= target:
+            if line.arc_at(point_arc, chunk_offset, chunk, first, middle) <= target:
                 low = middle
             else:
                 high = middle
@@ -238,23 +229,18 @@ def build(scalar):
 
     @wp.func(module=name)
     def arc_beyond(
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         chunk: int,
         first: int,
         last: int,
-        head: wp.int64,
         length: wp.float64,
         i: int,
     ) -> wp.float64:
-        """Arc length of a point from its channel's head, m; the index of a ring may go on into the next lap.
-
-        ``head`` is the arc length of the first point, in quanta.
-        """
+        """Arc length of a point; the index of a ring may go on beyond its end, into the next lap."""
         if i > last:
-            there = line.arc_at(point_arc, chunk_offset, chunk, i - last - 1 + first)
-            return length + wp.float64(there - head) * QUANTUM
-        return wp.float64(line.arc_at(point_arc, chunk_offset, chunk, i) - head) * QUANTUM
+            return length + line.arc_at(point_arc, chunk_offset, chunk, first, i - last - 1 + first)
+        return line.arc_at(point_arc, chunk_offset, chunk, first, i)
 
     @wp.func(module=name)
     def hermite(b: vec2, c: vec2, tangent_b: vec2, tangent_c: vec2, size: scalar, u: scalar) -> vec2:
@@ -272,7 +258,7 @@ def build(scalar):
         spacing: wp.float64,
         point: wp.array[vec2],
         section: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         sample_out: wp.array[vec2],
         sample_section_out: wp.array[vec2],
@@ -283,7 +269,6 @@ def build(scalar):
         """
         first = channel_range[0]
         last = channel_range[1]
-        head = line.arc_at(point_arc, chunk_offset, chunk, first)
         target = spacing * wp.float64(sample_range[2] - sample_range[0])
         ib = segment_of(point, point_arc, chunk_offset, chunk, first, last, closed, target)
         ia = kept_before(point, ib, first, last, closed)
@@ -307,8 +292,8 @@ def build(scalar):
         tangent_b = line.fourth_order_tangent(ta, tb, tc, ab, bc)
         tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
         length = line.length_of(point, point_arc, chunk_offset, chunk, first, last, closed)
-        arc_b = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ib)
-        arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ic)
+        arc_b = line.arc_at(point_arc, chunk_offset, chunk, first, ib)
+        arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
         for k in range(sample_range[2], sample_range[3]):
             target = spacing * wp.float64(k - sample_range[0])
             while arc_c < target and ic < last + closed:
@@ -328,7 +313,7 @@ def build(scalar):
                 tangent_b = tangent_c
                 tangent_c = line.fourth_order_tangent(tb, tc, td, bc, cd)
                 arc_b = arc_c
-                arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, head, length, ic)
+                arc_c = arc_beyond(point_arc, chunk_offset, chunk, first, last, length, ic)
             u = scalar(0.0)
             if k > sample_range[0] and arc_c > arc_b:
                 u = wp.clamp(scalar((target - arc_b) / (arc_c - arc_b)), ZERO, ONE)
@@ -354,7 +339,7 @@ def build(scalar):
         channel_start_next: wp.array[int],
         point_moved: wp.array[vec2],
         section_moved: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         status: wp.array[int],
         # out

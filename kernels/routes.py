@@ -6,20 +6,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import RING_POINTS, Marks, Work
+from warpriver.kernels.polyline import RING_POINTS, Links, Marks, Work
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.struct
-class Links:
-    """Shortcuts (i, j) in ascending order, and what each saves in m; at each point how many begin and the first."""
-
-    point_links: wp.array[int]
-    point_link: wp.array[int]
-    link_from: wp.array[int]
-    link_to: wp.array[int]
-    link_saving: wp.array[wp.float64]
 
 
 @functools.cache
@@ -178,7 +167,7 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         point_links: wp.array[int],
         point_link: wp.array[int],
@@ -441,4 +430,4 @@ def build(scalar):
             i = last + 1
             channel += 1
 
-    return SimpleNamespace(vec2=vec2, Links=Links, open_rings=open_rings, find_path=find_path)
+    return SimpleNamespace(vec2=vec2, open_rings=open_rings, find_path=find_path)

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from warpriver.kernels.variants import named
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -55,13 +57,8 @@ def build(scalar):
     def kernels_for(word, kind, none, combine):
         """Make the two kernels of a scan for one type and one associative operation, with its identity."""
 
-        def named(function):
-            # A recording on the CPU tells kernels of a module apart by their names alone (Warp 1.19).
-            function.__qualname__ = f"build.<locals>.{function.__name__.replace('groups', word)}"
-            return function
-
         @wp.kernel(module=name, enable_backward=False)
-        @named
+        @named(f"sum_{word}")
         def sum_groups(
             # params
             group: int,
@@ -78,7 +75,7 @@ def build(scalar):
             total_out[g] = total
 
         @wp.kernel(module=name, enable_backward=False)
-        @named
+        @named(f"scan_{word}")
         def scan_groups(
             # params
             group: int,

@@ -314,7 +314,6 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
         # params
         law: ShortcutLaw,
         work: Work,
@@ -357,10 +356,7 @@ def build(scalar):
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
-            linked = channel_step[channel] > ZERO
-            if work.chunk == 0:
-                linked = channel_links[channel] > 0
-            if linked:
+            if work.chunk > 0 or channel_links[channel] > 0:
                 mask = table.bucket_mask(last + 1 - first)
                 closed = line.closed_at(law.channel_closed, channel)
                 form = channel_form[channel]
@@ -384,7 +380,7 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.int64],
+        point_arc: wp.array[wp.float64],
         chunk_offset: wp.array[wp.int64],
         share_links_sum: wp.array[wp.vec2i],
         link_from: wp.array[int],

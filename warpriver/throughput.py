@@ -263,10 +263,11 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
     seconds: dict[str, float] = {}
     launch, resolve = sim._launch, sim._resolve_collisions
 
-    def timed_launch(count: int, steps: int) -> None:
+    def timed_launch(count: int, steps: int) -> list[int]:
         if count not in sim._replays:
-            sim._replays[count] = _PhaseReplay(sim, sim._stages() * count, seconds)  # type: ignore[assignment]
-        launch(count, steps)
+            stages = sim.buffers.status.stages(sim._stages() * count)
+            sim._replays[count] = _PhaseReplay(sim, stages, seconds)  # type: ignore[assignment]
+        return launch(count, steps)
 
     def timed_resolve(now: float, halted: bool) -> None:
         begin = time.perf_counter()

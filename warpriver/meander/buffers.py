@@ -125,7 +125,7 @@ class StepBuffers:
         self.section_moved = zeros(point_capacity, vec2) if varies else None
         self.point_smoothed: wp.array | None = None
         self.point_rate = zeros(point_capacity, scalar)
-        self.point_arc = zeros(point_capacity, wp.int64)
+        self.point_arc = zeros(point_capacity, wp.float64)
         self.point_next = zeros(point_capacity, wp.int32)
         self.point_cut = self.point_next
         # With chunks a bucket has two fields.

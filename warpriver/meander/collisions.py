@@ -10,7 +10,7 @@ import warp as wp
 
 from warpriver.kernels import collisions as kernels
 from warpriver.meander.buffers import CPU_COPY_CHUNK, StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.meander.topology import EditedChannels, NetworkEdit, Rejoin
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
@@ -108,7 +108,7 @@ def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
     def insert(whole: Share) -> None:
         # The channels share one table: on the CPU it is filled by one thread.
         buffers.block_bucket.zero_()
-        wp.launch(
+        launch(
             kernel.insert_blocks,
             dim=whole.point_threads,
             inputs=[
@@ -120,7 +120,7 @@ def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
         )  # fmt: skip
 
     def count(_: Share) -> None:
-        wp.launch(
+        launch(
             kernel.count_contacts,
             dim=1,
             inputs=[channels.share_contacts],
@@ -153,13 +153,14 @@ def list_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
 def _search(
     network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any, share: Share, out: Any
 ) -> None:
-    wp.launch(
+    index = kernels.BlockIndex()
+    index.point_next, index.point_owner, index.bucket = buffers.point_next, buffers.point_neck, buffers.block_bucket
+    launch(
         kernels.build(PRECISIONS[network.dtype][0]).find_contacts,
         dim=share.point_threads,
         inputs=[
             network.point_xy, network.point_section, channels.start, channels.nodes, channels.form,
-            channels.spacing, channels.step, channels.closed, law, share.work, buffers.point_next,
-            buffers.point_neck, buffers.block_bucket, channels.share_contacts_sum,
+            channels.spacing, channels.step, channels.closed, law, share.work, index, channels.share_contacts_sum,
         ],
         outputs=[out, channels.share_contacts, buffers.status.array],
         device=network.device,
@@ -213,7 +214,7 @@ def gather_points(
     if edited.run_scale is not None:
         scale = wp.array(edited.run_scale.astype(real), dtype=vec2, device=device)
     chunk = buffers.chunk or CPU_COPY_CHUNK
-    wp.launch(
+    launch(
         kernel.gather_runs,
         dim=math.ceil(int(edited.run_start[-1]) / chunk),
         inputs=[network.point_xy, network.point_section, chunk, begin, start, scale],

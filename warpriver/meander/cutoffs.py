@@ -30,7 +30,7 @@ def cut_off(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
 
     def find(share: Share) -> None:
         launch(
-            kernel.find_necks,
+            kernel.find_necks_in_chunks if b.chunk else kernel.find_necks,
             share.point_threads,
             [
                 start, channels.form, channels.spacing, channels.step, channels.closed, distance,
@@ -86,7 +86,7 @@ def link_points(network: RiverNetwork, channels: StepChannels, buffers: StepBuff
         buffers.bucket_head.zero_()
 
     def link(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.insert_points,
             dim=share.point_threads,
             inputs=[channels.start, channels.form, channels.step, distance, share.work, buffers.point_moved],

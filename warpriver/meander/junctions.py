@@ -10,11 +10,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import warp as wp
 
 from warpriver.kernels import junctions as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams, PathMeander, check_ranges, parameter
 
@@ -181,14 +180,14 @@ def drift_junctions(
 
     def drift(_: Share) -> None:
         channels.awake.zero_()
-        wp.launch(
+        launch(
             kernel.count_awake,
             dim=channels.capacity,
             inputs=[channels.below, channels.step],
             outputs=[channels.awake],
             device=device,
         )
-        wp.launch(
+        launch(
             kernel.shift_heads,
             dim=channels.capacity,
             inputs=[
@@ -198,7 +197,7 @@ def drift_junctions(
             outputs=[channels.shift, buffers.point_moved],
             device=device,
         )  # fmt: skip
-        wp.launch(
+        launch(
             kernel.follow_heads,
             dim=channels.capacity,
             inputs=[

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from warpriver.kernels import migration as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
@@ -120,7 +119,7 @@ def measure_rings(network: RiverNetwork, channels: StepChannels) -> list[Stage]:
         area.zero_()
 
     def measure(share: Share) -> None:
-        wp.launch(
+        launch(
             kernels.build(PRECISIONS[network.dtype][0]).measure_rings,
             dim=share.point_threads,
             inputs=[network.point_xy, channels.start, channels.spacing, channels.step, channels.closed, share.work],
@@ -151,14 +150,14 @@ def migrate(
     shape += [channels.closed, channels.area]
 
     def move(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.compute_rate,
             dim=share.point_threads,
             inputs=[*shape, law, share.work],
             outputs=[buffers.point_rate],
             device=device,
         )
-        wp.launch(
+        launch(
             kernel.move_points,
             dim=share.point_threads,
             inputs=[*shape, height, grid, law, share.work, buffers.point_rate],

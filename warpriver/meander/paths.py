@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from warpriver.kernels import paths as kernels
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.migration import measure_rings
 from warpriver.meander.shortcuts import PathBuffers
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 from warpriver.terrain import Terrain
@@ -83,14 +82,14 @@ def push(
     shape += [channels.closed]
 
     def move(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.compute_push,
             dim=share.point_threads,
             inputs=[*shape, law, share.work],
             outputs=[buffers.point_push],
             device=device,
         )
-        wp.launch(
+        launch(
             kernel.shift_points,
             dim=share.point_threads,
             inputs=[*shape, channels.area, height, grid, law, share.work, buffers.point_push],

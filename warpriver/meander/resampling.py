@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warp as wp
-
 from warpriver.kernels import resampling as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 
 __all__ = ["measure", "resample"]
@@ -24,7 +22,7 @@ def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers,
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
     def measure_arcs(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.measure_arcs,
             dim=share.point_threads,
             inputs=[channels.start, channels.step, share.work, buffers.point_moved],
@@ -58,7 +56,7 @@ def resample(
     start, offset = channels.start, buffers.chunk_offset
 
     def count(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.count_samples,
             dim=share.channel_threads,
             inputs=[
@@ -73,7 +71,7 @@ def resample(
         channels.scan_samples.run()
 
     def sample(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.resample_points,
             dim=share.point_threads,
             inputs=[
@@ -85,7 +83,7 @@ def resample(
         )  # fmt: skip
 
     def commit(_: Share) -> None:
-        wp.launch(
+        launch(
             kernel.commit_step,
             dim=channels.capacity + 1,
             inputs=[

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warp as wp
-
 from warpriver.kernels import routes as kernels
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.cutoffs import cut_loops
@@ -22,7 +20,7 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
     is follows from the ring's head, a point that none passes over (see the kernel ``open_rings``): the route is the
     shortest of all closed ones that pass the head once, and the marked point where the part that holds it goes on.
 
-    Linear in points and edges. On the CPU the sweep is serial down a channel, and channels without a shortcut are passed
+    Linear in points and edges. On the CPU the sweep is serial down a channel; channels without a shortcut are passed
     over. With chunks, clusters of shortcuts that reach over each other are swept in parallel, from one chunk that holds
     an end of one to the next; a ring is swept by one thread.
 
@@ -36,7 +34,7 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
     longer = int(params.ring_policy == "longer")
 
     def open_rings(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.open_rings,
             dim=share.channel_threads,
             inputs=[

@@ -6,7 +6,7 @@ import warp as wp
 
 from warpriver.kernels import schedule as kernels
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
@@ -54,7 +54,7 @@ def _plan(
     kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
     def clear(_: Share) -> None:
-        wp.launch(
+        launch(
             kernel.begin_substep,
             dim=channels.capacity,
             inputs=[channels.substep],
@@ -64,7 +64,7 @@ def _plan(
 
     def measure(share: Share) -> None:
         assert terrain is not None
-        wp.launch(
+        launch(
             kernel.measure_mobility,
             dim=share.point_threads,
             inputs=[
@@ -77,11 +77,12 @@ def _plan(
         )  # fmt: skip
 
     def choose(_: Share) -> None:
-        wp.launch(
+        launch(
             kernel.plan_steps,
             dim=channels.capacity,
             inputs=[
-                channels.limit, params.time_step, channels.substep, buffers.status.array, channels.mobility, channels.pace,
+                channels.limit, params.time_step, channels.substep, buffers.status.array, channels.mobility,
+                channels.pace,
             ],
             outputs=[channels.parts, channels.most],
             device=device,
@@ -111,7 +112,7 @@ def schedule_channels(
         most: ``channels.most``, from which the first sub-step of a step takes how many there are; or None.
         pace: ``channels.pace``, to be cleared in the first sub-step.
     """
-    wp.launch(
+    launch(
         kernels.build(PRECISIONS[network.dtype][0]).schedule_channels,
         dim=channels.capacity,
         inputs=[channels.parts, time_step, most],

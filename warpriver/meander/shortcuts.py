@@ -8,13 +8,12 @@ from typing import Any
 import warp as wp
 
 from warpriver.kernels import shortcuts as kernels
-from warpriver.kernels.polyline import LINKS_NEEDED
-from warpriver.kernels.routes import Links
+from warpriver.kernels.polyline import LINKS_NEEDED, Links
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import link_points, list_marks
 from warpriver.meander.resampling import measure
 from warpriver.meander.scans import Scan
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import PathMeander
 
@@ -118,7 +117,7 @@ def find_shortcuts(
     near = [b.point_moved, b.section_moved, b.point_next, b.bucket_head]
 
     def count(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.count_shortcuts,
             dim=share.point_threads,
             inputs=[*shape, channels.step, law, share.work, *near],
@@ -132,14 +131,14 @@ def find_shortcuts(
         b.scan_links.run()
 
     def list_and_weigh(share: Share) -> None:
-        wp.launch(
+        launch(
             kernel.list_shortcuts,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
+            inputs=[*shape, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
             outputs=[b.point_link, b.link_from, b.link_to, b.status.array],
             device=device,
         )
-        wp.launch(
+        launch(
             kernel.weigh_shortcuts,
             dim=share.point_threads,
             inputs=[

@@ -11,7 +11,7 @@ import warp as wp
 from warpriver.kernels import smoothing as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage
+from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
@@ -108,7 +108,7 @@ def taubin_smooth(
 
 
 def _launch(network: RiverNetwork, numbers: list[Any], work: Any, threads: int, before: Any, after: Any) -> None:
-    wp.launch(
+    launch(
         kernels.build(PRECISIONS[network.dtype][0]).smooth_points,
         dim=threads,
         inputs=[*numbers, work, before],

@@ -20,10 +20,10 @@ __all__ = ["Replay", "Share", "Stage", "launch", "run_stages"]
 BLOCK_DIM = 64
 
 
-def launch(kernel: Any, threads: int, inputs: list[Any], outputs: list[Any], device: Any) -> None:
+def launch(kernel: Any, dim: int, inputs: list[Any], outputs: list[Any], device: Any) -> None:
     """Launch a kernel of a step, unless it has no threads: on a GPU an empty launch surfaces as an error later on."""
-    if threads > 0:
-        wp.launch(kernel, threads, inputs, outputs, device=device, block_dim=BLOCK_DIM)
+    if dim > 0:
+        wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=BLOCK_DIM)
 
 
 @dataclasses.dataclass(frozen=True)
