@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 MODE ?= quick
 DEVICE ?= cpu
 
-.PHONY: demo test lint bench clean help
+.PHONY: demo test lint bench gpu clean help
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 8
@@ -36,6 +36,9 @@ lint: $(STAMP)  ## ruff and mypy
 bench: $(STAMP)  ## all benchmarks at small sizes, into out/bench; MODE=full: all sizes, into benchmarks/results; DEVICE=cuda
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[bench]"
 	$(RUN)/python benchmarks/all.py --device $(DEVICE) $(if $(filter full,$(MODE)),--full)
+
+gpu: $(STAMP)  ## on a CUDA machine, in six minutes: kernel tests, whole runs, the same bits again, speed; into out/gpu
+	$(RUN)/python benchmarks/gpu.py --out out/gpu
 
 clean:  ## remove what the other targets made
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -1,9 +1,11 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from warpriver import (
     write_terrain,
 )
 from warpriver.cli import main
+from warpriver.cli.info import describe_device, describe_gpus
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
@@ -166,6 +169,52 @@ def test_render_and_info_of_a_run(river, tmp_path, capsys):
 def test_info_says_what_the_installation_can_do(capsys):
     code, said, _ = run(capsys, "info")
     assert code == 0 and "device cpu" in said and "extra gis" in said
+    assert re.search(r"^CUDA: driver (none|\d+\.\d+), toolkit of Warp (none|\d+\.\d+)$", said, re.MULTILINE)
+    assert sum(line.startswith("GPU: ") for line in said.splitlines()) == max(1, said.count("device cuda"))
+
+
+def gpu(**changed):
+    """A GPU as Warp tells of it."""
+    known = {"alias": "cuda:0", "name": "NVIDIA H100", "is_cuda": True, "arch": 90, "is_mempool_supported": True}
+    return SimpleNamespace(**known | {"total_memory": 80 * 2**30, "free_memory": 79 * 2**30} | changed)
+
+
+CPU = SimpleNamespace(alias="cpu", name="Xeon", is_cuda=False, arch=0, is_mempool_supported=False)
+
+
+@pytest.mark.parametrize(
+    ("gpus", "driver", "toolkit", "words"),
+    [
+        ([], None, None, ["runs on the CPU", "Warp has no CUDA"]),
+        ([], None, (13, 4), ["runs on the CPU", "no NVIDIA driver"]),
+        (
+            [],
+            (12, 9),
+            (13, 4),
+            ["runs on the CPU", "CUDA 12.9", "with 13.4", "R580 or newer", "for CUDA 12 ("],
+        ),
+        ([], (11, 8), (12, 9), ["runs on the CPU", "R525 or newer", "Warp for CUDA 11"]),
+        ([], (13, 0), (15, 1), ["needs a driver for CUDA 15.0 or newer"]),
+        # A driver of the same major version serves, however old.
+        ([], (13, 0), (13, 4), ["runs on the CPU", "CUDA_VISIBLE_DEVICES"]),
+        ([gpu(arch=70)], (13, 0), (13, 4), ["too old (sm_70)", "(sm_75) and newer", "for CUDA 12 (", 'device="cpu"']),
+        ([gpu(arch=70)], (12, 4), (12, 9), ["cuda:0 runs steps of rivers", "run on the CPU"]),
+        ([gpu(arch=75)], (13, 0), (13, 4), ["cuda:0 runs steps of rivers", "run on the CPU"]),
+        ([gpu(is_mempool_supported=False)], (13, 0), (13, 4), ["no memory pool", "capture=False", "nvidia_uvm"]),
+    ],
+)
+def test_info_says_what_a_gpu_will_do_and_what_to_do_where_it_will_not(gpus, driver, toolkit, words):
+    (line,) = describe_gpus([CPU, *gpus], driver, toolkit)
+    assert all(word in line for word in words), line
+    assert ("runs on the CPU" in line) == (not gpus)
+
+
+def test_info_tells_of_each_gpu_alone():
+    first, second = describe_gpus([CPU, gpu(), gpu(alias="cuda:1", arch=61)], (13, 0), (13, 4))
+    assert first.startswith("cuda:0 runs") and second.startswith("cuda:1 is too old")
+    assert describe_device(CPU) == "Xeon"
+    assert describe_device(gpu()) == "NVIDIA H100, sm_90, 80 GiB, 79 free, memory pool"
+    assert describe_device(gpu(is_mempool_supported=False)).endswith("no memory pool")
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,28 @@ def test_float32_follows_float64():
     assert single.network.channel_lengths()[0] > 1.5 * 12_000
 
 
+def test_steps_asked_for_at_once_are_those_of_as_many_calls():
+    """With sub-steps and cutoffs among them; nothing is recorded but events."""
+    one_by_one, at_once = (Simulation(wandering(width=60.0), MeanderParams(time_step=1.0)) for _ in range(2))
+    for _ in range(150):
+        one_by_one.step()
+    at_once.step(1)
+    at_once.step(149)
+    assert at_once.step_count == one_by_one.step_count == 150 and at_once.substeps > 1
+    np.testing.assert_array_equal(at_once.network.points(), one_by_one.network.points())
+    cutoffs = [[(c.time, c.xy.tobytes()) for c in sim.history.cutoffs] for sim in (one_by_one, at_once)]
+    assert len(cutoffs[0]) > 1 and cutoffs[0] == cutoffs[1]
+    assert len(at_once.history) == 1
+
+
+@pytest.mark.parametrize("count", [0, -3, 1.5, np.nan, np.inf])
+def test_a_number_of_steps_that_is_none_is_refused(count):
+    sim = Simulation(wandering())
+    with pytest.raises(ValueError, match=r"count is .*; give a whole number of time steps, 1 or more"):
+        sim.step(count)
+    assert sim.step_count == 0
+
+
 def test_the_network_given_is_left_alone():
     network = wandering()
     before = network.polylines()[0]

@@ -1,5 +1,7 @@
 """The measuring behind ``warpriver bench``: what is measured, never how long it took."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,33 @@ def test_ground_lies_under_the_network_and_is_as_steep_as_asked():
     assert 0.08 < slope.max() <= 0.1
     west, south, east, north = sim.network.bounds()
     assert ground.bounds[0] < west and ground.bounds[1] < south and ground.bounds[2] > east and ground.bounds[3] > north
+
+
+class Calls:
+    """Stands in for a simulation on either device, and notes how many steps each call asks for."""
+
+    def __init__(self, is_cpu):
+        self.device = SimpleNamespace(is_cpu=is_cpu)
+        self.asked = []
+
+    def step(self, count=1):
+        self.asked.append(count)
+
+
+def test_steps_are_asked_for_one_by_one_on_the_cpu_and_at_once_on_a_gpu():
+    cpu, gpu = Calls(True), Calls(False)
+    for sim in (cpu, gpu):
+        throughput.advance(sim, 5)
+    assert cpu.asked == [1] * 5 and gpu.asked == [5]
+
+
+def test_a_warm_up_has_a_row_of_every_length_on_a_gpu():
+    """Else the first row of some length would be recorded while it is timed."""
+    cpu, gpu = Calls(True), Calls(False)
+    for sim in (cpu, gpu):
+        throughput.warm_up(sim, 3)
+    assert cpu.asked == [1] * 3 and gpu.asked == [1, 2, 4, 8, 16, 32, 64]
+    assert gpu.asked[-1] == throughput.GPU_STEPS
 
 
 def test_a_step_that_is_measured_is_the_step_of_a_run():

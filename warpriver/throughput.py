@@ -26,6 +26,7 @@ from warpriver.terrain import Terrain
 
 __all__ = [
     "HOST_PHASES",
+    "advance",
     "copies_of_points",
     "copy_bandwidth",
     "cut_lines",
@@ -37,6 +38,7 @@ __all__ = [
     "measure",
     "phase_seconds",
     "step_cost",
+    "warm_up",
 ]
 
 WIDTH, SPACING = 50.0, 50.0  # m
@@ -46,6 +48,8 @@ RIVER_POINTS, RIVER_YEARS = 20_000, 300.0
 # Widths between channels that are laid out side by side: those on the edge do not meet within a benchmark.
 GAP_WIDTHS = 40.0
 ROUNDS = 5
+# Steps a round on a GPU: they are asked for at once, so that the host looks at a few of them only.
+GPU_STEPS = 64
 # Bytes of each array that is copied: more than processors have of cache.
 COPY_BYTES = 512 * 2**20
 # All else is held against the copy: its best time should not depend on what else the machine does.
@@ -181,28 +185,46 @@ def ground_under(network: RiverNetwork, cell_size: float = 100.0, relief_slope: 
 # ---- measuring
 
 
+def advance(sim: Simulation, steps: int) -> None:
+    """Do steps as they are timed: one call each on the CPU, one call for all on a GPU, which does them in rows."""
+    if not sim.device.is_cpu:
+        sim.step(steps)
+        return
+    for _ in range(steps):
+        sim.step()
+
+
+def warm_up(sim: Simulation, steps: int) -> None:
+    """Do steps in which kernels are compiled and recorded: so many on the CPU, and rows of every length on a GPU."""
+    if sim.device.is_cpu:
+        advance(sim, steps)
+        return
+    for power in range(GPU_STEPS.bit_length()):
+        sim.step(1 << power)
+
+
 def step_cost(sim: Simulation, rounds: int = 2 * ROUNDS, repeats: int | None = None, warmup: int = 3) -> dict[str, Any]:
     """Measure whole steps of a simulation, which moves on.
 
     Args:
         sim: What is stepped.
         rounds: Rounds; the best one counts.
-        repeats: Steps a round, by default 3 to 50, of some 100,000 points in all: few, so that the rivers stay alike.
-        warmup: Steps before, in which kernels are compiled and recorded.
+        repeats: Steps a round, see :func:`advance`. By default ``GPU_STEPS`` on a GPU; on the CPU 3 to 50, of some
+            100,000 points in all: few, so that the rivers stay alike.
+        warmup: Steps before on the CPU, see :func:`warm_up`.
 
     Returns:
         ``points`` and ``channels`` at the end of the best round, its ``ms_per_step`` and ``ns_per_point``; over all
         rounds ``ms_mean``, ``cutoffs_per_step``, ``collisions_per_step``; ``substeps`` of the last step, and
         ``bytes_per_point`` of all device arrays.
     """
-    for _ in range(warmup):
-        sim.step()
+    warm_up(sim, warmup)
     history, first = sim.history, sim.step_count
     cutoffs, collisions = len(history.cutoffs), len(history.collisions)
-    repeats = repeats or min(50, max(3, 100_000 // sim.network.point_count))
-    found = []
+    few = min(50, max(3, 100_000 // sim.network.point_count)) if sim.device.is_cpu else GPU_STEPS
+    repeats, found = repeats or few, []
     for _ in range(rounds):
-        cost = least_seconds(sim.step, repeats, 1, sim.device)
+        cost = least_seconds(functools.partial(advance, sim, repeats), 1, 1, sim.device) / repeats
         found.append((cost / sim.network.point_count, cost, sim.network.point_count, sim.network.channel_count))
     steps = sim.step_count - first
     per_point, cost, points, channels = min(found)
@@ -253,8 +275,8 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
 
     Args:
         sim: What is stepped; not one made with ``check=True`` or ``capture=False``.
-        steps: Steps over which the mean is taken.
-        warmup: Steps before them.
+        steps: Steps over which the mean is taken, see :func:`advance`.
+        warmup: Steps before them on the CPU, see :func:`warm_up`.
 
     Returns:
         Seconds a step of each phase, in the order of the step, with those of the host last: "join" (channels that
@@ -278,13 +300,11 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
     sim._replays = {}
     sim._launch, sim._resolve_collisions = timed_launch, timed_resolve  # type: ignore[method-assign,assignment]
     try:
-        for _ in range(warmup):
-            sim.step()
+        warm_up(sim, warmup)
         for name in seconds:
             seconds[name] = 0.0
         begin = time.perf_counter()
-        for _ in range(steps):
-            sim.step()
+        advance(sim, steps)
         total = time.perf_counter() - begin
     finally:
         del sim._launch, sim._resolve_collisions

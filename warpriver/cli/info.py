@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from warpriver.cli.shared import OK, add_lines, command, quiet_warp, read_lines,
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
 
-__all__ = ["add"]
+__all__ = ["add", "describe_device", "describe_gpus"]
 
 EXTRAS = {
     "viz": ("matplotlib", "pyvista"),
@@ -21,6 +22,12 @@ EXTRAS = {
     "gis": ("pyogrio", "geopandas", "shapely", "pyproj", "rasterio", "xarray"),
     "bench": ("meanderpy", "h5py", "numba"),
 }
+# The oldest driver that runs what is built with a version of CUDA. Wheels of warp-lang from 1.18 on are built with 13.
+DRIVERS = {12: "driver R525", 13: "driver R580"}
+# The oldest GPU that the compiler of CUDA 13 and later serves: Turing.
+OLDEST_ARCH = 75
+# Where Warp's builds for other versions of CUDA are.
+BUILDS = "https://github.com/NVIDIA/warp/releases"
 
 
 def add(commands: Any) -> None:
@@ -47,9 +54,12 @@ def _info(options: argparse.Namespace) -> int:
 
     wp.init()
     print(f"warpriver {__version__}, Warp {wp.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}")
-    for device in wp.get_devices():
-        memory = f", {device.total_memory / 2**30:.0f} GiB" if device.is_cuda else ""
-        print(f"device {device.alias}: {device.name}{memory}")
+    devices, driver, toolkit = wp.get_devices(), wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version()
+    for device in devices:
+        print(f"device {device.alias}: {describe_device(device)}")
+    print(f"CUDA: driver {_version(driver)}, toolkit of Warp {_version(toolkit)}")
+    for line in describe_gpus(devices, driver, toolkit):
+        print(f"GPU: {line}")
     for extra, modules in EXTRAS.items():
         missing = [m for m in modules if importlib.util.find_spec(m) is None]
         state = "installed" if not missing else f'not installed (pip install "warpriver[{extra}]")'
@@ -60,6 +70,62 @@ def _info(options: argparse.Namespace) -> int:
         probe = viz.gl.probe()
         print(f"3-D previews: {'yes' if probe.ok else probe.message}")
     return OK
+
+
+def describe_device(device: Any) -> str:
+    """Name of a Warp device; of a GPU also its architecture, its memory, and whether that is given out from a pool."""
+    if not device.is_cuda:
+        return str(device.name)
+    total, free = device.total_memory / 2**30, device.free_memory / 2**30
+    pool = "memory pool" if device.is_mempool_supported else "no memory pool"
+    return f"{device.name}, sm_{device.arch}, {total:.0f} GiB, {free:.0f} free, {pool}"
+
+
+def describe_gpus(devices: Sequence[Any], driver: tuple[int, int] | None, toolkit: tuple[int, int] | None) -> list[str]:
+    """Say what each GPU will and will not do; where none will do anything, in one line why, and what to do.
+
+    Args:
+        devices: Warp devices.
+        driver: Version of CUDA that the installed driver is made for, None where there is no driver.
+        toolkit: Version of CUDA that Warp is built with, None where it is built without.
+    """
+    gpus = [device for device in devices if device.is_cuda]
+    if gpus:
+        return [_describe_gpu(device, toolkit) for device in gpus]
+    on_cpu = "warpriver runs on the CPU"
+    if toolkit is None:
+        return [f"{on_cpu}: this build of Warp has no CUDA"]
+    if driver is None:
+        return [f"{on_cpu}: no NVIDIA driver was found"]
+    # A driver serves all of its major version.
+    if driver[0] < toolkit[0]:
+        needed = DRIVERS.get(toolkit[0], f"a driver for CUDA {toolkit[0]}.0")
+        return [
+            f"{on_cpu}: the driver is for CUDA {_version(driver)}, Warp is built with {_version(toolkit)} and needs "
+            f"{needed} or newer; update it, or install a build of Warp for CUDA {driver[0]} ({BUILDS})"
+        ]
+    return [f"{on_cpu}: there is a driver but no GPU to be seen; is CUDA_VISIBLE_DEVICES set?"]
+
+
+def _describe_gpu(device: Any, toolkit: tuple[int, int] | None) -> str:
+    if toolkit is not None and toolkit >= (13, 0) and device.arch < OLDEST_ARCH:
+        return (
+            f"{device.alias} is too old (sm_{device.arch}): CUDA {toolkit[0]}, which Warp is built with, is for Turing "
+            f'(sm_{OLDEST_ARCH}) and newer; install a build of Warp for CUDA 12 ({BUILDS}), or give device="cpu"'
+        )
+    if not device.is_mempool_supported:
+        return (
+            f"{device.alias} has no memory pool, so that steps cannot be recorded: give Simulation(capture=False), "
+            "for which each kernel is launched by itself and each sub-step looked at. Is nvidia_uvm loaded?"
+        )
+    return (
+        f"{device.alias} runs steps of rivers, erosion in batches, valleys and terrain; "
+        "routing and extraction, and the joining of channels, run on the CPU"
+    )
+
+
+def _version(version: tuple[int, int] | None) -> str:
+    return "none" if version is None else f"{version[0]}.{version[1]}"
 
 
 def _info_file(options: argparse.Namespace) -> int:
