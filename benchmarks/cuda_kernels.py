@@ -82,8 +82,9 @@ def kernel_files() -> list[str]:
 
 def built_kernels(stem: str, scalar: type) -> list[wp.Kernel]:
     """Kernels of a file in one precision."""
-    namespace = importlib.import_module(f"warpriver.kernels.{stem}").build(scalar)
-    return [value for value in vars(namespace).values() if isinstance(value, wp.Kernel)]
+    file = importlib.import_module(f"warpriver.kernels.{stem}")
+    namespace = vars(file.build(scalar)) if hasattr(file, "build") else {}
+    return [value for value in namespace.values() if isinstance(value, wp.Kernel)]
 
 
 def kernel_module(stem: str, scalar: type) -> wp.Module:

@@ -445,12 +445,11 @@ class Stepper:
     def _collect_collisions(self, time: float, done: list[Rejoin]) -> None:
         """Note what was joined in the history, with the courses that were abandoned."""
         network = self.network
-        xy = network.point_xy.numpy()
         order = np.argsort(network.channel_id)
         minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
         for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
             ranges = [(first, stop) for first, stop, _ in edit.abandoned]
-            pieces = [xy[first:stop].astype(np.float64) + network.origin for first, stop in ranges]
+            pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
             start = np.cumsum([0] + [len(p) for p in pieces])
             self.history.collisions.append(
                 Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start)

@@ -368,8 +368,8 @@ class NetworkEdit:
         slope = old[self._old_of(heads)]
         for chain in chains:
             parts = [self._part(c) for c in chain]
-            xy = self.network.point_xy.numpy()
-            length = [np.hypot(*np.diff(xy[p.first : p.stop].astype(np.float64), axis=0).T).sum() for p in parts]
+            lines = [self.network.point_xy[p.first : p.stop].numpy().astype(np.float64) for p in parts]
+            length = [np.hypot(*np.diff(line, axis=0).T).sum() for line in lines]
             slope[np.searchsorted(heads, chain[0])] = np.average(old[[p.old for p in parts]], weights=length)
         return slope
 
@@ -385,7 +385,9 @@ class NetworkEdit:
         xy = np.empty((len(nodes), 2))
         xy[known] = old.node_xy[nodes[known]]
         made = [self._node_point[n] for n in nodes[~known].tolist()]
-        xy[~known] = old.point_xy.numpy()[made].astype(np.float64) + old.origin
+        # Few points: on a GPU they are read one by one rather than with all others.
+        points = [old.point_xy[i : i + 1].numpy()[0].astype(np.float64) for i in made]
+        xy[~known] = np.reshape(points, (-1, 2)) + old.origin
         return label[: len(heads)], label[len(heads) :], xy
 
     def _flows(self) -> np.ndarray:
