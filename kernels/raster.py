@@ -46,22 +46,32 @@ def build(scalar):
         return vec2(column, row)
 
     @wp.func(module=name)
-    def is_inside(cell_value: wp.array2d[wp.float64], position: vec2) -> bool:
-        """Tell whether a position, as ``cell_position`` gives it, lies on the raster, its outer edge included."""
+    def is_within(rows: int, columns: int, position: vec2) -> bool:
+        """Tell whether a position, as ``cell_position`` gives it, lies on a raster, its outer edge included."""
         low = -HALF - SLACK
         return (
             position[0] >= low
             and position[1] >= low
-            and position[0] <= scalar(cell_value.shape[1]) + low + SLACK + SLACK
-            and position[1] <= scalar(cell_value.shape[0]) + low + SLACK + SLACK
+            and position[0] <= scalar(columns) + low + SLACK + SLACK
+            and position[1] <= scalar(rows) + low + SLACK + SLACK
         )
+
+    @wp.func(module=name)
+    def is_inside(cell_value: wp.array2d[wp.float64], position: vec2) -> bool:
+        """Tell whether a position lies on the raster."""
+        return is_within(cell_value.shape[0], cell_value.shape[1], position)
+
+    @wp.func(module=name)
+    def own_cell(rows: int, columns: int, position: vec2) -> wp.vec2i:
+        """Row and column of the cell that a position on a raster lies in."""
+        column = wp.clamp(int(position[0] + HALF), 0, columns - 1)
+        return wp.vec2i(wp.clamp(int(position[1] + HALF), 0, rows - 1), column)
 
     @wp.func(module=name)
     def own_value(cell_value: wp.array2d[wp.float64], position: vec2) -> wp.float64:
         """Value of the cell that a position on the raster lies in."""
-        column = wp.clamp(int(position[0] + HALF), 0, cell_value.shape[1] - 1)
-        row = wp.clamp(int(position[1] + HALF), 0, cell_value.shape[0] - 1)
-        return cell_value[row, column]
+        cell = own_cell(cell_value.shape[0], cell_value.shape[1], position)
+        return cell_value[cell[0], cell[1]]
 
     @wp.func(module=name)
     def corner_weight(corner: int, u: wp.float64, v: wp.float64) -> wp.float64:
@@ -215,7 +225,9 @@ def build(scalar):
         vec2=vec2,
         RasterGrid=RasterGrid,
         cell_position=cell_position,
+        is_within=is_within,
         is_inside=is_inside,
+        own_cell=own_cell,
         value_at=value_at,
         cell_difference=cell_difference,
         gradient_at=gradient_at,

@@ -1,4 +1,4 @@
-"""Terrain: sampling at points, slope of cells, brushes, ridges, and another cell size."""
+"""Terrain and other rasters: sampling at points, slope of cells, brushes, ridges, and another cell size."""
 
 import functools
 import math
@@ -58,6 +58,28 @@ def build(scalar):
         """Height at points."""
         i = wp.tid()
         point_height_out[i] = cells.value_at(cell_height, grid, point_xy[i])
+
+    @wp.kernel(module=name, enable_backward=False)
+    def find_cells(
+        # terrain
+        rows: int,
+        columns: int,
+        grid: RasterGrid,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_cell_out: wp.array[int],
+        point_inside_out: wp.array[wp.uint8],
+    ):
+        """Index row * columns + column of the cell that each point lies in, and 1; two zeros off the raster."""
+        i = wp.tid()
+        position = cells.cell_position(grid, point_xy[i])
+        point_cell_out[i] = 0
+        point_inside_out[i] = wp.uint8(0)
+        if cells.is_within(rows, columns, position):
+            cell = cells.own_cell(rows, columns, position)
+            point_cell_out[i] = cell[0] * columns + cell[1]
+            point_inside_out[i] = wp.uint8(1)
 
     @wp.kernel(module=name, enable_backward=False)
     def sample_gradients(
@@ -275,6 +297,7 @@ def build(scalar):
         RasterGrid=RasterGrid,
         Brush=Brush,
         sample_values=sample_values,
+        find_cells=find_cells,
         sample_gradients=sample_gradients,
         compute_slope=compute_slope,
         raise_cells=raise_cells,
