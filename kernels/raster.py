@@ -1,4 +1,4 @@
-"""Functions on rasters that the kernels of several processes share: which cell, value, gradient, and the edges.
+"""Rasters: sampling at points, and functions that several processes share: which cell, value, gradient, the edges.
 
 Row 0 is the north edge. A value belongs to its cell's centre. One rule holds at the outer edges and beside cells that
 have no data (NaN): of the four centres around a point those that are missing drop out, and the weights of the others
@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 @functools.cache
 def build(scalar):
-    """Make the raster functions for one precision of the positions; the rasters hold float64 in both.
+    """Make functions and kernels on rasters for one precision of the positions; the rasters hold float64 in both.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.
@@ -221,7 +221,45 @@ def build(scalar):
         y = grid.north - (scalar(row) + HALF) * grid.cell_size
         return vec2(x, y)
 
+    @wp.kernel(module=name, enable_backward=False)
+    def sample_values(
+        # terrain
+        cell_value: wp.array2d[wp.float64],
+        grid: RasterGrid,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_value_out: wp.array[wp.float64],
+    ):
+        """Value at points, bilinear."""
+        i = wp.tid()
+        point_value_out[i] = value_at(cell_value, grid, point_xy[i])
+
+    @wp.kernel(module=name, enable_backward=False)
+    def find_cells(
+        # terrain
+        rows: int,
+        columns: int,
+        grid: RasterGrid,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_cell_out: wp.array[int],
+        point_inside_out: wp.array[wp.uint8],
+    ):
+        """Index row * columns + column of the cell that each point lies in, and 1; two zeros off the raster."""
+        i = wp.tid()
+        position = cell_position(grid, point_xy[i])
+        point_cell_out[i] = 0
+        point_inside_out[i] = wp.uint8(0)
+        if is_within(rows, columns, position):
+            cell = own_cell(rows, columns, position)
+            point_cell_out[i] = cell[0] * columns + cell[1]
+            point_inside_out[i] = wp.uint8(1)
+
     return SimpleNamespace(
+        sample_values=sample_values,
+        find_cells=find_cells,
         vec2=vec2,
         RasterGrid=RasterGrid,
         cell_position=cell_position,

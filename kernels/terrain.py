@@ -1,4 +1,4 @@
-"""Terrain and other rasters: sampling at points, slope of cells, brushes, ridges, and another cell size."""
+"""Terrain: gradients at points, slope of cells, brushes, ridges, and another cell size."""
 
 import functools
 import math
@@ -44,42 +44,6 @@ def build(scalar):
         """Amount of a brush at the centre of a cell."""
         offset = cells.center_of_cell(grid, row, column) - brush.center
         return brush.amount * falloff(wp.length(offset) / brush.radius)
-
-    @wp.kernel(module=name, enable_backward=False)
-    def sample_values(
-        # terrain
-        cell_height: wp.array2d[wp.float64],
-        grid: RasterGrid,
-        # in
-        point_xy: wp.array[vec2],
-        # out
-        point_height_out: wp.array[wp.float64],
-    ):
-        """Height at points."""
-        i = wp.tid()
-        point_height_out[i] = cells.value_at(cell_height, grid, point_xy[i])
-
-    @wp.kernel(module=name, enable_backward=False)
-    def find_cells(
-        # terrain
-        rows: int,
-        columns: int,
-        grid: RasterGrid,
-        # in
-        point_xy: wp.array[vec2],
-        # out
-        point_cell_out: wp.array[int],
-        point_inside_out: wp.array[wp.uint8],
-    ):
-        """Index row * columns + column of the cell that each point lies in, and 1; two zeros off the raster."""
-        i = wp.tid()
-        position = cells.cell_position(grid, point_xy[i])
-        point_cell_out[i] = 0
-        point_inside_out[i] = wp.uint8(0)
-        if cells.is_within(rows, columns, position):
-            cell = cells.own_cell(rows, columns, position)
-            point_cell_out[i] = cell[0] * columns + cell[1]
-            point_inside_out[i] = wp.uint8(1)
 
     @wp.kernel(module=name, enable_backward=False)
     def sample_gradients(
@@ -296,8 +260,6 @@ def build(scalar):
         vec2=vec2,
         RasterGrid=RasterGrid,
         Brush=Brush,
-        sample_values=sample_values,
-        find_cells=find_cells,
         sample_gradients=sample_gradients,
         compute_slope=compute_slope,
         raise_cells=raise_cells,

@@ -13,7 +13,7 @@ import warp as wp
 
 from warpriver.crs import is_geographic, pyproj_or_none, short_name
 from warpriver.extras import need
-from warpriver.kernels import terrain as kernels
+from warpriver.kernels import raster as kernels
 from warpriver.network import PRECISIONS, resolve_device
 
 __all__ = [
