@@ -121,6 +121,10 @@ def _placed(path: Path, header: dict[str, float], rows: int) -> tuple[float, ...
 def write_ascii(raster: Raster, path: Path) -> None:
     """Write an ESRI ASCII grid in digits that give back the same values, and its CRS to a .prj file beside it."""
     values = raster.numpy()
+    if raster.is_integer and np.abs(values.astype(np.float64)).max() >= LARGEST_WHOLE:
+        raise ValueError(
+            f"{path.name}: whole numbers of 2^53 or more are not kept in an ASCII grid; write .npz or .tif"
+        )
     west, south, _, _ = raster.bounds
     header: dict[str, float] = {
         "ncols": raster.shape[1], "nrows": raster.shape[0], "xllcorner": west, "yllcorner": south,

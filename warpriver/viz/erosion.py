@@ -15,6 +15,7 @@ import numpy as np
 
 from warpriver.hydrology.orders import strahler_order
 from warpriver.hydrology.routing import host_areas
+from warpriver.terrain import surface_of
 from warpriver.viz.maps import add_value_bar, draw_network
 from warpriver.viz.movie import write_frames
 from warpriver.viz.relief import hillshade
@@ -47,7 +48,7 @@ def draw_elevation(
     """Draw a terrain coloured by elevation, with faint shades under light from the north-west.
 
     Args:
-        terrain: Terrain.
+        terrain: Terrain, or a Raster of heights in m.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         title: Title at the upper left, or None.
         size: Width and height of the picture in pixels; by default fitted to the terrain.
@@ -63,6 +64,7 @@ def draw_elevation(
     """
     from matplotlib.colors import Normalize
 
+    terrain = surface_of(terrain)
     low, high = _height_span(terrain)
     sheet = _page(terrain, title, size, dpi)
     _lay(sheet, terrain, _elevation_picture(terrain, low, high))
