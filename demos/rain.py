@@ -38,7 +38,8 @@ def main(folder: Path) -> None:
     before, after = (np.mean([wr.metrics.sinuosity(xy) for xy in n.polylines()]) for n in (network, sim.network))
     print(f"mean sinuosity {before:.3f} -> {after:.3f}, {len(history.cutoffs)} cutoffs; see {folder / 'rain.png'}")
 
-    stays = flow.receiver == np.arange(flow.receiver.size).reshape(flow.receiver.shape)
+    receiver = flow.receiver.numpy()
+    stays = receiver == np.arange(receiver.size).reshape(receiver.shape)
     assert stays[-1].all() and not stays[:-1].any(), "all water leaves in the south: there is no pit"
     assert 3 <= len(laws.streams) <= 6 and 3.0 < laws.bifurcation_ratio < 9.0 and 0.55 < laws.hack_exponent < 0.8
     mouth = network.channel_to[~np.isin(network.channel_to, network.channel_from)]

@@ -1,4 +1,4 @@
-"""Functions on rasters that the kernels of several processes share: which cell, value, gradient, and the edges.
+"""Rasters: sampling at points, and functions that several processes share: which cell, value, gradient, the edges.
 
 Row 0 is the north edge. A value belongs to its cell's centre. One rule holds at the outer edges and beside cells that
 have no data (NaN): of the four centres around a point those that are missing drop out, and the weights of the others
@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 @functools.cache
 def build(scalar):
-    """Make the raster functions for one precision of the positions; the rasters hold float64 in both.
+    """Make functions and kernels on rasters for one precision of the positions; the rasters hold float64 in both.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.
@@ -46,22 +46,32 @@ def build(scalar):
         return vec2(column, row)
 
     @wp.func(module=name)
-    def is_inside(cell_value: wp.array2d[wp.float64], position: vec2) -> bool:
-        """Tell whether a position, as ``cell_position`` gives it, lies on the raster, its outer edge included."""
+    def is_within(rows: int, columns: int, position: vec2) -> bool:
+        """Tell whether a position, as ``cell_position`` gives it, lies on a raster, its outer edge included."""
         low = -HALF - SLACK
         return (
             position[0] >= low
             and position[1] >= low
-            and position[0] <= scalar(cell_value.shape[1]) + low + SLACK + SLACK
-            and position[1] <= scalar(cell_value.shape[0]) + low + SLACK + SLACK
+            and position[0] <= scalar(columns) + low + SLACK + SLACK
+            and position[1] <= scalar(rows) + low + SLACK + SLACK
         )
+
+    @wp.func(module=name)
+    def is_inside(cell_value: wp.array2d[wp.float64], position: vec2) -> bool:
+        """Tell whether a position lies on the raster."""
+        return is_within(cell_value.shape[0], cell_value.shape[1], position)
+
+    @wp.func(module=name)
+    def own_cell(rows: int, columns: int, position: vec2) -> wp.vec2i:
+        """Row and column of the cell that a position on a raster lies in."""
+        column = wp.clamp(int(position[0] + HALF), 0, columns - 1)
+        return wp.vec2i(wp.clamp(int(position[1] + HALF), 0, rows - 1), column)
 
     @wp.func(module=name)
     def own_value(cell_value: wp.array2d[wp.float64], position: vec2) -> wp.float64:
         """Value of the cell that a position on the raster lies in."""
-        column = wp.clamp(int(position[0] + HALF), 0, cell_value.shape[1] - 1)
-        row = wp.clamp(int(position[1] + HALF), 0, cell_value.shape[0] - 1)
-        return cell_value[row, column]
+        cell = own_cell(cell_value.shape[0], cell_value.shape[1], position)
+        return cell_value[cell[0], cell[1]]
 
     @wp.func(module=name)
     def corner_weight(corner: int, u: wp.float64, v: wp.float64) -> wp.float64:
@@ -211,11 +221,51 @@ def build(scalar):
         y = grid.north - (scalar(row) + HALF) * grid.cell_size
         return vec2(x, y)
 
+    @wp.kernel(module=name, enable_backward=False)
+    def sample_values(
+        # terrain
+        cell_value: wp.array2d[wp.float64],
+        grid: RasterGrid,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_value_out: wp.array[wp.float64],
+    ):
+        """Value at points, bilinear."""
+        i = wp.tid()
+        point_value_out[i] = value_at(cell_value, grid, point_xy[i])
+
+    @wp.kernel(module=name, enable_backward=False)
+    def find_cells(
+        # terrain
+        rows: int,
+        columns: int,
+        grid: RasterGrid,
+        # in
+        point_xy: wp.array[vec2],
+        # out
+        point_cell_out: wp.array[int],
+        point_inside_out: wp.array[wp.uint8],
+    ):
+        """Index row * columns + column of the cell that each point lies in, and 1; two zeros off the raster."""
+        i = wp.tid()
+        position = cell_position(grid, point_xy[i])
+        point_cell_out[i] = 0
+        point_inside_out[i] = wp.uint8(0)
+        if is_within(rows, columns, position):
+            cell = own_cell(rows, columns, position)
+            point_cell_out[i] = cell[0] * columns + cell[1]
+            point_inside_out[i] = wp.uint8(1)
+
     return SimpleNamespace(
+        sample_values=sample_values,
+        find_cells=find_cells,
         vec2=vec2,
         RasterGrid=RasterGrid,
         cell_position=cell_position,
+        is_within=is_within,
         is_inside=is_inside,
+        own_cell=own_cell,
         value_at=value_at,
         cell_difference=cell_difference,
         gradient_at=gradient_at,

@@ -1,4 +1,4 @@
-"""Terrain: sampling at points, slope of cells, brushes, ridges, and another cell size."""
+"""Terrain: gradients at points, slope of cells, brushes, ridges, and another cell size."""
 
 import functools
 import math
@@ -44,20 +44,6 @@ def build(scalar):
         """Amount of a brush at the centre of a cell."""
         offset = cells.center_of_cell(grid, row, column) - brush.center
         return brush.amount * falloff(wp.length(offset) / brush.radius)
-
-    @wp.kernel(module=name, enable_backward=False)
-    def sample_values(
-        # terrain
-        cell_height: wp.array2d[wp.float64],
-        grid: RasterGrid,
-        # in
-        point_xy: wp.array[vec2],
-        # out
-        point_height_out: wp.array[wp.float64],
-    ):
-        """Height at points."""
-        i = wp.tid()
-        point_height_out[i] = cells.value_at(cell_height, grid, point_xy[i])
 
     @wp.kernel(module=name, enable_backward=False)
     def sample_gradients(
@@ -274,7 +260,6 @@ def build(scalar):
         vec2=vec2,
         RasterGrid=RasterGrid,
         Brush=Brush,
-        sample_values=sample_values,
         sample_gradients=sample_gradients,
         compute_slope=compute_slope,
         raise_cells=raise_cells,

@@ -28,12 +28,12 @@ def outlets(network):
 def river_cells(terrain, threshold):
     """Centres of the cells above the threshold, m; their drainage area at outlets, m2."""
     flow = route(carve_depressions(terrain))
-    area = drainage_area(flow)
+    area = drainage_area(flow).numpy()
     row, column = np.nonzero(area >= threshold)
     west, north = terrain.origin
     centers = np.column_stack([west + (column + 0.5) * terrain.cell_size, north - (row + 0.5) * terrain.cell_size])
     index = np.ravel_multi_index((row, column), area.shape)
-    out = flow.receiver[row, column] == index
+    out = flow.receiver.numpy()[row, column] == index
     return centers, area[row, column][out], centers[out]
 
 

@@ -163,7 +163,7 @@ def test_the_basin_gathers_its_water_and_sends_it_west(seed):
     t = intermontane_basin(200.0, seed)
     assert t.shape == (130, 200) and t.bounds == (0.0, 0.0, 40_000.0, 26_000.0)
     flow = hydrology.route(hydrology.carve_depressions(t))
-    area = hydrology.drainage_area(flow)
+    area = hydrology.drainage_area(flow).numpy()
     row, column = np.unravel_index(np.nanargmax(area), area.shape)
     assert column == 0 and 30 < row < 100, "the largest river leaves in the west, on the plain"
     assert area[row, column] > 0.6 * 40e3 * 26e3

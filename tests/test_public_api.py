@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
-    {"crs", "params", "network", "progress", "terrain"},
+    {"crs", "extras", "params", "network", "progress", "raster", "terrain"},
     {"meander", "metrics", "generate", "hydrology"},
     {"history"},
     {"simulation", "stepping"},

@@ -93,7 +93,7 @@ def test_the_network_is_a_forest_in_the_valleys_and_carries_all_water(name):
         network = extract_network(terrain, min_drainage_area=threshold, flow=flow)
     assert_forest(network)
     assert network.crs == terrain.crs
-    found, wanted = areas_at_outlets(network, terrain, drainage_area(flow))
+    found, wanted = areas_at_outlets(network, terrain, drainage_area(flow).numpy())
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
     assert found.min() >= threshold * (1.0 - 1e-9)
     widths = np.concatenate(network.point_widths())

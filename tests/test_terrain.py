@@ -7,9 +7,10 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import warpriver.terrain as terrain_module
+import warpriver.raster as raster_module
 from warpriver.network import RiverNetwork
-from warpriver.terrain import Terrain, available_memory, require_memory, square_cells
+from warpriver.raster import available_memory, require_memory
+from warpriver.terrain import Terrain, square_cells
 
 # Heights of up to 1e3 m over some ten operations in float64.
 TOLERANCE = 1e-9
@@ -435,11 +436,11 @@ def test_a_terrain_that_cannot_fit_is_refused_before_anything_is_allocated():
 
 
 def test_a_billion_cells_are_refused_where_there_is_no_memory(monkeypatch):
-    monkeypatch.setattr(terrain_module, "available_memory", lambda device: 4_000_000_000)
+    monkeypatch.setattr(raster_module, "available_memory", lambda device: 4_000_000_000)
     with pytest.raises(MemoryError, match="31623 x 31623 cells needs 17 GB and 4 GB are free"):
         Terrain(np.broadcast_to(np.float32(1.0), (31_623, 31_623)), 1.0)
     require_memory((10, 10), 8)
-    monkeypatch.setattr(terrain_module, "available_memory", lambda device: None)
+    monkeypatch.setattr(raster_module, "available_memory", lambda device: None)
     require_memory((10**6, 10**6), 8)
 
 

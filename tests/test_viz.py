@@ -12,6 +12,7 @@ pytest.importorskip("matplotlib")
 from scipy.spatial import cKDTree
 
 from warpriver.network import RiverNetwork
+from warpriver.raster import Raster
 from warpriver.viz import bands, belt, draw_belt, draw_network, gl, maps, movie, render_scene, scene, sheet
 
 WIDTH = 80.0
@@ -200,6 +201,14 @@ def test_background_lies_with_row_0_in_the_north(tmp_path):
     assert pixel_at(figure, (300.0, -900.0)).tolist() == [0, 0, 255]
     with pytest.raises(ValueError, match="together"):
         draw_network(network, background=image)
+    grey = Raster(image[..., 0], 200.0, (0.0, 2000.0))
+    figure = draw_network(network, background=grey, window=(0.0, -1000.0, 4000.0, 1000.0))
+    assert pixel_at(figure, (300.0, 900.0)).tolist() == [255, 255, 255]
+    assert pixel_at(figure, (300.0, -900.0)).tolist() == [0, 0, 0]
+    with pytest.raises(ValueError, match="its own extent"):
+        draw_network(network, background=grey, extent=grey.bounds)
+    with pytest.raises(ValueError, match=r"the raster, .* lies beside the channels"):
+        draw_network(network, background=Raster(image[..., 0], 1.0, (1e6, 0.0)))
     with pytest.raises(ValueError, match="shape"):
         draw_network(network, background=image[0, 0], extent=(0, 0, 1, 1), window=(0, -100, 900, 100))
 

@@ -41,7 +41,7 @@ def test_cells_without_data_are_white():
 
 def test_drainage_colours_the_cells_that_drain_enough_and_no_other(eroded, tmp_path):
     flow = eroded.flow()
-    area = drainage_area(flow)
+    area = drainage_area(flow).numpy()
     picture, _ = laid(draw_drainage(flow, tmp_path / "d.png", min_drainage_area=3000.0, **SIZE))
     ground = (picture == picture[area < 3000.0][0]).all(axis=2)
     assert np.array_equal(~ground, area >= 3000.0) and (tmp_path / "d.png").stat().st_size > 0

@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from warpriver.history import Collision, Cutoff, History, Split, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
-    from warpriver.io.rasters import read_terrain, write_terrain
+    from warpriver.io.rasters import read_raster, read_terrain, write_raster, write_terrain
     from warpriver.io.valleys import read_valley, write_breaklines, write_mesh, write_points, write_valley
-    from warpriver.io.xarrays import from_xarray, to_xarray
+    from warpriver.io.xarrays import from_xarray, raster_from_xarray, to_xarray
     from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
+    from warpriver.raster import Raster
     from warpriver.simulation import Every, Simulation
     from warpriver.terrain import Terrain
 
@@ -36,6 +37,7 @@ __all__ = [
     "LehenyParams",
     "MeanderParams",
     "PathMeander",
+    "Raster",
     "RiverNetwork",
     "Simulation",
     "Split",
@@ -50,7 +52,9 @@ __all__ = [
     "generate",
     "hydrology",
     "metrics",
+    "raster_from_xarray",
     "read_network",
+    "read_raster",
     "read_terrain",
     "read_valley",
     "synthetic_valley",
@@ -61,6 +65,7 @@ __all__ = [
     "write_mesh",
     "write_network",
     "write_points",
+    "write_raster",
     "write_terrain",
     "write_valley",
 ]
@@ -77,6 +82,7 @@ _HOMES = {
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
+    "Raster": "warpriver.raster",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Split": "warpriver.history",
@@ -89,6 +95,8 @@ _HOMES = {
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.xarrays",
     "read_network": "warpriver.io.lines",
+    "raster_from_xarray": "warpriver.io.xarrays",
+    "read_raster": "warpriver.io.rasters",
     "read_terrain": "warpriver.io.rasters",
     "read_valley": "warpriver.io.valleys",
     "synthetic_valley": "warpriver.generate.valley",
@@ -98,6 +106,7 @@ _HOMES = {
     "write_mesh": "warpriver.io.valleys",
     "write_network": "warpriver.io.lines",
     "write_points": "warpriver.io.valleys",
+    "write_raster": "warpriver.io.rasters",
     "write_terrain": "warpriver.io.rasters",
     "write_valley": "warpriver.io.valleys",
 }

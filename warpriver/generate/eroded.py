@@ -11,9 +11,9 @@ import warp as wp
 
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
-from warpriver.network import resolve_device
 from warpriver.params import LehenyParams
-from warpriver.terrain import Terrain, require_memory
+from warpriver.raster import require_memory
+from warpriver.terrain import Terrain
 
 __all__ = ["ErodedTerrain", "erosion_peak", "erosion_plane"]
 
@@ -60,8 +60,7 @@ class ErodedTerrain(Terrain):
     ) -> ErodedTerrain:
         """Wrap device heights that lie where a terrain does."""
         eroded = cls.__new__(cls)
-        eroded.height, eroded.device = height, height.device
-        eroded.cell_size, eroded.origin, eroded.crs = terrain.cell_size, terrain.origin, terrain.crs
+        eroded.raster = Terrain._of(height, terrain.cell_size, terrain.origin, terrain.crs).raster
         eroded.edges, eroded.nodata, eroded.params = dict(edges), nodata, params
         eroded.events, eroded.visits, eroded.slides, eroded.volume_removed = account
         eroded.snapshots = ()
@@ -78,8 +77,8 @@ class ErodedTerrain(Terrain):
 
     def to(self, device: Any) -> ErodedTerrain:
         """Return a copy on another device, with its account and without snapshots."""
-        height = wp.clone(self.height, device=resolve_device(device))
-        return ErodedTerrain._with_account(self, height, self.edges, self.nodata, self.params, self._account)
+        moved = super().to(device)
+        return ErodedTerrain._with_account(moved, moved.height, self.edges, self.nodata, self.params, self._account)
 
     def flow(self, seed: int = 0) -> Flow:
         """Route water by steepest descent over it, as rivers are identified: among its neighbours, ties by chance.

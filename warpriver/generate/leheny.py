@@ -21,7 +21,8 @@ from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, s
 from warpriver.kernels import leheny as kernels
 from warpriver.network import PRECISIONS, resolve_device
 from warpriver.params import LehenyParams
-from warpriver.terrain import Terrain, require_memory
+from warpriver.raster import require_memory
+from warpriver.terrain import Terrain
 
 __all__ = ["erode", "erode_ensemble"]
 

@@ -14,7 +14,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver.kernels import terrains as kernels
-from warpriver.terrain import Terrain, require_memory, square_cells
+from warpriver.raster import require_memory
+from warpriver.terrain import Terrain, square_cells
 
 __all__ = [
     "cone",

@@ -29,7 +29,8 @@ from warpriver.generate.valley_params import SECTION_FORMS, ObjectField, ValleyP
 from warpriver.generate.valley_stations import Line, Stations, lay_stations, lay_threads, valley_lines
 from warpriver.kernels import valley as kernels
 from warpriver.network import RiverNetwork, resolve_device
-from warpriver.terrain import Terrain, require_memory
+from warpriver.raster import present_device, require_memory
+from warpriver.terrain import Terrain
 
 __all__ = ["Valley", "ValleyGrid", "synthetic_valley"]
 
@@ -78,7 +79,9 @@ class ValleyGrid:
 class Valley:
     """A synthetic river valley: what it was made from, its stations, and its surface on a device.
 
-    Make one with :func:`synthetic_valley`. Heights, lines and series come when they are asked for first.
+    Make one with :func:`synthetic_valley`. Heights, lines and series come when they are asked for first. A valley
+    pickles with equal bits if its control functions do; the terrain travels with it, what else the device holds is made
+    anew. Where a machine has no such device it comes back on the CPU, with a ``UserWarning``.
 
     Attributes:
         params: What it was made from.
@@ -326,6 +329,14 @@ class Valley:
         wp.launch(kernel.settle_cells, dim=dim, inputs=[surface, lattice, known], outputs=[other], device=self.device)
         lattice.node_station, lattice.cell_station = known, other
         return lattice
+
+    def __getstate__(self) -> dict[str, Any]:
+        made_anew = ("_surface", "_lattice", "network")
+        kept = {name: value for name, value in self.__dict__.items() if name not in made_anew}
+        return kept | {"device": self.device.alias}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, device=present_device(state["device"], "a valley"))
 
     def __repr__(self) -> str:
         p, s = self.params, self.stations

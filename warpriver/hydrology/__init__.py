@@ -1,6 +1,7 @@
 """Hydrology on a terrain: depressions filled or carved, flow directions, drainage area and what follows from it.
 
-It says where water goes on a surface. It is not for water depth and velocity, ground water, or rain that varies.
+It says where water goes on a surface, a terrain or a raster of heights: in rasters on the surface's device, or in a
+network. It is not for water depth and velocity, ground water, or rain that varies.
 """
 
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions

@@ -12,9 +12,10 @@ import numpy as np
 import warp as wp
 
 from warpriver.kernels import cells as kernels
-from warpriver.terrain import Terrain, require_memory
+from warpriver.raster import require_memory
+from warpriver.terrain import Terrain
 
-__all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules"]
+__all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules", "table"]
 
 Rule = Literal["open", "closed", "periodic"]
 Edges = Rule | Mapping[str, Rule] | tuple[Rule, Rule, Rule, Rule]
@@ -165,6 +166,11 @@ def flat(array: np.ndarray) -> wp.array:
     """View a contiguous host array as a flat array of Warp's CPU device."""
     kinds = {np.dtype(np.float64): wp.float64, np.dtype(np.uint8): wp.uint8, np.dtype(np.int32): wp.int32}
     return wp.array(array.reshape(-1), dtype=kinds[array.dtype], device="cpu", copy=False)
+
+
+def table(array: np.ndarray) -> wp.array:
+    """View a host array as a two-dimensional array of Warp's CPU device."""
+    return flat(array).reshape(array.shape)
 
 
 @functools.cache

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 import warp as wp
 
-from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain
+from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.kernels import depressions as kernels
-from warpriver.terrain import Terrain
+from warpriver.raster import Raster
+from warpriver.terrain import NAME, UNIT, Terrain, surface_of
 
 __all__ = ["carve_depressions", "fill_depressions"]
+
+Surface = TypeVar("Surface", Terrain, Raster)
 
 # Scratch and result in bytes a cell, besides the padded copy.
 FILL_BYTES, CARVE_BYTES = 29, 49
@@ -22,8 +26,8 @@ LEAST_RELIEF = 1e-200
 
 
 def fill_depressions(
-    terrain: Terrain, *, epsilon: bool = True, edges: Edges = "open", nodata: NoData = "outlet"
-) -> Terrain:
+    terrain: Surface, *, epsilon: bool = True, edges: Edges = "open", nodata: NoData = "outlet"
+) -> Surface:
     """Raise every cell from which water cannot leave until it can [Barnes2014].
 
     The result is the least surface W >= z with W = max(z, s(least W among the eight neighbours)) in every cell but the
@@ -33,32 +37,33 @@ def fill_depressions(
     nothing is lowered, and filling a filled terrain changes nothing.
 
     Args:
-        terrain: The surface; it is not changed.
+        terrain: The surface, a terrain or a raster of heights in m; it is not changed.
         epsilon: Whether filled ground keeps a least slope towards its outlet. Heights stored as float32 lose it.
         edges: What the four sides are, "open" (water leaves at their cells), "closed" (a wall) or "periodic" (joined to
             the opposite side): one word, four in the order north, south, east, west, or a mapping by those names.
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
 
     Returns:
-        The filled terrain. Ground that has no outlet drains to its lowest cell, which keeps its height.
+        The filled surface, a terrain or a raster as was given, on the same device. Ground that has no outlet drains to
+        its lowest cell, which keeps its height.
 
     Raises:
-        ValueError: An unknown edge rule, a periodic side without its opposite, or more than 2^31 cells.
+        ValueError: No surface, an unknown edge rule, a periodic side without its opposite, or more than 2^31 cells.
         MemoryError: There is no room, told before anything is allocated.
     """
-    cells = pad_terrain(terrain, edges, nodata, FILL_BYTES)
+    cells = pad_terrain(surface_of(terrain), edges, nodata, FILL_BYTES)
     _flood(cells, epsilon)
-    return _terrain_like(terrain, cells)
+    return _with_heights(terrain, cells)
 
 
 def carve_depressions(
-    terrain: Terrain,
+    terrain: Surface,
     *,
     edges: Edges = "open",
     nodata: NoData = "outlet",
     max_depth: float | None = None,
     max_length: float | None = None,
-) -> Terrain:
+) -> Surface:
     """Cut a course out of every depression where that takes least height away, and fill what cannot be cut.
 
     Pits are opened one after another, the lowest first, at equal height the first in the raster. From the pit's cells
@@ -69,24 +74,24 @@ def carve_depressions(
     nowhere above :func:`fill_depressions`.
 
     Args:
-        terrain: The surface; it is not changed.
+        terrain: The surface, a terrain or a raster of heights in m; it is not changed.
         edges: As in :func:`fill_depressions`.
         nodata: As in :func:`fill_depressions`.
         max_depth: Greatest cut in a cell in m; None for any.
         max_length: Greatest length of a course in m; None for any. A limit also bounds the time of the search.
 
     Returns:
-        The carved terrain.
+        The carved surface, a terrain or a raster as was given, on the same device.
 
     Raises:
         ValueError: A limit below 0, and as :func:`fill_depressions`.
         MemoryError: There is no room, told before anything is allocated.
     """
     depth, length = _limit(max_depth, "max_depth"), _limit(max_length, "max_length")
-    cells = pad_terrain(terrain, edges, nodata, CARVE_BYTES)
+    cells = pad_terrain(surface_of(terrain), edges, nodata, CARVE_BYTES)
     _carve(cells, depth, length / terrain.cell_size)
     _flood(cells, True)
-    return _terrain_like(terrain, cells)
+    return _with_heights(terrain, cells)
 
 
 def _flood(cells: PaddedCells, epsilon: bool) -> None:
@@ -153,9 +158,9 @@ def _limit(value: float | None, name: str) -> float:
     return float(value)
 
 
-def _terrain_like(terrain: Terrain, cells: PaddedCells) -> Terrain:
-    """Wrap the heights as a terrain on the device of the one they come from."""
-    height: wp.array = wp.array(cells.interior(cells.height), dtype=wp.float64, device="cpu", copy=False)
-    if terrain.device.is_cuda:
-        height = wp.clone(height, device=terrain.device)
-    return Terrain._of(height, terrain.cell_size, terrain.origin, terrain.crs)
+def _with_heights(surface: Surface, cells: PaddedCells) -> Surface:
+    """Return the heights as what the surface is, on its device."""
+    height = table(cells.interior(cells.height))
+    if isinstance(surface, Raster):
+        return surface.like(height, unit=surface.unit, name=surface.name)
+    return Terrain._holding(surface.raster.like(height, unit=UNIT, name=NAME))

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.geometry import WIDTH_COEFFICIENT, channel_width, discharge
-from warpriver.hydrology.routing import Flow, drainage_area, route
+from warpriver.hydrology.routing import Flow, checked_areas, host_areas, route
 from warpriver.network import RiverNetwork, bankfull_depth
-from warpriver.terrain import Terrain
+from warpriver.raster import Raster
+from warpriver.terrain import Terrain, surface_of
 
 __all__ = ["extract_network"]
 
@@ -77,7 +78,7 @@ class _Stems:
 
 
 def extract_network(
-    terrain: Terrain,
+    terrain: Terrain | Raster,
     *,
     min_drainage_area: float,
     width_coefficient: float = WIDTH_COEFFICIENT,
@@ -119,7 +120,7 @@ def extract_network(
     the map, so that each river is in one piece from its mouth, which lies on the map.
 
     Args:
-        terrain: The ground; it is not changed.
+        terrain: The ground, or a raster of heights in m; it is not changed.
         min_drainage_area: Least drainage area of a channel, m2.
         width_coefficient: c of the width c area^0.5 in m per m; see :func:`warpriver.hydrology.channel_width`.
         spacing: Distance between points along a channel in m, adapted so that it divides the length; at least two
@@ -130,7 +131,7 @@ def extract_network(
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
         carve: Whether depressions are opened by carving, or filled.
         unroll: Whether rivers run on across periodic sides.
-        area: (rows, columns) drainage area by "d8" in m2, if it is known.
+        area: Drainage area by "d8" in m2, a Raster or (rows, columns), if it is known.
         flow: The terrain's flow, if it is known: routed after filling or carving. It has its own edges, and
             ``carve`` is not used.
         dtype: Precision of the network on the device, "float64" or "float32".
@@ -152,18 +153,19 @@ def extract_network(
     """
     threshold = _positive(min_drainage_area, "min_drainage_area", "m2")
     coefficient = _positive(width_coefficient, "width_coefficient", "m per m")
-    step = _positive(terrain.cell_size if spacing is None else spacing, "spacing", "m")
+    ground = surface_of(terrain)
+    step = _positive(ground.cell_size if spacing is None else spacing, "spacing", "m")
     if smoothing != int(smoothing) or smoothing < 0:
         raise ValueError(f"smoothing is {smoothing}; give a whole number of passes, 0 or more")
     if flow is None:
-        _refuse_level_ground(terrain)
-        surface = (carve_depressions if carve else fill_depressions)(terrain, edges=edges, nodata=nodata)
+        _refuse_level_ground(ground)
+        surface = (carve_depressions if carve else fill_depressions)(ground, edges=edges, nodata=nodata)
         flow = route(surface, edges=edges, nodata=nodata)
-    elif flow.receiver.shape != terrain.shape or flow.terrain.cell_size != terrain.cell_size:
-        raise ValueError(f"flow is that of another terrain: {flow!r} beside {terrain.shape[0]} x {terrain.shape[1]}")
-    cell_area = terrain.cell_size**2
+    elif flow.terrain.shape != ground.shape or flow.terrain.cell_size != ground.cell_size:
+        raise ValueError(f"flow is that of another terrain: {flow!r} beside {ground.shape[0]} x {ground.shape[1]}")
+    cell_area = ground.cell_size**2
     cells = _cells_drained(flow, area, cell_area)
-    stems = _find_stems(flow.receiver, cells, threshold / cell_area, coefficient, unroll)
+    stems = _find_stems(flow.host_receiver, cells, threshold / cell_area, coefficient, unroll)
     largest = float(np.nanmax(cells)) * cell_area
     if len(stems.start) > 1:
         _make_room(stems)
@@ -176,19 +178,19 @@ def extract_network(
     _drop_dead(stems)
     junction = _place_junctions(stems)
     total = _settle_areas(stems, junction)
-    xy = _smooth(_centers(stems.place, terrain), stems, junction, int(smoothing))
+    xy = _smooth(_centers(stems.place, ground), stems, junction, int(smoothing))
     return _build(
         stems,
         junction,
         total * cell_area,
         xy,
         # Places across a periodic side lie beyond the raster.
-        flow.terrain.to_numpy()[tuple((stems.place % flow.receiver.shape).T)].astype(np.float64),
+        flow.terrain.height.numpy()[tuple((stems.place % ground.shape).T)].astype(np.float64),
         cell_area,
         coefficient,
         step,
         varying,
-        terrain.crs,
+        ground.crs,
         dtype,
         device,
     )
@@ -211,20 +213,19 @@ def _positive(value: float, name: str, unit: str) -> float:
 
 def _cells_drained(flow: Flow, area: Any, cell_area: float) -> FloatArray:
     """Drainage area of all cells in cells, NaN without data; whole numbers where it is whole within rounding."""
-    found = drainage_area(flow) if area is None else np.asarray(area, np.float64)
-    if found.shape != flow.receiver.shape:
-        raise ValueError(f"area has shape {found.shape}; the terrain has {flow.receiver.shape}")
+    found = host_areas(flow) if area is None else checked_areas(area, flow)
     cells = found / cell_area
     near = np.rint(cells)
     np.copyto(cells, near, where=np.abs(cells - near) <= WHOLE * np.abs(near))
     if area is not None:
-        inside = np.flatnonzero(flow.receiver.reshape(-1) >= 0)
+        receiver = flow.host_receiver.reshape(-1)
+        inside = np.flatnonzero(receiver >= 0)
         flat = cells.reshape(-1)
         if not (flat[inside] > 0.0).all():
             raise ValueError("area is not positive in every cell with data")
-        if (flat[flow.receiver.reshape(-1)[inside]] < flat[inside]).any():
+        if (flat[receiver[inside]] < flat[inside]).any():
             raise ValueError("area shrinks downstream along the steepest courses; give drainage_area(flow), by 'd8'")
-    cells[flow.receiver < 0] = np.nan
+    cells[flow.host_receiver < 0] = np.nan
     return cells
 
 

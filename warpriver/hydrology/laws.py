@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
-from warpriver.hydrology.routing import Flow, drainage_area, flow_length
+from warpriver.hydrology.routing import Flow, host_areas, host_lengths
 
 __all__ = ["NetworkLaws", "network_laws"]
 
@@ -61,14 +61,14 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
     if not (math.isfinite(min_drainage_area) and min_drainage_area > 0.0):
         raise ValueError(f"min_drainage_area is {min_drainage_area}; give a positive number of m2")
     size = flow.terrain.cell_size
-    area = drainage_area(flow).reshape(-1)
-    receiver = flow.receiver.reshape(-1).astype(np.int64)
+    area = host_areas(flow).reshape(-1)
+    receiver = flow.host_receiver.reshape(-1).astype(np.int64)
     cell = np.flatnonzero(area >= min_drainage_area * (1.0 - 1e-9))
     if len(cell) < 2:
         raise ValueError(
             f"{len(cell)} cells drain {min_drainage_area:g} m2 or more; the largest area is {np.nanmax(area):g}"
         )
-    length = flow_length(flow, downstream=False).reshape(-1)
+    length = host_lengths(flow, downstream=False).reshape(-1)
     streams, mean_area, mean_length = _streams(cell, receiver[cell], area, length)
     inner = np.flatnonzero(area >= HACK_CELLS * size**2)
     hack = hack_exponent(length[inner], area[inner]).exponent

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.extras import need
 from warpriver.io.attributes import (
     LISTS,
     SHORT_NAMES,
@@ -27,7 +28,7 @@ from warpriver.io.attributes import (
     write_columns,
 )
 from warpriver.io.crs import crs_text, within_degrees
-from warpriver.io.files import decoded, need
+from warpriver.io.files import decoded
 from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
 

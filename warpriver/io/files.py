@@ -1,30 +1,17 @@
-"""Files as wholes: read and unpacked at once, replaced in one move; and the modules that their formats need."""
+"""Files as wholes: read and unpacked at once, replaced in one move."""
 
 from __future__ import annotations
 
 import contextlib
 import gzip
-import importlib
 import os
 import shutil
 import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-__all__ = ["beside", "check_readable", "decoded", "is_number", "need"]
-
-
-def need(purpose: str, *names: str) -> list[Any]:
-    """Import modules of the extra "gis", or raise ``ImportError`` that says how to get them."""
-    modules = []
-    for name in names:
-        try:
-            modules.append(importlib.import_module(name))
-        except ImportError as error:
-            raise ImportError(f'{purpose} needs {name.split(".")[0]}: pip install "warpriver[gis]"') from error
-    return modules
+__all__ = ["beside", "check_readable", "decoded", "is_number"]
 
 
 def check_readable(path: Path) -> None:

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.extras import need
 from warpriver.io.crs import crs_text
-from warpriver.io.files import need
-from warpriver.io.raster_source import Raster
-from warpriver.terrain import Terrain, require_memory
+from warpriver.io.raster_source import RasterSource, with_gaps
+from warpriver.raster import Raster, require_memory
 
 __all__ = ["TIFF", "read_geotiff", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
 
 
-def read_geotiff(path: Path, band: int, nodata: float | None) -> Raster:
-    """Read one band; masked cells, and those of the value ``nodata``, become NaN."""
+def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
+    """Read one band; masked cells, and those of the value ``nodata``, become NaN; whole numbers may stay whole."""
     rasterio, errors = need(f"reading {path.suffix}", "rasterio", "rasterio.errors")
     try:
         with warnings.catch_warnings():
@@ -33,19 +33,22 @@ def read_geotiff(path: Path, band: int, nodata: float | None) -> Raster:
             raise ValueError(f"{path}: there is no band {band}; it has 1 to {dataset.count}")
         kind = np.dtype(dataset.dtypes[band - 1])
         if kind.kind not in "iuf":
-            raise ValueError(f"{path}: band {band} is {kind}, not heights")
+            raise ValueError(f"{path}: band {band} is {kind}, not real numbers")
         require_memory(dataset.shape, 18 + kind.itemsize, what=f"{path}: a raster")
         try:
             raw = dataset.read(band, masked=True)
         except errors.RasterioError as error:
             raise ValueError(f"{path}: its cells cannot be read ({error}); is the file whole?") from error
-        height = raw.data.astype(np.float64) * dataset.scales[band - 1] + dataset.offsets[band - 1]
-        height[np.ma.getmaskarray(raw)] = np.nan
+        gap = np.ma.getmaskarray(raw)
         if nodata is not None:
-            height[raw.data == nodata] = np.nan
+            gap = gap | (raw.data == nodata)
+        scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
+        plain = scale == 1.0 and offset == 0.0
+        values = with_gaps(raw.data if plain else raw.data.astype(np.float64) * scale + offset, gap)
         affine = None if dataset.transform.is_identity else tuple(dataset.transform)[:6]
         units = dataset.units[band - 1] or dataset.tags(band).get("units") or dataset.tags().get("units")
-        return Raster(path, height, affine, _stated_crs(dataset.crs, path), units=units)
+        name = dataset.descriptions[band - 1]
+        return RasterSource(path, values, affine, _stated_crs(dataset.crs, path), units=units, name=name)
 
 
 def _stated_crs(crs: Any, path: Path) -> str | None:
@@ -55,23 +58,32 @@ def _stated_crs(crs: Any, path: Path) -> str | None:
     return crs_text(crs, str(path))
 
 
-def write_geotiff(terrain: Terrain, path: Path) -> None:
-    """Write float32 where that keeps every height to the bit, else float64; deflate, nodata NaN, the CRS."""
+def write_geotiff(raster: Raster, path: Path) -> None:
+    """Write whole numbers as they are, others as float32 where that keeps them all to the bit, else as float64.
+
+    Deflated, with the CRS; NaN is the value of no data of the latter.
+    """
     rasterio, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.transform")
-    height = terrain.to_numpy()
-    with np.errstate(over="ignore"):
-        single = height.astype(np.float32)
-    kept = np.array_equal(single.astype(np.float64), height, equal_nan=True)
-    size, (west, north) = terrain.cell_size, terrain.origin
+    values = raster.numpy()
+    if not raster.is_integer:
+        with np.errstate(over="ignore"):
+            single = values.astype(np.float32)
+        if np.array_equal(single.astype(np.float64), values, equal_nan=True):
+            values = single
+    size, (west, north) = raster.cell_size, raster.origin
     profile = {
-        "driver": "GTiff", "width": terrain.shape[1], "height": terrain.shape[0], "count": 1,
-        "dtype": "float32" if kept else "float64", "nodata": math.nan, "compress": "deflate", "tiled": True,
-        "transform": transform.from_origin(west, north, size, size), "bigtiff": "if_safer",
+        "driver": "GTiff", "width": raster.shape[1], "height": raster.shape[0], "count": 1,
+        "dtype": values.dtype.name, "nodata": None if raster.is_integer else math.nan, "compress": "deflate",
+        "tiled": True, "transform": transform.from_origin(west, north, size, size), "bigtiff": "if_safer",
     }  # fmt: skip
-    if terrain.crs is not None:
+    if raster.crs is not None:
         (crs,) = need("writing a CRS", "rasterio.crs")
-        profile["crs"] = crs.CRS.from_user_input(terrain.crs)
+        profile["crs"] = crs.CRS.from_user_input(raster.crs)
     with rasterio.open(path, "w", **profile) as dataset:
-        dataset.write(single if kept else height, 1)
-        dataset.units = ("m",)
-        dataset.update_tags(units="m", AREA_OR_POINT="Area")
+        dataset.write(values, 1)
+        if raster.unit:
+            dataset.units = (raster.unit,)
+            dataset.update_tags(units=raster.unit)
+        if raster.name:
+            dataset.set_band_description(1, raster.name)
+        dataset.update_tags(AREA_OR_POINT="Area")

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.io.files import decoded, need
-from warpriver.io.raster_source import Raster, north_up
-from warpriver.terrain import Terrain, require_memory
+from warpriver.extras import need
+from warpriver.io.files import decoded
+from warpriver.io.raster_source import RasterSource, north_up
+from warpriver.raster import require_memory
+from warpriver.terrain import Terrain
 
 __all__ = ["PNG", "RAW", "read_heightmap", "write_heightmap"]
 
@@ -30,7 +32,7 @@ def side_file(path: Path) -> Path:
     return path.with_name(path.name + ".json")
 
 
-def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[int, int] | None) -> Raster:
+def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[int, int] | None) -> RasterSource:
     """Read steps of height, and scale them to metres by ``limits`` = (low, high) or by the JSON file."""
     side: dict[str, Any] = {}
     if side_file(path).is_file():
@@ -59,7 +61,7 @@ def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[
     if first:
         height[step == 0] = np.nan
     affine = None if pixel is None else north_up(west, north, pixel, pixel)
-    return Raster(path, height, affine, side.get("crs"))
+    return RasterSource(path, height, affine, side.get("crs"))
 
 
 def _read_png(path: Path) -> tuple[np.ndarray, int]:

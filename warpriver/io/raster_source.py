@@ -1,4 +1,4 @@
-"""What a file says of its heights, before any of it is checked."""
+"""What a file says of its cells, before any of it is checked."""
 
 from __future__ import annotations
 
@@ -9,35 +9,43 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["Raster", "north_up"]
+__all__ = ["RasterSource", "north_up", "with_gaps"]
 
 
 @dataclasses.dataclass
-class Raster:
-    """The heights of one file as it has them; None for what the file does not say.
+class RasterSource:
+    """The cells of one file as it has them; None for what the file does not say.
 
     Attributes:
         path: The file, or the name of what was read, for messages.
-        height: (rows, columns) float64, NaN without data.
+        values: (rows, columns) float64, NaN without data; or whole numbers, where the file has them in every cell.
         affine: (a, b, c, d, e, f): the point j columns and i rows from the first cell's outer corner lies at
             x = a j + b i + c, y = d j + e i + f.
         crs: CRS as ``crs_text`` gives it.
         lonlat: Whether the coordinates are longitude and latitude by name.
-        units: Unit of the heights as the file names it.
+        units: Unit of the values as the file names it.
+        name: What the values are, as the file names them.
     """
 
     path: Path
-    height: np.ndarray
+    values: np.ndarray
     affine: tuple[float, ...] | None = None
     crs: str | None = None
     lonlat: bool = False
     units: str | None = None
+    name: str | None = None
 
     @property
     def cell(self) -> tuple[float, float]:
         """Lengths of a cell's sides along the columns' and the rows' index."""
         a, b, _, d, e, _ = self.affine or (math.nan,) * 6
         return math.hypot(a, d), math.hypot(b, e)
+
+    @property
+    def corner(self) -> tuple[float, float]:
+        """Outer corner of the first cell."""
+        _, _, c, _, _, f = self.affine or (math.nan,) * 6
+        return c, f
 
     def points(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return the (n, 2) points at those numbers of columns and rows from the first cell's outer corner."""
@@ -53,20 +61,29 @@ class Raster:
     def is_turned(self) -> bool:
         """Tell whether rows do not run east or west by more than a thousandth of a cell over the whole raster."""
         _, b, _, d, _, _ = self.affine or (math.nan,) * 6
-        rows, columns = self.height.shape
+        rows, columns = self.values.shape
         return max(abs(b) * rows, abs(d) * columns) > 1e-3 * min(self.cell)
 
     def put_north_up(self) -> None:
         """Turn a raster whose rows run east or west into one with row 0 in the north and column 0 in the west."""
         a, b, c, d, e, f = self.affine or (math.nan,) * 6
-        rows, columns = self.height.shape
+        rows, columns = self.values.shape
         if a < 0.0:
-            self.height, a, c = self.height[:, ::-1], -a, c + a * columns
+            self.values, a, c = self.values[:, ::-1], -a, c + a * columns
         if e > 0.0:
-            self.height, e, f = self.height[::-1], -e, f + e * rows
+            self.values, e, f = self.values[::-1], -e, f + e * rows
         self.affine = (a, b, c, d, e, f)
 
 
 def north_up(west: float, north: float, width: float, length: float) -> tuple[float, ...]:
     """Return the affine numbers of north-up cells ``width`` x ``length`` from their north-west corner."""
     return width, 0.0, west, 0.0, -length, north
+
+
+def with_gaps(values: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Return values with NaN in gaps, as float64, edited in place if they are; whole ones stay so without a gap."""
+    if values.dtype.kind in "iu" and not gap.any():
+        return values
+    made = values.astype(np.float64, copy=False)
+    made[gap] = np.nan
+    return made

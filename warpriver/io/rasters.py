@@ -1,7 +1,11 @@
-"""Terrains from and to files: the suffix names the format; what is read becomes metres on square cells, north up."""
+"""Terrains and other rasters from and to files: what is read becomes metres on square cells, north up.
+
+The suffix names the format.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import logging
 import math
@@ -17,18 +21,41 @@ import numpy as np
 from warpriver.io.crs import crs_text, one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.files import beside, check_readable
 from warpriver.io.geotiff import TIFF, read_geotiff, write_geotiff
-from warpriver.io.grids import ASCII, NUMPY, PROJECTION, read_ascii, read_numpy, write_ascii, write_numpy
+from warpriver.io.grids import (
+    ASCII,
+    HEIGHTS,
+    NUMPY,
+    PROJECTION,
+    VALUES,
+    label_suffix,
+    read_ascii,
+    read_numpy,
+    write_ascii,
+    write_labels,
+    write_numpy,
+)
 from warpriver.io.heightmaps import PNG, RAW, read_heightmap, write_heightmap
-from warpriver.io.raster_source import Raster, north_up
+from warpriver.io.raster_source import RasterSource, north_up
 from warpriver.io.source import Line, Source
 from warpriver.io.warping import warp
+from warpriver.raster import Raster
 from warpriver.terrain import Terrain, square_cells
 
-__all__ = ["read_terrain", "settled_terrain", "terrain_formats", "write_terrain"]
+__all__ = [
+    "read_raster",
+    "read_terrain",
+    "settled_raster",
+    "settled_terrain",
+    "terrain_formats",
+    "write_raster",
+    "write_terrain",
+]
 
 log = logging.getLogger("warpriver")
 
-SUFFIXES = (*TIFF, *ASCII, *NUMPY, PNG, *RAW)
+CELLS = (*TIFF, *ASCII, *NUMPY)
+HEIGHT_MAPS = (PNG, *RAW)
+SUFFIXES = (*CELLS, *HEIGHT_MAPS)
 NEEDS = dict.fromkeys(TIFF, ("rasterio",)) | {PNG: ("PIL",)}
 
 # Cells count as square while their sides, taken over the whole raster, differ by less than this part of a cell; from
@@ -111,19 +138,65 @@ def read_terrain(
     path = Path(path)
     suffix = _suffix(path)
     check_readable(path)
-    if range is not None and suffix not in (PNG, *RAW):
+    if range is not None and suffix not in HEIGHT_MAPS:
         raise ValueError(f"{path}: {suffix} holds heights themselves; leave range= out")
-    if suffix in TIFF:
-        raster = read_geotiff(path, band, nodata)
-    elif suffix in ASCII:
-        raster = read_ascii(path, nodata)
-    elif suffix in NUMPY:
-        raster = read_numpy(path, nodata)
+    if suffix in CELLS:
+        source = _read_cells(path, suffix, band, nodata, HEIGHTS)
     else:
-        raster = read_heightmap(path, range, shape)
+        source = read_heightmap(path, range, shape)
     return settled_terrain(
-        raster, cell_size=cell_size, origin=origin, crs=crs, to_crs=to_crs, z_factor=z_factor, device=device
+        source, cell_size=cell_size, origin=origin, crs=crs, to_crs=to_crs, z_factor=z_factor, device=device
     )
+
+
+def read_raster(
+    path: str | os.PathLike[str],
+    *,
+    cell_size: float | None = None,
+    origin: Sequence[float] | None = None,
+    crs: str | None = None,
+    to_crs: str | None = None,
+    nodata: float | None = None,
+    band: int = 1,
+    device: Any = "cpu",
+) -> Raster:
+    """Read a raster from a file: GeoTIFF, ESRI ASCII grid, .npz or .npy, as ``write_raster`` writes them, or others'.
+
+    Place and coordinates are as in ``read_terrain``. Whole numbers keep their type, unless cells have no data: then
+    they become float64 with NaN. (In an ASCII grid, which tells no type, they are int32, or int64 if they need it.)
+    Unit and name are those that the file states: unit and description of a GeoTIFF's band, those in the .aux.xml file
+    beside an ASCII grid, the entries of an .npz.
+
+    Args:
+        path: File name.
+        cell_size: Length of a cell's side in m, of a file that does not tell it; else values are resampled to it, which
+            whole numbers are not.
+        origin: (west, north), the outer corner of the first cell in m, of a file that does not tell it.
+        crs: CRS of a file that states none.
+        to_crs: CRS to bring it into, as in ``read_terrain``; of whole numbers a new cell has the one that its centre
+            lies in.
+        nodata: Value that stands for no data, besides what the file says itself.
+        band: Band of a GeoTIFF, from 1.
+        device: Warp device name, "cpu" or "cuda:0".
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ImportError: The format, or ``to_crs``, needs a module that is not installed.
+        MemoryError: There is no room for it; told from the file's header, before anything is allocated.
+        ValueError: As in ``read_terrain``.
+    """
+    path = Path(path)
+    suffix = _cell_suffix(path)
+    check_readable(path)
+    source = _read_cells(path, suffix, band, nodata, (VALUES, *HEIGHTS))
+    return settled_raster(source, cell_size=cell_size, origin=origin, crs=crs, to_crs=to_crs, device=device)
+
+
+def _read_cells(path: Path, suffix: str, band: int, nodata: float | None, names: Sequence[str]) -> RasterSource:
+    """Read a file of a format that holds values themselves."""
+    if suffix in TIFF:
+        return read_geotiff(path, band, nodata)
+    return read_ascii(path, nodata) if suffix in ASCII else read_numpy(path, nodata, names)
 
 
 def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tuple[float, float] | None = None) -> None:
@@ -150,17 +223,54 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
     """
     path = Path(path)
     suffix = _suffix(path)
-    if range is not None and suffix not in (PNG, *RAW):
+    if range is not None and suffix not in HEIGHT_MAPS:
         raise ValueError(f"{path}: {suffix} holds heights themselves; leave range= out")
-    with beside(path, (PROJECTION,) if suffix in ASCII else ()) as temporary:
-        if suffix in TIFF:
-            write_geotiff(terrain, temporary)
-        elif suffix in ASCII:
-            write_ascii(terrain, temporary)
-        elif suffix in NUMPY:
-            write_numpy(terrain, temporary)
+    with _replaced(path, suffix) as temporary:
+        if suffix in CELLS:
+            _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0])
         else:
             write_heightmap(terrain, temporary, range)
+
+
+def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
+    """Write a raster to a file: GeoTIFF, ESRI ASCII grid, .npz or .npy; ``read_raster`` reads it back.
+
+    Formats are those of ``write_terrain``. Whole numbers are written as such, without a value of no data, since every
+    cell has one. CRS, unit and name go with them: a GeoTIFF has them as those of its band, an ASCII grid in a .prj and
+    an .aux.xml file beside it, which GDAL reads; .npz holds all to the bit, .npy the values alone.
+
+    Args:
+        raster: What to write; of a terrain, ``terrain.raster``.
+        path: File name.
+
+    Raises:
+        ImportError: The format needs a module that is not installed.
+        OSError: The file cannot be written there.
+        ValueError: Unknown suffix, or no raster.
+    """
+    path = Path(path)
+    suffix = _cell_suffix(path)
+    if not isinstance(raster, Raster):
+        raise ValueError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
+    with _replaced(path, suffix) as temporary:
+        _write_cells(raster, temporary, suffix, VALUES)
+        if suffix in ASCII:
+            write_labels(raster, temporary)
+
+
+def _replaced(path: Path, suffix: str) -> contextlib.AbstractContextManager[Path]:
+    """Give the path to write a file at that takes the place of an old one, and of what lies beside that."""
+    return beside(path, (PROJECTION, label_suffix(path)) if suffix in ASCII else ())
+
+
+def _write_cells(raster: Raster, path: Path, suffix: str, key: str) -> None:
+    """Write a file of a format that holds values themselves; ``key`` names them in .npz."""
+    if suffix in TIFF:
+        write_geotiff(raster, path)
+    elif suffix in ASCII:
+        write_ascii(raster, path)
+    else:
+        write_numpy(raster, path, key)
 
 
 def _suffix(path: Path) -> str:
@@ -173,8 +283,17 @@ def _suffix(path: Path) -> str:
     return suffix
 
 
+def _cell_suffix(path: Path) -> str:
+    """Return the lower-case suffix of a format that holds values themselves, or raise ``ValueError``."""
+    suffix = path.suffix.lower()
+    if suffix not in CELLS:
+        heights = "holds heights of terrains alone" if suffix in HEIGHT_MAPS else "names no format of rasters"
+        raise ValueError(f"{path}: {suffix or 'no suffix'} {heights}; known are {', '.join(CELLS)}")
+    return suffix
+
+
 def settled_terrain(
-    raster: Raster,
+    source: RasterSource,
     *,
     cell_size: float | None = None,
     origin: Sequence[float] | None = None,
@@ -184,109 +303,136 @@ def settled_terrain(
     device: Any = "cpu",
 ) -> Terrain:
     """Make a terrain of what a file says and what the caller says: metres, square cells, north up."""
-    _place(raster, cell_size, origin)
-    _check_numbers(raster, z_factor)
-    raster.crs = settled_crs(_outline(raster, crs_text(raster.crs, str(raster.path))), crs)
-    if raster.crs is None and to_crs is None:
-        _check_degrees(raster)
-    if to_crs is not None:
-        source = _outline(raster, raster.crs)
-        target = reproject([source], to_crs)
-        same = np.array_equal(source.lines[0].xy, _outline(raster, None).lines[0].xy)
-        if not same or raster.is_turned():
-            raster = warp(raster, target)
-        raster.crs = target
-    else:
-        one_crs([_outline(raster, raster.crs)])
-    if raster.is_turned():
-        raise ValueError(
-            f'{raster.path}: its rows do not run east; pass to_crs= (its own CRS or "utm") to have it turned'
-        )
-    raster.put_north_up()
-    size = _square(raster, cell_size)
-    west, north = raster.points(np.zeros(1), np.zeros(1))[0]
+    _place(source, cell_size, origin)
+    _scale_heights(source, z_factor)
+    source, size = _settled(source, cell_size, crs, to_crs)
     try:
-        return Terrain(raster.height, size, (west, north), raster.crs, device=device)
+        return Terrain(source.values, size, source.corner, source.crs, device=device)
     except ValueError as error:
-        raise ValueError(f"{raster.path}: {error}") from error
+        raise ValueError(f"{source.path}: {error}") from error
 
 
-def _place(raster: Raster, cell_size: float | None, origin: Sequence[float] | None) -> None:
-    """Give a raster its place from the arguments where the file does not tell it."""
+def settled_raster(
+    source: RasterSource,
+    *,
+    cell_size: float | None = None,
+    origin: Sequence[float] | None = None,
+    crs: str | None = None,
+    to_crs: str | None = None,
+    device: Any = "cpu",
+) -> Raster:
+    """Make a raster of what a file says and what the caller says: metres, square cells, north up."""
+    _place(source, cell_size, origin)
+    source, size = _settled(source, cell_size, crs, to_crs)
+    told = (source.units or "", source.name or "")
+    try:
+        return Raster(source.values, size, source.corner, source.crs, *told, device=device)
+    except ValueError as error:
+        raise ValueError(f"{source.path}: {error}") from error
+
+
+def _settled(
+    source: RasterSource, cell_size: float | None, crs: str | None, to_crs: str | None
+) -> tuple[RasterSource, float]:
+    """Return the cells of a file in a metric CRS, north up and square, and their size."""
+    source.crs = settled_crs(_outline(source, crs_text(source.crs, str(source.path))), crs)
+    if source.crs is None and to_crs is None:
+        _check_degrees(source)
+    if to_crs is not None:
+        outline = _outline(source, source.crs)
+        target = reproject([outline], to_crs)
+        same = np.array_equal(outline.lines[0].xy, _outline(source, None).lines[0].xy)
+        if not same or source.is_turned():
+            source = warp(source, target)
+        source.crs = target
+    else:
+        one_crs([_outline(source, source.crs)])
+    if source.is_turned():
+        raise ValueError(
+            f'{source.path}: its rows do not run east; pass to_crs= (its own CRS or "utm") to have it turned'
+        )
+    source.put_north_up()
+    return source, _square(source, cell_size)
+
+
+def _place(source: RasterSource, cell_size: float | None, origin: Sequence[float] | None) -> None:
+    """Give cells their place from the arguments where the file does not tell it."""
     for value in () if cell_size is None else (cell_size,):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"cell_size is {value:g}; give a positive number of m")
-    if raster.affine is not None:
-        if origin is not None:
-            raise ValueError(f"{raster.path}: the file tells its origin; leave origin= out")
-        return
-    if cell_size is None:
-        raise ValueError(f"{raster.path}: the file does not tell the size of its cells; pass cell_size= in m")
-    west, north = (0.0, 0.0) if origin is None else (float(v) for v in origin)
-    raster.affine = north_up(west, north, cell_size, cell_size)
+    if source.affine is not None and origin is not None:
+        raise ValueError(f"{source.path}: the file tells its origin; leave origin= out")
+    if source.affine is None:
+        if cell_size is None:
+            raise ValueError(f"{source.path}: the file does not tell the size of its cells; pass cell_size= in m")
+        west, north = (0.0, 0.0) if origin is None else (float(v) for v in origin)
+        source.affine = north_up(west, north, cell_size, cell_size)
+    if not np.isfinite(source.corner).all() or not min(source.cell) > 0.0:
+        raise ValueError(f"{source.path}: its cell size or origin is not a number: {source.affine}")
 
 
-def _check_numbers(raster: Raster, z_factor: float | None) -> None:
+def _scale_heights(source: RasterSource, z_factor: float | None) -> None:
     """Scale the heights to metres; warn of values that look like another unit or like no data."""
-    if not np.isfinite(raster.points(np.zeros(1), np.zeros(1))).all() or not min(raster.cell) > 0.0:
-        raise ValueError(f"{raster.path}: its cell size or origin is not a number: {raster.affine}")
+    source.values = np.asarray(source.values, np.float64)
     if z_factor is not None:
         if not (math.isfinite(z_factor) and z_factor > 0.0):
             raise ValueError(f"z_factor is {z_factor}; give a positive number, 0.3048 for feet")
-        raster.height = raster.height * z_factor
-    elif raster.units and FEET.match(raster.units):
+        source.values = source.values * z_factor
+    elif source.units and FEET.match(source.units):
         warnings.warn(
-            f"{raster.path}: its heights are in {raster.units!r} and are taken as metres; pass z_factor=0.3048",
+            f"{source.path}: its heights are in {source.units!r} and are taken as metres; pass z_factor=0.3048",
             UserWarning,
             stacklevel=4,
         )
     with np.errstate(invalid="ignore"):
-        deep = raster.height < DEEPEST
+        deep = source.values < DEEPEST
     if deep.any():
         warnings.warn(
-            f"{raster.path}: {int(deep.sum())} heights are as low as {raster.height[deep].min():g} m; if that stands "
+            f"{source.path}: {int(deep.sum())} heights are as low as {source.values[deep].min():g} m; if that stands "
             "for no data, pass nodata=",
             UserWarning,
             stacklevel=4,
         )
 
 
-def _outline(raster: Raster, crs: str | None) -> Source:
-    """The corners of a raster, as the checks of coordinates want them."""
-    rows, columns = raster.height.shape
-    corners = raster.points(columns * np.array([0.0, 1.0, 1.0, 0.0]), rows * np.array([0.0, 0.0, 1.0, 1.0]))
-    return Source(raster.path, [Line(corners, str(raster.path))], crs, raster.lonlat)
+def _outline(source: RasterSource, crs: str | None) -> Source:
+    """The corners of the cells, as the checks of coordinates want them."""
+    rows, columns = source.values.shape
+    corners = source.points(columns * np.array([0.0, 1.0, 1.0, 0.0]), rows * np.array([0.0, 0.0, 1.0, 1.0]))
+    return Source(source.path, [Line(corners, str(source.path))], crs, source.lonlat)
 
 
-def _check_degrees(raster: Raster) -> None:
+def _check_degrees(source: RasterSource) -> None:
     """Raise ``ValueError`` where coordinates without a CRS can only be degrees."""
-    if max(raster.cell) < LONGEST_DEGREES and within_degrees(_outline(raster, None).lines):
+    if max(source.cell) < LONGEST_DEGREES and within_degrees(_outline(source, None).lines):
         raise ValueError(
-            f"{raster.path}: cells of {raster.cell[0]:.4g} within 180 and 90 look like longitude and latitude and no "
+            f"{source.path}: cells of {source.cell[0]:.4g} within 180 and 90 look like longitude and latitude and no "
             'CRS is stated; pass crs="EPSG:4326" and to_crs="utm"'
         )
 
 
-def _square(raster: Raster, cell_size: float | None) -> float:
+def _square(source: RasterSource, cell_size: float | None) -> float:
     """Resample a raster to square cells of the size asked for, where it is not that already; return the size."""
-    width, length = raster.cell
-    rows, columns = raster.height.shape
+    width, length = source.cell
+    rows, columns = source.values.shape
     drift = abs(width - length) * max(rows, columns) / min(width, length)
     size = math.sqrt(width * length) if width != length else width
     if drift < SQUARE and (cell_size is None or abs(cell_size - size) * max(rows, columns) < NEARLY * size):
         if drift > NEARLY:
             warnings.warn(
-                f"{raster.path}: cells of {width:.6g} x {length:.6g} m are taken as {size:.6g} m square, off by "
+                f"{source.path}: cells of {width:.6g} x {length:.6g} m are taken as {size:.6g} m square, off by "
                 f"{drift:.2g} of a cell over the raster",
                 UserWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
         return size
     if cell_size is None:
         raise ValueError(
-            f"{raster.path}: its cells are {width:.6g} x {length:.6g} m, not square; pass cell_size= to have it "
+            f"{source.path}: its cells are {width:.6g} x {length:.6g} m, not square; pass cell_size= to have it "
             "resampled"
         )
-    log.info("%s: resampled from %g x %g m to %g m", raster.path, width, length, cell_size)
-    raster.height = square_cells(raster.height, width, length, cell_size)
+    if source.values.dtype.kind != "f":
+        raise ValueError(f"{source.path}: its whole numbers are not resampled; leave cell_size= out")
+    log.info("%s: resampled from %g x %g m to %g m", source.path, width, length, cell_size)
+    source.values = square_cells(source.values, width, length, cell_size)
     return float(cell_size)

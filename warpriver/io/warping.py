@@ -1,14 +1,15 @@
-"""Rasters in another CRS, or turned: heights looked up where the new cells' centres lie in the old raster."""
+"""Rasters in another CRS, or turned: values looked up where the new cells' centres lie in the old raster."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 
-from warpriver.io.files import need
-from warpriver.io.raster_source import Raster, north_up
-from warpriver.terrain import Terrain, require_memory
+from warpriver.extras import need
+from warpriver.io.raster_source import RasterSource, north_up
+from warpriver.raster import Raster, require_memory
 
 __all__ = ["warp"]
 
@@ -16,8 +17,8 @@ __all__ = ["warp"]
 OUTLINE, STRIP = 33, 1_000_000
 
 
-def warp(raster: Raster, target: str) -> Raster:
-    """Return a raster on north-up square cells in another CRS, bilinear as ``Terrain.sample``.
+def warp(raster: RasterSource, target: str) -> RasterSource:
+    """Return a raster on north-up square cells in another CRS, its values as by ``Raster.sample``.
 
     Exact on planes, as the filters of GDAL's warper are not where cells shrink or turn: there slopes of 0.2 came out
     0.008 off. A cell in the middle keeps its area.
@@ -25,7 +26,7 @@ def warp(raster: Raster, target: str) -> Raster:
     (pyproj,) = need("to_crs", "pyproj")
     there = pyproj.Transformer.from_crs(raster.crs, target, always_xy=True)
     back = pyproj.Transformer.from_crs(target, raster.crs, always_xy=True)
-    rows, columns = raster.height.shape
+    rows, columns = raster.values.shape
 
     def moved(columns_at: np.ndarray, rows_at: np.ndarray) -> np.ndarray:
         return np.stack(there.transform(*raster.points(columns_at, rows_at).T), axis=1)
@@ -42,12 +43,15 @@ def warp(raster: Raster, target: str) -> Raster:
     shape = (max(2, math.ceil((north - south) / size - 1e-6)), max(2, math.ceil((east - west) / size - 1e-6)))
     require_memory(shape, 18, what=f"{raster.path}: the reprojected raster")
     # The old raster with its cells as units: x counts columns, -y rows.
-    old, to_cells = Terrain(raster.height, 1.0), raster.to_cells()
-    height = np.empty(shape)
+    old, to_cells = Raster(raster.values, 1.0), raster.to_cells()
+    values = np.empty(shape)
     x = west + (np.arange(shape[1]) + 0.5) * size
     for first in range(0, shape[0], max(1, STRIP // shape[1])):
-        strip = height[first : first + max(1, STRIP // shape[1])]
+        strip = values[first : first + max(1, STRIP // shape[1])]
         y = north - (first + np.arange(len(strip)) + 0.5) * size
         at = to_cells(*back.transform(*(a.ravel() for a in np.meshgrid(x, y))))
         strip[:] = old.sample(at * (1.0, -1.0)).reshape(strip.shape)
-    return Raster(raster.path, height, north_up(float(west), float(north), size, size), target, units=raster.units)
+    if old.is_integer and not np.isnan(values).any():
+        values = values.astype(old.dtype)
+    affine = north_up(float(west), float(north), size, size)
+    return dataclasses.replace(raster, values=values, affine=affine, crs=target, lonlat=False)

@@ -1,4 +1,4 @@
-"""Terrains as xarray arrays, with cell centres as coordinates and the CRS as CF and rioxarray write it."""
+"""Terrains and rasters as xarray arrays: cell centres as coordinates, the CRS as CF and rioxarray write it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.crs import pyproj_or_none
 from warpriver.io.crs import crs_text
-from warpriver.io.files import need
-from warpriver.io.raster_source import Raster
-from warpriver.io.rasters import settled_terrain
+from warpriver.io.raster_source import RasterSource, with_gaps
+from warpriver.io.rasters import settled_raster, settled_terrain
+from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 
-__all__ = ["from_xarray", "to_xarray"]
+__all__ = ["from_xarray", "raster_from_xarray", "to_xarray"]
 
 X_NAMES = ("x", "easting", "lon", "longitude")
 Y_NAMES = ("y", "northing", "lat", "latitude")
@@ -24,33 +23,9 @@ DEGREES = ("lon", "longitude", "lat", "latitude")
 UNEVEN = 0.02
 
 
-def to_xarray(terrain: Terrain) -> Any:
-    """Return a terrain as ``xarray.DataArray`` of dimensions (y, x), row 0 in the north.
-
-    The coordinates are the cells' centres in m; ``spatial_ref`` holds the CRS in the CF convention.
-    """
-    (xarray,) = need("to_xarray", "xarray")
-    (rows, columns), (west, north), size = terrain.shape, terrain.origin, terrain.cell_size
-    reference: dict[str, Any] = {}
-    pyproj = pyproj_or_none()
-    if terrain.crs is not None:
-        reference = pyproj.CRS(terrain.crs).to_cf() if pyproj else {}
-        reference |= {"spatial_ref": reference.get("crs_wkt", terrain.crs)}
-    reference["GeoTransform"] = " ".join(repr(float(v)) for v in (west, size, 0.0, north, 0.0, -size))
-    spacing = {"units": "m", "standard_name": "projection_x_coordinate", "axis": "X"}
-    y = (
-        "y",
-        north - (np.arange(rows) + 0.5) * size,
-        spacing | {"standard_name": "projection_y_coordinate", "axis": "Y"},
-    )
-    x = ("x", west + (np.arange(columns) + 0.5) * size, spacing)
-    return xarray.DataArray(
-        terrain.to_numpy(),
-        dims=("y", "x"),
-        coords={"y": y, "x": x, "spatial_ref": ((), 0, reference)},
-        name="height",
-        attrs={"units": "m", "long_name": "height", "grid_mapping": "spatial_ref"},
-    )
+def to_xarray(terrain: Terrain | Raster) -> Any:
+    """Return a terrain or a raster as ``xarray.DataArray``, see :meth:`warpriver.Raster.to_xarray`."""
+    return (terrain.raster if isinstance(terrain, Terrain) else terrain).to_xarray()
 
 
 def from_xarray(
@@ -78,6 +53,39 @@ def from_xarray(
     Raises:
         ValueError: Other dimensions, coordinates that are missing or uneven, or whatever ``read_terrain`` refuses.
     """
+    source = _source(array, "a terrain")
+    return settled_terrain(source, cell_size=cell_size, crs=crs, to_crs=to_crs, z_factor=z_factor, device=device)
+
+
+def raster_from_xarray(
+    array: Any,
+    *,
+    cell_size: float | None = None,
+    crs: str | None = None,
+    to_crs: str | None = None,
+    device: Any = "cpu",
+) -> Raster:
+    """Return a raster from an ``xarray.DataArray``, as :func:`from_xarray` reads it.
+
+    Whole numbers keep their type, unless some are no data. The unit is the attribute "units", the name that of the
+    array, or else its "long_name".
+
+    Args:
+        array: Values; further dimensions of length 1 are dropped.
+        cell_size: Length of a cell's side in m to resample to, which whole numbers are not.
+        crs: CRS of an array that states none.
+        to_crs: CRS to bring it into, "EPSG:...", WKT or "utm".
+        device: Warp device name.
+
+    Raises:
+        ValueError: Other dimensions, coordinates that are missing or uneven, or whatever ``read_raster`` refuses.
+    """
+    source = _source(array, "a raster")
+    return settled_raster(source, cell_size=cell_size, crs=crs, to_crs=to_crs, device=device)
+
+
+def _source(array: Any, what: str) -> RasterSource:
+    """Return what an array says; ``what`` is to become of it, for messages."""
     label = Path(f"array {array.name!r}" if getattr(array, "name", None) else "array")
     if not hasattr(array, "dims") or not hasattr(array, "coords") or not hasattr(array, "dtype"):
         raise ValueError(f"{type(array).__name__} is no xarray.DataArray; pick one variable of a data set")
@@ -85,17 +93,17 @@ def from_xarray(
     names = {str(d).lower(): d for d in array.dims}
     y, x = (next((names[n] for n in known if n in names), None) for known in (Y_NAMES, X_NAMES))
     if array.ndim != 2 or x is None or y is None:
-        raise ValueError(f"{label}: its dimensions are {tuple(array.dims)}; a terrain needs (y, x)")
+        raise ValueError(f"{label}: its dimensions are {tuple(array.dims)}; {what} needs (y, x)")
     array = array.transpose(y, x)
     (west, width), (north, length) = _spacing(array, x, label), _spacing(array, y, label)
-    height = np.array(array.values, np.float64)
+    values = np.array(array.values, None if array.dtype.kind in "iu" else np.float64)
     fill = array.attrs.get("_FillValue", array.encoding.get("_FillValue"))
-    if fill is not None:
-        height[height == float(fill)] = np.nan
+    gap = np.zeros(values.shape, bool) if fill is None else values == float(fill)
     degrees = str(x).lower() in DEGREES or str(array[x].attrs.get("units", "")).startswith("degree")
     affine = (width, 0.0, west - 0.5 * width, 0.0, length, north - 0.5 * length)
-    raster = Raster(label, height, affine, _stated_crs(array, label), degrees, array.attrs.get("units"))
-    return settled_terrain(raster, cell_size=cell_size, crs=crs, to_crs=to_crs, z_factor=z_factor, device=device)
+    crs, units = _stated_crs(array, label), array.attrs.get("units")
+    name = array.name if array.name is not None else array.attrs.get("long_name")
+    return RasterSource(label, with_gaps(values, gap), affine, crs, degrees, units, None if name is None else str(name))
 
 
 def _spacing(array: Any, name: Any, label: Path) -> tuple[float, float]:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from warpriver.hydrology.orders import strahler_order
-from warpriver.hydrology.routing import drainage_area
+from warpriver.hydrology.routing import host_areas
+from warpriver.terrain import surface_of
 from warpriver.viz.maps import add_value_bar, draw_network
 from warpriver.viz.movie import write_frames
 from warpriver.viz.relief import hillshade
@@ -47,7 +48,7 @@ def draw_elevation(
     """Draw a terrain coloured by elevation, with faint shades under light from the north-west.
 
     Args:
-        terrain: Terrain.
+        terrain: Terrain, or a Raster of heights in m.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         title: Title at the upper left, or None.
         size: Width and height of the picture in pixels; by default fitted to the terrain.
@@ -63,6 +64,7 @@ def draw_elevation(
     """
     from matplotlib.colors import Normalize
 
+    terrain = surface_of(terrain)
     low, high = _height_span(terrain)
     sheet = _page(terrain, title, size, dpi)
     _lay(sheet, terrain, _elevation_picture(terrain, low, high))
@@ -206,7 +208,7 @@ def _frames(
     from matplotlib.colors import Normalize
 
     low, high = _height_span(snapshots[-1])
-    largest = float(np.nanmax(drainage_area(snapshots[-1].flow())))
+    largest = float(np.nanmax(host_areas(snapshots[-1].flow())))
     sheet = _page(snapshots[-1], title, size, dpi)
     add_value_bar(sheet, Normalize(low, high), "elevation, m", ELEVATION_RAMP)
     sheet.add_scale_bar()
@@ -214,7 +216,7 @@ def _frames(
     for done, snapshot in enumerate(snapshots[-1:] if only_last else snapshots, start=1):
         ground = _elevation_picture(snapshot, low, high)
         ground = PALE + (1.0 - PALE) * ground
-        picture = _with_rivers(ground, drainage_area(snapshot.flow()), least, largest, factor)
+        picture = _with_rivers(ground, host_areas(snapshot.flow()), least, largest, factor)
         if shown is None:
             shown = _lay(sheet, snapshot, picture, factor)
         shown.set_data(picture)
@@ -267,7 +269,7 @@ def _cells_per_pixel(sheet: Sheet, terrain: Any) -> int:
 
 def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
     """Drainage areas and the least of a river cell, m2."""
-    area = drainage_area(flow)
+    area = host_areas(flow)
     threshold = 10.0 * flow.terrain.cell_size**2 if least is None else float(least)
     if not (np.isfinite(threshold) and threshold > 0.0):
         raise ValueError(f"min_drainage_area is {least}; give a positive number of m2")

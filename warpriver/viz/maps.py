@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.raster import Raster
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
 from warpriver.viz.sheet import (
@@ -73,8 +74,9 @@ def draw_network(
             "order" (where ``order`` is given) for shades of blue with a colour bar.
         order: (C,) whole number of each channel, as its Strahler order.
         background: Image under the channels instead of a terrain, row 0 at the north edge: (rows, columns) greys,
-            which are stretched from their least to their greatest value, or (rows, columns, 3 or 4) colours.
-        extent: (west, south, east, north) of ``background`` in m.
+            which are stretched from their least to their greatest value, or (rows, columns, 3 or 4) colours; or a
+            Raster, whose values are greys.
+        extent: (west, south, east, north) of ``background`` in m; a Raster has its own.
         window: (west, south, east, north) to show, in m; by default the background, or all channels and a
             margin, which ends where a terrain does.
         title: Title at the upper left, or None.
@@ -88,11 +90,16 @@ def draw_network(
     Raises:
         ImportError: matplotlib is missing.
         ValueError: An unknown ``color``, a window that shows no channel, a background that is no image or has
-            no extent, a terrain elsewhere or in another CRS, or a file name with an unknown suffix.
+            no extent, a terrain or raster elsewhere or in another CRS, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
     need_matplotlib()
     values = channel_values(network, color, order)
+    if isinstance(background, Raster):
+        if extent is not None:
+            raise ValueError("a Raster has its own extent; leave extent= out")
+        check_ground(background, network.bounds(), network.crs)
+        background, extent = background.numpy(), background.bounds
     if (background is None) != (extent is None):
         raise ValueError("give background and extent, (west, south, east, north) in m, together")
     if terrain is not None and background is not None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from warpriver.crs import short_name
+from warpriver.raster import Raster
+from warpriver.terrain import surface_of
 from warpriver.viz.bands import Window
 
 __all__ = ["Relief", "check_ground", "height_grid", "hillshade", "relief_picture"]
@@ -51,7 +53,7 @@ def hillshade(
     Slopes are central differences, one-sided at the edge and beside cells without data.
 
     Args:
-        terrain: Terrain.
+        terrain: Terrain, or a Raster of heights in m.
         azimuth: Direction that the light comes from, degrees clockwise from north.
         altitude: Its height above the horizon, degrees, above 0, up to 90.
         exaggeration: Factor on heights; by default 1 on mountains, and as much more on flat land as shows its form.
@@ -64,7 +66,7 @@ def hillshade(
         raise ValueError(f"azimuth is {azimuth}, altitude {altitude}; give degrees, the altitude above 0 and up to 90")
     if exaggeration is not None and not (np.isfinite(exaggeration) and exaggeration > 0.0):
         raise ValueError(f"exaggeration is {exaggeration}; give a positive number, or None")
-    height = terrain.to_numpy()
+    height = surface_of(terrain).to_numpy()
     east, north = _gradient(height, float(terrain.cell_size))
     factor = _auto_exaggeration(east, north) if exaggeration is None else float(exaggeration)
     return np.where(np.isnan(height), np.nan, _lit(factor * east, factor * north, azimuth, altitude))
@@ -160,16 +162,17 @@ def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[n
 
 
 def check_ground(terrain: Any, bounds: Window, crs: str | None) -> None:
-    """Raise ``ValueError`` unless a terrain is in a CRS and lies under some of ``bounds``, (w, s, e, n) in m."""
+    """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
+    kind = "raster" if isinstance(terrain, Raster) else "terrain"
     if terrain.crs is not None and crs is not None and terrain.crs != crs:
         raise ValueError(
-            f"the terrain is in {short_name(terrain.crs)}, the channels in {short_name(crs)}; "
+            f"the {kind} is in {short_name(terrain.crs)}, the channels in {short_name(crs)}; "
             "read one of them with to_crs="
         )
     west, south, east, north = terrain.bounds
     if west > bounds[2] or east < bounds[0] or south > bounds[3] or north < bounds[1]:
         raise ValueError(
-            f"the terrain, ({west:g}, {south:g}, {east:g}, {north:g}) m, lies beside the channels, "
+            f"the {kind}, ({west:g}, {south:g}, {east:g}, {north:g}) m, lies beside the channels, "
             f"({bounds[0]:g}, {bounds[1]:g}, {bounds[2]:g}, {bounds[3]:g}) m"
         )
 
