@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
-    {"crs", "params", "network", "progress", "terrain"},
+    {"channel_table", "crs", "network", "network_checks", "params", "progress", "terrain"},
     {"meander", "metrics", "generate", "hydrology"},
     {"history"},
     {"simulation", "stepping"},

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import generate, hydrology, metrics, viz
+    from warpriver.channel_table import ChannelTable
     from warpriver.generate.eroded import ErodedTerrain
     from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.generate.valley import Valley, synthetic_valley
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from warpriver.terrain import Terrain
 
 __all__ = [
+    "ChannelTable",
     "Collision",
     "Cutoff",
     "ErodedTerrain",
@@ -69,6 +71,7 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "ChannelTable": "warpriver.channel_table",
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
     "ErodedTerrain": "warpriver.generate.eroded",

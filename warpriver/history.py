@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import itertools
 import json
 import os
 import time
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 
@@ -138,16 +140,11 @@ class Record:
         point_section: (P, 2) width and depth in m, or None where they are constant along each channel.
         channel_start: (C + 1,) int32.
         channel_spacing: (C,) m.
-        channel_width, channel_depth: (C,) m.
-        channel_discharge: (C,) m3/s.
-        channel_drainage_area: (C,) m2, or None where it is not known.
-        channel_id, channel_from, channel_to: (C,) identity, node above and node below.
+        channels: The table of the channels.
         node_xy: (N, 2) m, absolute.
         channel_fixed: (C, 6) what the step holds fixed between edits of the graph: least width, least depth, greatest
             width and spacing asked for, in m, and the labels of the nodes above and below in the search for collisions.
-        channel_pace: (C,) greatest speed of the channel's points in the step, m/yr; None in runs stored without it.
-        channel_slope: (C,) m/m, NaN where it is not known; None in runs stored before slopes were.
-        channel_closed: (C,) True for rings; None where there are none.
+        channel_pace: (C,) greatest speed of the channel's points in the step, m/yr.
     """
 
     step: int
@@ -158,30 +155,20 @@ class Record:
     point_section: np.ndarray | None
     channel_start: np.ndarray
     channel_spacing: np.ndarray
-    channel_width: np.ndarray
-    channel_depth: np.ndarray
-    channel_discharge: np.ndarray
-    channel_drainage_area: np.ndarray | None
-    channel_id: np.ndarray
-    channel_from: np.ndarray
-    channel_to: np.ndarray
+    channels: ChannelTable
     node_xy: np.ndarray
     channel_fixed: np.ndarray
-    channel_pace: np.ndarray | None = None
-    channel_slope: np.ndarray | None = None
-    channel_closed: np.ndarray | None = None
+    channel_pace: np.ndarray
     splits_before: int = 0
 
     @property
     def nbytes(self) -> int:
         """Memory of the arrays in bytes."""
-        return sum(a.nbytes for a in vars(self).values() if isinstance(a, np.ndarray))
+        return sum(a.nbytes for a in vars(self).values() if isinstance(a, (np.ndarray, ChannelTable)))
 
 
 RECORD_ARRAYS = (
-    "point_xy", "point_section", "channel_start", "channel_spacing", "channel_width", "channel_depth",
-    "channel_discharge", "channel_drainage_area", "channel_id", "channel_from", "channel_to", "node_xy",
-    "channel_fixed", "channel_pace", "channel_slope", "channel_closed",
+    "point_xy", "point_section", "channel_start", "channel_spacing", "node_xy", "channel_fixed", "channel_pace",
 )  # fmt: skip
 
 
@@ -285,14 +272,8 @@ class History:
         return RiverNetwork(
             record.point_xy,
             record.channel_start,
-            channel_width=record.channel_width,
-            channel_depth=record.channel_depth,
-            channel_discharge=record.channel_discharge,
-            channel_drainage_area=record.channel_drainage_area,
-            channel_slope=record.channel_slope,
-            channel_id=record.channel_id,
-            channel_nodes=(record.channel_from, record.channel_to, record.node_xy),
-            channel_closed=record.channel_closed,
+            record.channels,
+            node_xy=record.node_xy,
             point_section=record.point_section,
             origin=self.origin,
             crs=self.crs,
@@ -512,6 +493,11 @@ def _write_segment(
         }
     if any(r.splits_before for r in records):
         arrays["record_splits"] = np.array([r.splits_before for r in records], np.int64)
+    tables = [r.channels for r in records]
+    columns = list(tables[0]) if tables else []
+    arrays["columns"] = np.array(columns, str)
+    arrays["columns_start"] = np.cumsum([0] + [len(table) for table in tables])
+    arrays |= {f"column_{k}": np.concatenate([table[name] for table in tables]) for k, name in enumerate(columns)}
     for name in RECORD_ARRAYS:
         parts = [getattr(r, name) for r in records]
         if not parts or parts[0] is None:
@@ -544,6 +530,21 @@ def _read_segment(path: Path) -> Segment:
         raise ValueError(f"{path} is not a warpriver run or is damaged ({error})") from error
 
 
+def _decode_tables(data: dict[str, np.ndarray]) -> list[ChannelTable]:
+    start = data["columns_start"]
+    values = {str(name): data[f"column_{k}"] for k, name in enumerate(data["columns"])}
+    tables = []
+    for a, b in itertools.pairwise(start.tolist()):
+        columns = {name: array[a:b] for name, array in values.items()}
+        tables.append(
+            ChannelTable(
+                **{name: array for name, array in columns.items() if name in COLUMNS},
+                extra={name: array for name, array in columns.items() if name not in COLUMNS},
+            )
+        )
+    return tables
+
+
 def _decode_segment(data: dict[str, np.ndarray]) -> Segment:
     def split(name: str) -> Iterator[np.ndarray | None]:
         if name not in data:
@@ -558,15 +559,17 @@ def _decode_segment(data: dict[str, np.ndarray]) -> Segment:
             int(cutoffs_before),
             int(collisions_before),
             splits_before=int(splits_before),
+            channels=table,
             **dict(zip(RECORD_ARRAYS, arrays, strict=True)),
         )
-        for step, at, cutoffs_before, collisions_before, splits_before, *arrays in zip(
+        for step, at, cutoffs_before, collisions_before, splits_before, table, *arrays in zip(
             data["record_step"],
             data["record_time"],
             data["record_cutoffs"],
             data["record_collisions"],
             # Runs without splits of rings, and those stored before there were any, do not have it.
             data.get("record_splits", np.zeros(len(data["record_step"]), np.int64)),
+            _decode_tables(data),
             *columns,
             strict=True,
         )

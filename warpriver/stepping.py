@@ -384,7 +384,7 @@ class Stepper:
         both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
         edited = split_rings(network, cut[split, :3], xy) if split.any() else None
-        added = iter([] if edited is None else edited.channel_id[network.channel_count :].tolist())
+        added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
@@ -445,17 +445,7 @@ class Stepper:
         if needed > buffers.point_capacity:
             self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
         gather_points(network, edited, self.buffers, buffers)
-        network.replace_channels(
-            edited.channel_start,
-            channel_width=edited.channel_width,
-            channel_depth=edited.channel_depth,
-            channel_discharge=edited.channel_discharge,
-            channel_drainage_area=edited.channel_drainage_area,
-            channel_id=edited.channel_id,
-            channel_nodes=edited.channel_nodes,
-            channel_closed=network.channel_closed[edited.channel_old],
-            channel_slope=edited.channel_slope,
-        )
+        network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
         spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)

@@ -431,13 +431,14 @@ def _build(
         **place,
     )
     # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
-    for values, means in (
-        (network.channel_width, [line.mean_width for line in lines]),
-        (network.channel_depth, [line.mean_depth for line in lines]),
-    ):
-        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
-        values[stated] = [means[c] for c in stated]
-    return network
+    stated = {}
+    for name in ("width", "depth"):
+        means = [getattr(line, f"mean_{name}") for line in lines]
+        known = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
+        if known:
+            stated[name] = network.channels[name].copy()
+            stated[name][known] = [means[c] for c in known]
+    return network.with_channels(network.channels.replace(**stated)) if stated else network
 
 
 def _is_ring(line: Line, closed: bool | None) -> bool:
