@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.generate.valley import Valley, synthetic_valley
     from warpriver.generate.valley_params import ValleyParams
-    from warpriver.history import Collision, Cutoff, History, Split, StopReason
+    from warpriver.history import Collision, Cutoff, Event, History, Split, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_terrain, write_terrain
@@ -33,6 +33,7 @@ __all__ = [
     "Collision",
     "Cutoff",
     "ErodedTerrain",
+    "Event",
     "Every",
     "History",
     "LehenyParams",
@@ -75,6 +76,7 @@ _HOMES = {
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
     "ErodedTerrain": "warpriver.generate.eroded",
+    "Event": "warpriver.history",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",

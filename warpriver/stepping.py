@@ -55,9 +55,10 @@ from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["Stepper", "check_ground"]
+__all__ = ["Stepper", "check_ground", "check_resume"]
 
-# Columns of what holds for a channel between edits; see ``Record.channel_fixed``.
+# Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, in
+# m, and the labels of the nodes above and below in the search for collisions.
 NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
@@ -152,15 +153,15 @@ class Stepper:
         self.network = network
         self._law = self._solver.law(self.params, network.dtype)
         length = network.channel_lengths()
-        fixed = self._fix_channels(length) if record is None else record.channel_fixed
+        fixed = self._fix_channels(length) if record is None else record.resume["channel_fixed"]
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
         self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
         self._collisions = None
-        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
+        self._install(fixed[:, WANTED] if record is None else record.resume["channel_spacing"], fixed)
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
 
     def _fix_channels(self, length: np.ndarray) -> np.ndarray:
-        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``.
+        """Return what holds for the channels until the next edit, (C, 6): ``NARROWEST`` and so on.
 
         Args:
             length: (C,) length of the channels, m.
@@ -389,9 +390,9 @@ class Stepper:
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
             if split[k]:
-                self.history.splits.append(Split(times[substep], identity, next(added), width, loop.copy()))
+                self.history.events.append(Split(times[substep], identity, next(added), width, loop.copy()))
             else:
-                self.history.cutoffs.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
+                self.history.events.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
         if edited is not None:
             self._adopt(edited)
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
@@ -434,7 +435,7 @@ class Stepper:
             ranges = [(first, stop) for first, stop, _ in edit.abandoned]
             pieces = [xy[first:stop].astype(np.float64) + network.origin for first, stop in ranges]
             start = np.cumsum([0] + [len(p) for p in pieces])
-            self.history.collisions.append(
+            self.history.events.append(
                 Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start)
             )
 
@@ -466,6 +467,15 @@ class Stepper:
         self.buffers.begin_row()
         schedule_channels(network, self.channels, self.buffers, self.params.time_step, start)
 
+    def _resume_part(self) -> dict[str, np.ndarray]:
+        """Return what a record needs beside the network, so that the next step is the same to the bit."""
+        count = self.network.channel_count
+        return {
+            "channel_spacing": self.channels.spacing.numpy()[:count].copy(),
+            "channel_fixed": self._fixed,
+            "channel_pace": self.channels.pace.numpy()[:count].copy(),
+        }
+
     def _place_nodes(self) -> None:
         """Bring the nodes to where junctions have wandered."""
         if self.params.junction_drift > 0.0:
@@ -488,6 +498,22 @@ def _thread_count(threads: int | None) -> int:
     if threads != int(threads) or threads < 1:
         raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
     return int(threads)
+
+
+def check_resume(record: Record) -> None:
+    """Raise ``ValueError`` unless a record has what :class:`Stepper` needs to go on from it."""
+    count = len(record.channels)
+    # Columns that are lengths; a pace may be 0, and the label of a node -1.
+    for name, shape, lengths in (
+        ("channel_spacing", (count,), 1), ("channel_fixed", (count, 6), NODES.start), ("channel_pace", (count,), 0),
+    ):  # fmt: skip
+        array = record.resume.get(name, np.empty(0))
+        fits = array.shape == shape and bool(np.isfinite(array).all())
+        if not fits or (array.reshape(count, -1)[:, :lengths] <= 0.0).any():
+            raise ValueError(
+                f"the run cannot go on from its record of step {record.step}: {name} is missing or damaged; resume "
+                "from a copy of the run"
+            )
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
