@@ -158,11 +158,14 @@ def test_a_class_may_be_made_again():
         (flood(1, channel=2.5), "channel of the event GravelFlood is 2.5, not int"),
         (flood(1, peak=None), "peak of the event GravelFlood is None, not float"),
         (flood(1, name=5), "name of the event GravelFlood is 5, not str"),
-        (flood(1, line=None), "line of the event GravelFlood is not an array"),
-        (flood(1, depth=np.array(1.0)), "depth of the event GravelFlood is not an array"),
-        (flood(1, depth=np.array([{}])), "depth of the event GravelFlood is not an array"),
-        (flood(1, line=np.zeros((2, 3))), r"line .* is float64 \(n, ...\) = \(2, 3\), in another form than in events"),
-        (flood(1, line=np.zeros((2, 2), int)), "in another form than in events before"),
+        (flood(1, line=None), "line of the event GravelFlood is None, not ndarray"),
+        (flood(1, depth=np.array(1.0)), r"depth of the event GravelFlood is float64 \(\); give an array"),
+        (flood(1, depth=np.array([{}])), r"depth of the event GravelFlood is object \(1,\); give an array"),
+        (
+            flood(1, line=np.zeros((2, 3))),
+            r"line .* is float64 \(2, 3\), in events before float64 \('n', 2\); all must be of one form",
+        ),
+        (flood(1, line=np.zeros((2, 2), int)), "in events before float64"),
     ],
 )
 def test_what_cannot_be_stored_is_refused_when_it_happens(event, words):

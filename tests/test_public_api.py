@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
     {"channel_table", "crs", "network", "network_checks", "params", "progress", "terrain"},
-    {"meander", "metrics", "generate", "hydrology"},
     {"history"},
+    {"meander", "metrics", "generate", "hydrology"},
     {"simulation", "stepping"},
     {"io", "throughput"},
     {"viz"},

@@ -190,6 +190,7 @@ _ALLOWED: dict[type, Any] = {
     int: (int, np.integer),
     bool: (bool, np.bool_),
     str: str,
+    np.ndarray: np.ndarray,
 }
 E = TypeVar("E", bound=Event)
 
@@ -247,25 +248,26 @@ class EventLog(Sequence):
         return f"EventLog({told or 'empty'})"
 
     def _check(self, event: Event) -> None:
-        if not isinstance(event, Event) or _CLASSES.get(event.kind) is not type(event):
+        if _CLASSES.get(getattr(event, "kind", "")) is not type(event):
             raise TypeError(f"{event!r} is no event; make a frozen dataclass that derives from Event")
         for name, kind, optional in event_fields(type(event)):
             value = getattr(event, name)
-            if value is None and optional:
-                continue
-            what = f"{name} of the event {type(event).__name__}"
-            if kind is not np.ndarray:
-                if not isinstance(value, _ALLOWED[kind]):
-                    raise TypeError(f"{what} is {value!r}, not {kind.__name__}")
-                continue
-            if not isinstance(value, np.ndarray) or value.ndim == 0 or value.dtype.kind not in "biufU":
-                raise TypeError(f"{what} is not an array of numbers, words or flags with one axis or more")
-            # Those of all events are stored end to end.
-            form = (value.dtype.kind, value.dtype.kind == "U" or value.dtype.itemsize, value.shape[1:])
-            if self._forms.setdefault((event.kind, name), form) != form:
-                raise TypeError(
-                    f"{what} is {value.dtype} (n, ...) = {value.shape}, in another form than in events before"
-                )
+            if kind is np.ndarray and isinstance(value, np.ndarray):
+                self._check_array(event, name, value)
+            elif not isinstance(value, _ALLOWED[kind]) and not (value is None and optional):
+                raise TypeError(f"{name} of the event {type(event).__name__} is {value!r}, not {kind.__name__}")
+
+    def _check_array(self, event: Event, name: str, array: np.ndarray) -> None:
+        # Those of all events are stored end to end.
+        form, known = (array.dtype, array.shape[1:]), self._forms.get((event.kind, name))
+        if form == known and array.ndim:
+            return
+        what = f"{name} of the event {type(event).__name__} is {array.dtype} {array.shape}"
+        if array.ndim == 0 or array.dtype.kind not in "biufU":
+            raise TypeError(f"{what}; give an array of numbers, words or flags with one axis or more")
+        if known is not None and (form[1] != known[1] or not form[0].kind == known[0].kind == "U"):
+            raise TypeError(f"{what}, in events before {known[0]} {('n', *known[1])}; all must be of one form")
+        self._forms[event.kind, name] = form
 
 
 class _EventsOfKind(Sequence):
