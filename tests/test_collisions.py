@@ -54,7 +54,7 @@ def test_upstream_collision(side, dip):
     lines[1] = line((-800.0, 1000.0), (-15.0, 600.0 + dip), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
     sim = joined([xy * [side, 1.0] for xy in lines], areas)
     (event,) = sim.history.collisions
-    assert (event.kind, event.channel, event.other) == ("upstream", 1, 0)
+    assert (event.case, event.channel, event.other) == ("upstream", 1, 0)
     network = sim.network
     assert network.channel_count == 3
     # The junction moved up the larger tributary, which now ends there; what was its lower part belongs to the trunk.
@@ -78,7 +78,7 @@ def test_downstream_collision(side):
     lines[1] = line((-800.0, 1000.0), (-600.0, -210.0), (-415.0, -210.0), (-300.0, 100.0), (0.0, 0.0))
     sim = joined([xy * [side, 1.0] for xy in lines], areas)
     (event,) = sim.history.collisions
-    assert (event.kind, event.channel, event.other) == ("downstream", 1, 2)
+    assert (event.case, event.channel, event.other) == ("downstream", 1, 2)
     network = sim.network
     assert network.channel_count == 3
     (trunk,) = np.flatnonzero(network.channel_drainage_area > 6e6)
@@ -95,7 +95,7 @@ def test_disconnected_collision_gives_the_smaller_river_to_the_larger():
     small = line((0.0, 1000.0), (985.0, 0.0), (200.0, -1000.0), (0.0, -2000.0))
     sim = joined([large, left, right, small], [10.0, 1.0, 1.5, 3.0])
     (event,) = sim.history.collisions
-    assert (event.kind, event.channel, event.other) == ("disconnected", 3, 0)
+    assert (event.case, event.channel, event.other) == ("disconnected", 3, 0)
     table = graph(sim.network)
     assert set(table) == {0, 1, 2, 3, 4}
     assert table[3] == (
@@ -118,7 +118,7 @@ def test_a_captured_tributary_leaves_its_sibling_one_channel():
     neighbour = line((-1500.0, 2000.0), (-1500.0, -2000.0))
     sim = joined([lines[0], captured, lines[2], neighbour], [4.0, 2.0, 7.0, 20.0])
     (event,) = sim.history.collisions
-    assert (event.kind, event.channel, event.other) == ("disconnected", 1, 3)
+    assert (event.case, event.channel, event.other) == ("disconnected", 1, 3)
     network = sim.network
     assert network.channel_count == 4
     trunk = network.channel_id == 0
@@ -148,7 +148,7 @@ def test_three_channels_at_once_and_two_collisions_in_one_step():
         line((2200.0, 1500.0), (2985.0, 0.0), (2200.0, -1500.0)),
     ]
     sim = joined(lines, [10.0, 2.0, 3.0, 9.0, 1.0])
-    assert [e.kind for e in sim.history.collisions] == ["disconnected"] * 3
+    assert [e.case for e in sim.history.collisions] == ["disconnected"] * 3
     network = sim.network
     outlets = ~np.isin(network.channel_to, network.channel_from)
     assert sorted(np.round(network.channel_drainage_area[outlets] / 1e6, 6)) == [10.0, 15.0]
@@ -179,7 +179,7 @@ def test_the_lower_of_two_related_channels_keeps_its_course():
     sim = Simulation(network, STILL.replace(cutoff_distance=0.0))
     sim.step()
     (event,) = sim.history.collisions
-    assert (event.kind, event.channel, event.other) == ("disconnected", 0, 4)
+    assert (event.case, event.channel, event.other) == ("disconnected", 0, 4)
 
 
 def test_a_touched_channel_waits_for_the_next_round():
@@ -310,7 +310,7 @@ def test_random_trees_stay_forests(dtype, seeds):
             if k % 10 == 0 or (sim.history.collisions and sim.history.collisions[-1].time > sim.time - 0.3):
                 assert_forest(sim.network)
         assert outlet_area(sim.network) == pytest.approx(before, rel=1e-9)
-        kinds |= {event.kind for event in sim.history.collisions}
+        kinds |= {event.case for event in sim.history.collisions}
     assert kinds == {"upstream", "downstream", "disconnected"} or dtype == "float32"
 
 
@@ -349,7 +349,7 @@ def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path):
     np.testing.assert_array_equal(whole.network.points(), rest.network.points())
     np.testing.assert_array_equal(whole.network.channel_id, rest.network.channel_id)
     reopened = History.load(tmp_path / "run")
-    assert [e.kind for e in reopened.collisions] == [e.kind for e in whole.history.collisions]
+    assert [e.case for e in reopened.collisions] == [e.case for e in whole.history.collisions]
     for one, two in zip(reopened.collisions, whole.history.collisions, strict=True):
         assert [p.tobytes() for p in one.pieces()] == [p.tobytes() for p in two.pieces()]
     np.testing.assert_array_equal(reopened.networks[-1].channel_drainage_area, whole.network.channel_drainage_area)

@@ -15,9 +15,19 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
-    {"crs", "extras", "params", "network", "progress", "raster", "terrain"},
-    {"meander", "metrics", "generate", "hydrology"},
+    {
+        "channel_table",
+        "crs",
+        "extras",
+        "network",
+        "network_checks",
+        "params",
+        "progress",
+        "raster",
+        "terrain",
+    },
     {"history"},
+    {"meander", "metrics", "generate", "hydrology"},
     {"simulation", "stepping"},
     {"io", "throughput"},
     {"viz"},

@@ -1,4 +1,6 @@
+import copy
 import os
+import pickle
 import signal
 import threading
 import warnings
@@ -6,8 +8,9 @@ import warnings
 import numpy as np
 import pytest
 import warp as wp
+from trees import random_tree
 
-from warpriver import Every, History, MeanderParams, RiverNetwork, Simulation, StopReason, generate
+from warpriver import Every, History, MeanderParams, PathMeander, RiverNetwork, Simulation, StopReason, generate
 from warpriver.meander import checks
 
 
@@ -333,3 +336,58 @@ def test_an_error_of_a_callback_is_its_callers_affair(tmp_path):
     with pytest.raises(FileNotFoundError):
         sim.run(steps=5, callbacks=[write])
     assert sim.history.stop_reason is None and sim.step_count == 1
+
+
+# ---- copies
+
+
+def drifting():
+    network = random_tree(7, sources=8, size=8000.0, width=25.0)
+    return Simulation(network, MeanderParams(spacing=20.0, junction_drift=0.5), threads=2)
+
+
+def paths():
+    line = generate.noisy_line(6000.0, 40.0, 40.0, 3)
+    return Simulation(RiverNetwork.from_polylines([line], width=50.0), PathMeander(spacing=40.0), dtype="float32")
+
+
+def checked():
+    line = generate.noisy_line(6000.0, 40.0, 40.0, 3)
+    return Simulation(RiverNetwork.from_polylines([line], width=50.0), check=True)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda sim: pickle.loads(pickle.dumps(sim))], ids=["copy", "pickle"])
+@pytest.mark.parametrize(("model", "steps"), [(drifting, 60), (paths, 300), (checked, 12)])
+def test_a_copy_goes_on_to_the_same_bits(model, steps, copied):
+    """From between two records, with all that has happened; the one that was copied is none the wiser."""
+    sim, untouched = model(), model()
+    sim.run(steps=steps // 2 - 3, record_every=10)
+    for _ in range(3):
+        sim.step()
+    other = copied(sim)
+    assert (other.step_count, other.substeps, other.check, other.threads) == (
+        sim.step_count, sim.substeps, sim.check, sim.threads,
+    )  # fmt: skip
+    assert list(other.history.events) == list(sim.history.events) and other.history is not sim.history
+    for run in (sim, other):
+        run.run(steps=steps - run.step_count, record_every=10)
+    untouched.run(steps=steps, record_every=10)
+    if model is not checked:
+        assert len(sim.history.events) > 3
+    for run in (other, untouched):
+        np.testing.assert_array_equal(run.network.points(), sim.network.points())
+        assert run.network.channels == sim.network.channels
+        np.testing.assert_array_equal(run.network.node_xy, sim.network.node_xy)
+        assert list(run.history.events) == list(sim.history.events)
+    np.testing.assert_array_equal(other.history.steps, sim.history.steps)
+
+
+def test_a_copy_of_a_stored_run_is_stored_nowhere(tmp_path):
+    sim = checked()
+    sim.run(steps=5, record_every=1, store=tmp_path / "run")
+    other = pickle.loads(pickle.dumps(sim))
+    assert other.history.path is None and len(other.history) == 6
+    other.run(steps=5, record_every=1)
+    assert len(History.load(tmp_path / "run")) == 6
+    sim.run(steps=5, record_every=1)
+    assert len(History.load(tmp_path / "run")) == 11

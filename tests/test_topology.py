@@ -210,7 +210,7 @@ def assert_same_network(network, edited, plain):
     channels, flow = plain.build()
     start, before = network.starts(), plain.flow_before
     assert split_by(expanded(edited), edited.channel_start) == [points for _, points in channels]
-    assert edited.channel_id.tolist() == [plain.reaches[members[0]].name for members, _ in channels]
+    assert edited.channels.id.tolist() == [plain.reaches[members[0]].name for members, _ in channels]
     last = [plain.reaches[members[-1]] for members, _ in channels]
     base = [reach.old for reach in last]
     assert edited.channel_old.tolist() == base
@@ -220,16 +220,16 @@ def assert_same_network(network, edited, plain):
     gain = after / before[base]
     area = network.channel_drainage_area
     if area is None:
-        assert edited.channel_drainage_area is None
-        np.testing.assert_allclose(edited.channel_discharge, after, rtol=FLOW_TOLERANCE)
+        assert edited.channels.drainage_area is None
+        np.testing.assert_allclose(edited.channels.discharge, after, rtol=FLOW_TOLERANCE)
     else:
-        np.testing.assert_allclose(edited.channel_drainage_area, after, rtol=FLOW_TOLERANCE)
+        np.testing.assert_allclose(edited.channels.drainage_area, after, rtol=FLOW_TOLERANCE)
         expected = network.channel_discharge[base] * gain**0.69
-        np.testing.assert_allclose(edited.channel_discharge, expected, rtol=FLOW_TOLERANCE)
-    np.testing.assert_allclose(edited.channel_width, network.channel_width[base] * gain**0.5, rtol=FLOW_TOLERANCE)
+        np.testing.assert_allclose(edited.channels.discharge, expected, rtol=FLOW_TOLERANCE)
+    np.testing.assert_allclose(edited.channels.width, network.channel_width[base] * gain**0.5, rtol=FLOW_TOLERANCE)
     depth = network.channel_depth[base] * gain ** (0.5 / 1.41)
-    np.testing.assert_allclose(edited.channel_depth, depth, rtol=FLOW_TOLERANCE)
-    above, below, xy = edited.channel_nodes
+    np.testing.assert_allclose(edited.channels.depth, depth, rtol=FLOW_TOLERANCE)
+    above, below, xy = edited.channels.from_node, edited.channels.to_node, edited.node_xy
     ends = [(plain.reaches[members[0]].above, reach.below) for (members, _), reach in zip(channels, last, strict=True)]
     nodes = sorted({n for pair in ends for n in pair})
     assert [(nodes[a], nodes[b]) for a, b in zip(above, below, strict=True)] == ends
@@ -285,12 +285,10 @@ def test_without_edits_the_network_is_as_it_was():
         assert not edited.channel_changed.any()
         assert expanded(edited) == list(range(network.point_count))
         assert edited.channel_old.tolist() == list(range(network.channel_count))
-        np.testing.assert_array_equal(edited.channel_width, network.channel_width)
+        np.testing.assert_array_equal(edited.channels.width, network.channel_width)
         np.testing.assert_array_equal(edited.channel_start, network.starts())
-        for now, before in zip(
-            edited.channel_nodes, (network.channel_from, network.channel_to, network.node_xy), strict=True
-        ):
-            np.testing.assert_array_equal(now, before)
+        assert edited.channels == network.channels
+        np.testing.assert_array_equal(edited.node_xy, network.node_xy)
 
 
 def test_what_an_edit_does_not_reach_keeps_its_bits():
@@ -308,6 +306,6 @@ def test_what_an_edit_does_not_reach_keeps_its_bits():
         far = ~np.isin(edited.channel_old, list(below)) & ~edited.channel_changed
         same = edited.channel_old[far]
         assert far.any() or len(below) == network.channel_count
-        np.testing.assert_array_equal(edited.channel_drainage_area[far], network.channel_drainage_area[same])
-        np.testing.assert_array_equal(edited.channel_width[far], network.channel_width[same])
-        np.testing.assert_array_equal(edited.channel_depth[far], network.channel_depth[same])
+        np.testing.assert_array_equal(edited.channels.drainage_area[far], network.channel_drainage_area[same])
+        np.testing.assert_array_equal(edited.channels.width[far], network.channel_width[same])
+        np.testing.assert_array_equal(edited.channels.depth[far], network.channel_depth[same])

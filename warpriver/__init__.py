@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import generate, hydrology, metrics, viz
+    from warpriver.channel_table import ChannelTable
     from warpriver.generate.eroded import ErodedTerrain
     from warpriver.generate.leheny import erode, erode_ensemble
     from warpriver.generate.valley import Valley, synthetic_valley
     from warpriver.generate.valley_params import ValleyParams
-    from warpriver.history import Collision, Cutoff, History, Split, StopReason
+    from warpriver.history import Collision, Cutoff, Event, History, Split, StopReason
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.lines import read_network, write_network
     from warpriver.io.rasters import read_raster, read_terrain, write_raster, write_terrain
@@ -29,9 +30,11 @@ if TYPE_CHECKING:
     from warpriver.terrain import Terrain
 
 __all__ = [
+    "ChannelTable",
     "Collision",
     "Cutoff",
     "ErodedTerrain",
+    "Event",
     "Every",
     "History",
     "LehenyParams",
@@ -74,9 +77,11 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "ChannelTable": "warpriver.channel_table",
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
     "ErodedTerrain": "warpriver.generate.eroded",
+    "Event": "warpriver.history",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",

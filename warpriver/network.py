@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.crs import is_geographic, short_name
-from warpriver.kernels.polyline import RING_POINTS
+from warpriver.network_checks import (
+    NODE_TOLERANCE,
+    check_graph,
+    check_packed,
+    check_rings_apart,
+    checked_line,
+    checked_points,
+    checked_slope,
+    find_nodes,
+    per_point,
+    ring_flags,
+    ring_marks,
+    ring_points,
+)
 
 __all__ = ["RiverNetwork", "bankfull_depth", "bankfull_discharge", "bankfull_width"]
 
 PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
 
-# Two channel ends closer than this part of the narrower width are one node.
-NODE_TOLERANCE = 1e-3
-# The ends of a line that is to be a ring may be so many times its longest segment, or its width, apart.
-RING_GAP = 3.0
+# Columns that the constructor takes by keyword, ``channel_width`` and so on; the nodes come as one tuple.
+KEYWORDS = tuple(f"channel_{name}" for name in COLUMNS if not name.endswith("_node"))
 
 
 def bankfull_depth(width: Any) -> Any:
@@ -49,22 +61,11 @@ class RiverNetwork:
     """Channels between nodes, each a line of points from upstream to downstream.
 
     Build one with :meth:`from_polylines` or ``warpriver.read_network``. The points of all channels lie end to end in
-    one device array, ``point_xy``, cut by ``channel_start``; what belongs to a whole channel is NumPy on the host.
+    one device array, ``point_xy``, cut by ``channel_start``. What belongs to a whole channel is a column of a table on
+    the host, ``channels``; its columns are also attributes of the network, ``channel_width`` and so on. They cannot be
+    written into: ``network.with_channels(network.channels.replace(width=...))`` is a network with other ones.
 
     Attributes:
-        channel_width: (C,) float64, bankfull width in m (the mean, where it varies along the channel).
-        channel_depth: (C,) float64, bankfull depth in m.
-        channel_discharge: (C,) float64, bankfull discharge in m3/s at the downstream end.
-        channel_drainage_area: (C,) float64, drainage area in m2 at the downstream end, or None where it is not known.
-        channel_slope: (C,) float64, drop of the channel from its upstream to its downstream end over its length, m/m;
-            NaN where it is not known. It is that of the channel as it was found: migration and cutoffs leave it, a
-            collision hands it on (each part keeps the slope of the channel it was cut from, and parts that become one
-            channel get the drop of all over their length).
-        channel_id: (C,) int64, identity that a channel keeps when others come and go.
-        channel_from: (C,) int32, node at the upstream end.
-        channel_to: (C,) int32, node at the downstream end.
-        channel_closed: (C,) bool, True for a ring: its last point is joined to its first, which is not repeated, and
-            its one node is its own.
         node_xy: (N, 2) float64, node positions in m, absolute.
         origin: (2,) float64, absolute position of the device coordinates' zero.
         crs: Coordinate reference system as text ("EPSG:32619", WKT ...), or None.
@@ -72,6 +73,9 @@ class RiverNetwork:
         point_xy: device array of 2-vectors, m, relative to ``origin``; only the first ``point_count`` are in use.
         point_section: device array of (width, depth) in m at each point, or None where they are constant along a
             channel.
+        point_z: (P,) float64 on the host, read-only: elevation of each point of the line as it was given, in m, of bed
+            or water surface, or None. Nothing that moves points can tell theirs: a simulation, a change of the graph,
+            smoothing and junction templates drop it.
         channel_start: device int32 array (C + 1,): channel c owns the points channel_start[c] to
             channel_start[c + 1] - 1.
     """
@@ -80,20 +84,17 @@ class RiverNetwork:
         self,
         point_xy: np.ndarray,
         channel_start: np.ndarray,
+        channels: ChannelTable | None = None,
         *,
-        channel_width: np.ndarray,
-        channel_depth: np.ndarray,
-        channel_discharge: np.ndarray,
-        channel_drainage_area: np.ndarray | None = None,
-        channel_slope: np.ndarray | None = None,
-        channel_id: np.ndarray | None = None,
+        node_xy: np.ndarray | None = None,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-        channel_closed: np.ndarray | None = None,
         point_section: np.ndarray | None = None,
+        point_z: np.ndarray | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
+        **columns: Any,
     ):
         """Wrap packed arrays; users call :meth:`from_polylines`, which checks the lines as well as the graph.
 
@@ -103,58 +104,60 @@ class RiverNetwork:
         Args:
             point_xy: (P, 2) points relative to ``origin``.
             channel_start: (C + 1,) int32 offsets into the points.
-            channel_width: (C,) m.
-            channel_depth: (C,) m.
-            channel_discharge: (C,) m3/s.
-            channel_drainage_area: (C,) m2, or None where it is not known.
-            channel_slope: (C,) m/m, NaN where it is not known; None: nowhere.
-            channel_id: (C,) identities; by default the indices.
-            channel_nodes: (from, to, node_xy); by default ends that coincide are one node.
-            channel_closed: (C,) True for rings; by default there are none.
+            channels: The table of the channels; or give its columns by keyword.
+            node_xy: (N, 2) positions of the nodes that the table names, m, absolute; by default ends that coincide are
+                one node.
+            channel_nodes: (from, to, node_xy), beside columns by keyword; by default ends that coincide are one node.
             point_section: (P, 2) width and depth at each point in m, or None.
+            point_z: (P,) elevation of each point in m, or None.
             origin: Absolute position of the points' zero, m.
             crs: Coordinate reference system.
             dtype: "float64" or "float32".
             device: Warp device name.
+            columns: ``channel_width``, ``channel_depth``, ``channel_discharge`` and, where it is known,
+                ``channel_drainage_area``, ``channel_slope``, ``channel_id``, ``channel_closed``: see
+                :class:`~warpriver.channel_table.ChannelTable`.
 
         Raises:
+            TypeError: A table and columns are given, or columns that there are not, or that are needed are missing.
             ValueError: Arrays that do not fit together, a channel of fewer than 2 points or of no length, an identity
                 that stands twice, a node that is not there, or one that no channel touches.
         """
         if dtype not in PRECISIONS:
             raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
+        if crs is not None and not isinstance(crs, str):
+            raise ValueError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]
         self.dtype = dtype
         self.device = resolve_device(device)
         self.origin = np.array(origin, np.float64)
+        if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
+            raise ValueError(f"origin is {origin!r}; give x and y in metres, both finite")
         self.crs = crs
+        if channels is None:
+            channels, node_xy = _table_of_keywords(columns, channel_nodes)
+        elif columns or channel_nodes is not None:
+            raise TypeError(f"RiverNetwork takes a table of channels, or {', '.join(KEYWORDS)}, but not both")
+        start, xy = np.array(channel_start, np.int32), np.asarray(point_xy)
+        check_packed(xy, start, len(channels))
+        if node_xy is None:
+            tolerance = NODE_TOLERANCE * float(np.min(channels.width))
+            points = np.asarray(xy, np.float64)
+            above, below, node_xy = find_nodes(points, start, channels.closed, tolerance, self.origin)
+            channels = channels.replace(from_node=above, to_node=below)
+        check_graph(channels, np.asarray(node_xy))
         self.channel_start: wp.array
-        self.channel_drainage_area: np.ndarray | None = None
-        start = np.array(channel_start, np.int32)
-        count = len(channel_width)
-        _check_packed(np.asarray(point_xy), start, count)
-        closed = np.zeros(count, bool) if channel_closed is None else np.asarray(channel_closed, bool)
-        if channel_nodes is None:
-            tolerance = NODE_TOLERANCE * float(np.min(channel_width))
-            channel_nodes = _find_nodes(np.asarray(point_xy, np.float64), start, closed, tolerance, self.origin)
-        identity = np.arange(count) if channel_id is None else np.asarray(channel_id)
-        above, below, node_xy = map(np.asarray, channel_nodes)
-        _check_graph(count, identity, above, below, node_xy)
-        self.replace_channels(
-            start,
-            channel_width=channel_width,
-            channel_depth=channel_depth,
-            channel_discharge=channel_discharge,
-            channel_drainage_area=channel_drainage_area,
-            channel_slope=channel_slope,
-            channel_id=identity,
-            channel_nodes=channel_nodes,
-            channel_closed=closed,
-        )
-        self.point_xy: wp.array = wp.array(np.asarray(point_xy, real), dtype=vec2, device=self.device)
+        self.point_z: np.ndarray | None
+        self.replace_channels(start, channels, node_xy)
+        self.point_xy: wp.array = wp.array(np.asarray(xy, real), dtype=vec2, device=self.device)
         self.point_section: wp.array | None = None
         if point_section is not None:
-            self.point_section = wp.array(np.asarray(point_section, real), dtype=vec2, device=self.device)
+            section = checked_points("point_section", point_section, (len(xy), 2))
+            self.point_section = wp.array(section.astype(real), dtype=vec2, device=self.device)
+        if point_z is not None:
+            elevations = checked_points("point_z", point_z, (len(xy),))[: self.point_count].copy()
+            elevations.flags.writeable = False
+            self.point_z = elevations
 
     @classmethod
     def from_polylines(
@@ -166,7 +169,9 @@ class RiverNetwork:
         *,
         drainage_area: Any = None,
         slope: Any = None,
+        z: Any = None,
         channel_id: Any = None,
+        extra: Mapping[str, Any] | None = None,
         nodes: tuple[Any, Any, Any] | None = None,
         origin: Any = None,
         allow_short: bool = False,
@@ -190,7 +195,9 @@ class RiverNetwork:
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
             drainage_area: Drainage area in m2 at the downstream end, one number a channel, where it is known.
             slope: Drop over length of each channel in m/m, one number or one a channel, NaN where it is not known.
+            z: Elevation of the points in m, one (n,) array a channel, where it is known.
             channel_id: Identities of the channels, whole numbers; by default 0, 1, 2 ...
+            extra: Free columns of the channels by name: one number, word or flag a channel.
             nodes: (from, to, node_xy): node above and below each channel, as indices into node_xy, (N, 2) in m; by
                 default ends that meet are one node.
             origin: Absolute position of the device coordinates' zero, m; by default the middle, in whole metres.
@@ -216,24 +223,25 @@ class RiverNetwork:
                 f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
                 'with read_network(..., to_crs="utm")'
             )
-        lines = [_checked_line(xy, c) for c, xy in enumerate(polylines)]
+        lines = [checked_line(xy, c) for c, xy in enumerate(polylines)]
         if not lines:
             raise ValueError("a network needs at least one line; got none")
-        rings = _ring_flags(closed, len(lines))
+        rings = ring_flags(closed, len(lines))
         counts = [len(xy) for xy in lines]
-        point_width = _per_point(width, counts, "width", "m")
+        point_width = per_point(width, counts, "width", "m")
         point_depth = [bankfull_depth(w) for w in point_width]
         if depth is not None:
-            point_depth = _per_point(depth, counts, "depth", "m")
+            point_depth = per_point(depth, counts, "depth", "m")
+        point_z = per_point(z, counts, "z", "m", positive=False) if z is not None else []
+        of_points = [lines, point_width, point_depth] + [point_z] * (z is not None)
         for c in np.flatnonzero(rings).tolist():
-            keep = _ring_points(lines[c], float(point_width[c].min()), c)
-            lines[c], point_width[c], point_depth[c] = lines[c][:keep], point_width[c][:keep], point_depth[c][:keep]
-            counts[c] = keep
-        for c, mark in _ring_marks(marks, rings, counts):
-            lines[c], point_width[c], point_depth[c] = (
-                np.roll(a, -mark, axis=0) for a in (lines[c], point_width[c], point_depth[c])
-            )
-        _check_rings_apart(lines, rings, point_width)
+            counts[c] = ring_points(lines[c], float(point_width[c].min()), c)
+            for arrays in of_points:
+                arrays[c] = arrays[c][: counts[c]]
+        for c, mark in ring_marks(marks, rings, counts):
+            for arrays in of_points:
+                arrays[c] = np.roll(arrays[c], -mark, axis=0)
+        check_rings_apart(lines, rings, point_width)
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
             if w.max() > length and not allow_short:
@@ -250,78 +258,123 @@ class RiverNetwork:
         section = np.stack([np.concatenate(point_width), np.concatenate(point_depth)], axis=1) if varies else None
         flow = bankfull_discharge(channel_width)
         if discharge is not None:
-            flow = np.array([q[0] for q in _per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
+            flow = np.array([q[0] for q in per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
         if drainage_area is not None:
-            area = _per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
+            area = per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
             drainage_area = np.array([a[0] for a in area])
+        table = ChannelTable(
+            width=channel_width,
+            depth=np.array([_mean(d) for d in point_depth]),
+            discharge=flow,
+            drainage_area=drainage_area,
+            slope=None if slope is None else checked_slope(slope, len(lines)),
+            id=channel_id,
+            from_node=None if nodes is None else nodes[0],
+            to_node=None if nodes is None else nodes[1],
+            closed=rings,
+            extra=extra or {},
+        )
         return cls(
             packed - np.asarray(origin, np.float64),
             np.concatenate([[0], np.cumsum(counts)]),
-            channel_width=channel_width,
-            channel_depth=np.array([_mean(d) for d in point_depth]),
-            channel_discharge=flow,
-            channel_drainage_area=drainage_area,
-            channel_slope=None if slope is None else _checked_slope(slope, len(lines)),
-            channel_id=channel_id,
-            channel_nodes=nodes,
-            channel_closed=rings,
+            table,
+            node_xy=None if nodes is None else nodes[2],
             point_section=section,
+            point_z=np.concatenate(point_z) if point_z else None,
             origin=origin,
             crs=crs,
             dtype=dtype,
             device=device,
         )
 
+    # ---- channels
+
+    @property
+    def channels(self) -> ChannelTable:
+        """All columns of the channels, as one table."""
+        return self._channels
+
+    @property
+    def channel_width(self) -> np.ndarray:
+        """(C,) float64, bankfull width in m (the mean, where it varies along the channel)."""
+        return self._channels.width
+
+    @property
+    def channel_depth(self) -> np.ndarray:
+        """(C,) float64, bankfull depth in m."""
+        return self._channels.depth
+
+    @property
+    def channel_discharge(self) -> np.ndarray:
+        """(C,) float64, bankfull discharge in m3/s at the downstream end."""
+        return self._channels.discharge
+
+    @property
+    def channel_drainage_area(self) -> np.ndarray | None:
+        """(C,) float64, drainage area in m2 at the downstream end, or None where it is not known."""
+        return self._channels.drainage_area
+
+    @property
+    def channel_slope(self) -> np.ndarray:
+        """(C,) float64, drop from the upstream to the downstream end over the length, m/m; NaN where it is not known.
+
+        It is that of the channel as it was found: migration and cutoffs leave it, a collision hands it on (each part
+        keeps the slope of the channel it was cut from, and parts that become one channel get the drop of all over their
+        length).
+        """
+        return self._channels.slope
+
+    @property
+    def channel_id(self) -> np.ndarray:
+        """(C,) int64, identity that a channel keeps when others come and go."""
+        return self._channels.id
+
+    @property
+    def channel_from(self) -> np.ndarray:
+        """(C,) int32, node at the upstream end."""
+        return self._channels.from_node
+
+    @property
+    def channel_to(self) -> np.ndarray:
+        """(C,) int32, node at the downstream end."""
+        return self._channels.to_node
+
+    @property
+    def channel_closed(self) -> np.ndarray:
+        """(C,) bool, True for a ring: its last point is joined to its first, and its one node is its own."""
+        return self._channels.closed
+
     @property
     def channel_count(self) -> int:
         """Number of channels."""
-        return len(self.channel_width)
+        return len(self._channels)
 
     @property
     def node_count(self) -> int:
         """Number of nodes."""
         return len(self.node_xy)
 
-    def replace_channels(
-        self,
-        channel_start: np.ndarray,
-        *,
-        channel_width: np.ndarray,
-        channel_depth: np.ndarray,
-        channel_discharge: np.ndarray,
-        channel_drainage_area: np.ndarray | None,
-        channel_id: np.ndarray,
-        channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray],
-        channel_closed: np.ndarray,
-        channel_slope: np.ndarray | None = None,
-    ) -> None:
+    def replace_channels(self, channel_start: np.ndarray, channels: ChannelTable, node_xy: np.ndarray) -> None:
         """Replace what belongs to whole channels; the caller brings the points into the same order.
 
         Args:
             channel_start: (C + 1,) offsets into the points.
-            channel_width: (C,) m.
-            channel_depth: (C,) m.
-            channel_discharge: (C,) m3/s.
-            channel_drainage_area: (C,) m2 or None.
-            channel_id: (C,) identities.
-            channel_nodes: (from, to, node_xy), node_xy in m, absolute.
-            channel_closed: (C,) True for rings.
-            channel_slope: (C,) m/m, or None: known nowhere.
+            channels: The table of the channels.
+            node_xy: (N, 2) positions of its nodes in m, absolute.
         """
         start = np.array(channel_start, np.int32)
         self.point_count = int(start[-1])
         self.channel_start = wp.array(start, dtype=wp.int32, device=self.device)
-        self.channel_width = np.array(channel_width, np.float64)
-        self.channel_depth = np.array(channel_depth, np.float64)
-        self.channel_discharge = np.array(channel_discharge, np.float64)
-        area = channel_drainage_area
-        self.channel_drainage_area = None if area is None else np.array(area, np.float64)
-        unknown = np.full(len(self.channel_width), np.nan)
-        self.channel_slope = unknown if channel_slope is None else np.array(channel_slope, np.float64)
-        self.channel_id = np.array(channel_id, np.int64)
-        self.channel_from, self.channel_to = (np.array(n, np.int32) for n in channel_nodes[:2])
-        self.node_xy = np.array(channel_nodes[2], np.float64)
-        self.channel_closed = np.array(channel_closed, bool)
+        self._channels = channels
+        self.node_xy = np.array(node_xy, np.float64)
+        self.point_z = None
+
+    def with_channels(self, channels: ChannelTable) -> RiverNetwork:
+        """Return a copy with another table of the same channels, such as ``network.channels.replace(width=...)``.
+
+        Where width and depth vary along the channels, those of the points stay as they are.
+        """
+        return self._copied(channels)
 
     def channel_flow(self) -> np.ndarray:
         """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
@@ -350,6 +403,12 @@ class RiverNetwork:
     def point_depths(self, *, close: bool = False) -> list[np.ndarray]:
         """Return the bankfull depth in m at each point, a list of (n,) float64 arrays; ``close`` as in `polylines`."""
         return self._closed_up(self._split_section(1, self.channel_depth), close)
+
+    def point_elevations(self, *, close: bool = False) -> list[np.ndarray] | None:
+        """Return ``point_z`` channel by channel, a list of (n,) arrays, or None; ``close`` as in `polylines`."""
+        if self.point_z is None:
+            return None
+        return self._closed_up(np.split(self.point_z, self.starts()[1:-1]), close)
 
     def _closed_up(self, arrays: list[np.ndarray], close: bool) -> list[np.ndarray]:
         if not close or not self.channel_closed.any():
@@ -383,24 +442,32 @@ class RiverNetwork:
 
     def to(self, device: Any = None, dtype: str | None = None) -> RiverNetwork:
         """Return a copy on another device or in another precision."""
-        section = None if self.point_section is None else self.point_section.numpy()[: self.point_count]
-        return RiverNetwork(
-            self.point_xy.numpy()[: self.point_count],
-            self.starts(),
-            channel_width=self.channel_width,
-            channel_depth=self.channel_depth,
-            channel_discharge=self.channel_discharge,
-            channel_drainage_area=self.channel_drainage_area,
-            channel_slope=self.channel_slope,
-            channel_id=self.channel_id,
-            channel_nodes=(self.channel_from, self.channel_to, self.node_xy),
-            channel_closed=self.channel_closed,
-            point_section=section,
-            origin=self.origin,
-            crs=self.crs,
-            dtype=dtype or self.dtype,
-            device=device or self.device,
-        )
+        return self._copied(self._channels, device, dtype)
+
+    def _copied(self, channels: ChannelTable, device: Any = None, dtype: str | None = None) -> RiverNetwork:
+        values = self._host_values()
+        values |= {"channels": channels, "dtype": dtype or self.dtype, "device": device or self.device}
+        return RiverNetwork(**values)
+
+    def _host_values(self) -> dict[str, Any]:
+        """Everything that the constructor takes, on the host, to the bit."""
+        count = self.point_count
+        return {
+            "point_xy": self.point_xy.numpy()[:count],
+            "channel_start": self.starts(),
+            "channels": self._channels,
+            "node_xy": self.node_xy,
+            "point_section": None if self.point_section is None else self.point_section.numpy()[:count],
+            "point_z": self.point_z,
+            "origin": self.origin,
+            "crs": self.crs,
+            "dtype": self.dtype,
+            "device": self.device.alias,
+        }
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy with the points on the host; they come back on the device of that name."""
+        return _rebuilt, (self._host_values(),)
 
     def __repr__(self) -> str:
         length = self.channel_lengths().sum() / 1e3
@@ -414,203 +481,21 @@ class RiverNetwork:
         )
 
 
-def _find_nodes(
-    xy: np.ndarray, start: np.ndarray, closed: np.ndarray, tolerance: float, origin: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes above and below each channel, and their positions: channel ends within ``tolerance`` m are one node.
-
-    Both ends of a ring are its first point.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    count = len(start) - 1
-    ends = np.concatenate([xy[start[:-1]], xy[np.where(closed, start[:-1], start[1:] - 1)]])
-    pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
-    node_count, label = connected_components(graph, directed=False)
-    first = np.full(node_count, 2 * count, np.int64)
-    np.minimum.at(first, label, np.arange(2 * count))
-    return label[:count], label[count:], ends[first] + origin
+def _rebuilt(values: dict[str, Any]) -> RiverNetwork:
+    return RiverNetwork(**values)
 
 
-def _ring_flags(closed: Any, count: int) -> np.ndarray:
-    """Spread ``closed`` over the channels, (C,) bool."""
-    flags = np.asarray(closed)
-    if flags.dtype != bool or flags.shape not in ((), (count,)):
-        raise ValueError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
-    return np.broadcast_to(flags, (count,)).copy()
-
-
-def _ring_marks(marks: Any, rings: np.ndarray, counts: list[int]) -> list[tuple[int, int]]:
-    """Return the marked point of each ring that has one, (channel, index)."""
-    if marks is None:
-        return []
-    if np.ndim(marks) == 0:
-        if not rings.any():
-            raise ValueError("marks: there is no ring among the channels; leave marks out, or pass closed=True")
-        marks = [marks if ring else None for ring in rings]
-    if len(marks) != len(rings):
-        raise ValueError(f"marks: {len(marks)} values for {len(rings)} channels; give one index, or one a channel")
-    found = []
-    for c, mark in enumerate(marks):
-        if mark is None:
-            continue
-        if not rings[c]:
-            raise ValueError(f"marks: channel {c} is no ring and has no marked point; give None for it, or close it")
-        if isinstance(mark, bool) or not isinstance(mark, (int, np.integer)):
-            raise ValueError(f"mark of channel {c} is {mark!r}; give the index of a point, or None")
-        if not 0 <= mark < counts[c]:
-            raise ValueError(f"mark of channel {c} is {mark}; its points are numbered from 0 to {counts[c] - 1}")
-        found.append((c, int(mark)))
-    return found
-
-
-def _ring_points(xy: np.ndarray, width: float, channel: int) -> int:
-    """Return how many points of a line make its ring, or raise ``ValueError`` where it is none."""
-    step = np.hypot(*np.diff(xy, axis=0).T)
-    gap = float(np.hypot(*(xy[-1] - xy[0])))
-    count = len(xy) - 1 if gap <= NODE_TOLERANCE * width else len(xy)
-    limit = RING_GAP * max(float(step.max()), width)
-    if gap > limit:
-        raise ValueError(
-            f"channel {channel}: closed, but its ends are {gap:g} m apart, more than {limit:g} m (three of its longest "
-            "segments or widths); close the line, or pass closed=False for it"
-        )
-    if count < RING_POINTS:
-        raise ValueError(
-            f"channel {channel}: a ring of {count} points; a ring needs at least {RING_POINTS}, add points"
-        )
-    return count
-
-
-def _check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[np.ndarray]) -> None:
-    """Raise ``ValueError`` where a ring shares a point with another ring or with the end of a channel."""
-    if not rings.any() or len(lines) < 2:
-        return
-    from scipy.spatial import cKDTree
-
-    index = np.flatnonzero(rings)
-    owner = np.repeat(index, [len(lines[c]) for c in index])
-    points = np.concatenate([lines[c] for c in index])
-    tolerance = NODE_TOLERANCE * min(float(w.min()) for w in widths)
-    tree = cKDTree(points)
-    pairs = tree.query_pairs(tolerance, output_type="ndarray")
-    met = [(int(a), int(b), points[p]) for (a, b), p in zip(owner[pairs], pairs[:, 0], strict=True) if a != b]
-    for c in np.flatnonzero(~rings):
-        ends = lines[c][[0, -1]]
-        away, nearest = tree.query(ends)
-        met += [(int(owner[nearest[k]]), int(c), ends[k]) for k in (0, 1) if away[k] <= tolerance]
-    if met:
-        ring, other, (x, y) = met[0]
-        raise ValueError(
-            f"channel {ring} is a ring and meets channel {other} at ({x:.6g}, {y:.6g}); rings join no other channel: "
-            "open it there with closed=False, or move them apart"
-        )
-
-
-def _check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
-    """Raise ``ValueError`` unless points and offsets are those of so many channels, none of them without length."""
-    if len(start) != count + 1 or count == 0 or start[0] != 0 or start[-1] > len(xy):
-        raise ValueError(
-            f"channel_start is {len(start)} offsets, from {start[0] if len(start) else '-'} to "
-            f"{start[-1] if len(start) else '-'}, for {count} channels and {len(xy)} points; it runs from 0 to the "
-            "number of points, one more than channels, of which a network has at least one"
-        )
-    short = np.diff(start) < 2
-    if short.any():
-        c = int(short.argmax())
-        raise ValueError(f"channel {c} has {start[c + 1] - start[c]} point(s); a channel needs at least 2, drop it")
-    # A channel has length if any of its points differs from its first one.
-    used = xy[: start[-1]]
-    apart = (used != np.repeat(used[start[:-1]], np.diff(start), axis=0)).any(axis=1)
-    empty = ~np.logical_or.reduceat(apart, start[:-1])
-    if empty.any():
-        raise ValueError(f"channel {int(empty.argmax())} has no length: all its points are in one place; drop it")
-
-
-def _check_graph(count: int, identity: np.ndarray, above: np.ndarray, below: np.ndarray, node_xy: np.ndarray) -> None:
-    """Raise ``ValueError`` unless identities differ, and nodes and channels belong to one another."""
-    for name, array in (("channel_id", identity), ("channel_nodes' from", above), ("channel_nodes' to", below)):
-        if array.shape != (count,):
-            raise ValueError(f"{name} has shape {array.shape} for {count} channels; give one whole number a channel")
-        if array.dtype.kind not in "iu" and not np.array_equal(array, np.round(array)):
-            raise ValueError(f"{name} is {array.dtype}; give one whole number a channel")
-    order = np.argsort(identity, kind="stable")
-    twice = np.flatnonzero(identity[order][1:] == identity[order][:-1])
-    if len(twice):
-        first, second = order[twice[0] : twice[0] + 2]
-        raise ValueError(
-            f"channel_id {identity[first]} stands twice, at channels {first} and {second} ({len(twice)} such pairs in "
-            "all); identities must differ"
-        )
-    if node_xy.ndim != 2 or node_xy.shape[1] != 2:
-        raise ValueError(f"node_xy has shape {node_xy.shape}; give (N, 2) x, y in metres")
-    ends = np.concatenate([above, below])
-    if ends.min() < 0 or ends.max() >= len(node_xy):
-        c = int(np.flatnonzero((ends < 0) | (ends >= len(node_xy)))[0]) % count
-        raise ValueError(f"channel {c} runs from node {above[c]} to {below[c]}, but there are {len(node_xy)} nodes")
-    free = np.bincount(ends, minlength=len(node_xy)) == 0
-    if free.any():
-        raise ValueError(f"node {int(free.argmax())} belongs to no channel ({int(free.sum())} such in all); remove it")
-
-
-def _checked_slope(slope: Any, count: int) -> np.ndarray:
-    """Return one slope a channel, NaN where it is not known, or raise ``ValueError``."""
-    array = np.array(slope, np.float64)
-    if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
-        raise ValueError(f"slope: shape {array.shape} for {count} channels; give one number or one a channel")
-    array = np.broadcast_to(array, (count,)).copy()
-    if np.isinf(array).any():
-        raise ValueError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
-    return array
+def _table_of_keywords(columns: dict[str, Any], nodes: tuple[Any, Any, Any] | None) -> tuple[ChannelTable, Any]:
+    """Return the table of columns by keyword, and the positions of its nodes (None: they are still to be found)."""
+    for name in columns:
+        if name not in KEYWORDS:
+            raise TypeError(f"RiverNetwork takes no {name}; it takes {', '.join(KEYWORDS)}")
+    values = {name.removeprefix("channel_"): array for name, array in columns.items()}
+    if nodes is None:
+        return ChannelTable(**values), None
+    return ChannelTable(**values, from_node=nodes[0], to_node=nodes[1]), nodes[2]
 
 
 def _mean(values: np.ndarray) -> float:
     """Mean that gives a constant back to the bit."""
     return float(values[0] if np.ptp(values) == 0.0 else values.mean())
-
-
-def _checked_line(xy: Any, channel: int) -> np.ndarray:
-    """Return one line as (n, 2) float64, or raise ``ValueError`` that says what is wrong with it and where."""
-    try:
-        line = np.array(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"channel {channel}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
-    if line.ndim != 2 or line.shape[1] != 2:
-        raise ValueError(f"channel {channel}: shape {line.shape}; give (n, 2) x, y in metres")
-    if len(line) < 3:
-        raise ValueError(f"channel {channel}: {len(line)} point(s); a channel needs at least 3, drop it or add points")
-    bad = ~np.isfinite(line).all(axis=1)
-    if bad.any():
-        raise ValueError(f"channel {channel}: point {int(bad.argmax())} is not finite; remove or repair it")
-    repeated = (np.diff(line, axis=0) == 0.0).all(axis=1)
-    if repeated.any():
-        k = int(repeated.argmax())
-        raise ValueError(
-            f"channel {channel}: points {k} and {k + 1} are both at ({line[k, 0]:g}, {line[k, 1]:g}); remove one "
-            f"({int(repeated.sum())} such pairs in all)"
-        )
-    return line
-
-
-def _per_point(value: Any, counts: list[int], name: str, unit: str) -> list[np.ndarray]:
-    """Spread a number, a number a channel, or an array a channel over the points; every value must be positive."""
-    if not isinstance(value, (list, tuple)) and np.ndim(value) == 0:
-        values: list[Any] = [value] * len(counts)
-    else:
-        values = list(value)
-    if len(values) != len(counts):
-        raise ValueError(f"{name}: {len(values)} values for {len(counts)} channels; give one number or one a channel")
-    spread = []
-    for c, (v, n) in enumerate(zip(values, counts, strict=True)):
-        array = np.array(v, np.float64)
-        if array.ndim > 1 or (array.ndim == 1 and len(array) != n):
-            raise ValueError(f"{name} of channel {c}: shape {array.shape} for {n} points; give one number or ({n},)")
-        array = np.broadcast_to(array, (n,)).copy()
-        if not (np.isfinite(array).all() and (array > 0.0).all()):
-            worst = array[~(np.isfinite(array) & (array > 0.0))][0]
-            raise ValueError(f"{name} of channel {c} is {worst:g} {unit}; it must be positive and finite")
-        spread.append(array)
-    return spread

@@ -17,7 +17,7 @@ from warpriver.meander import checks
 from warpriver.meander.solvers import solver_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
-from warpriver.stepping import Stepper, check_ground
+from warpriver.stepping import Stepper, check_ground, check_resume
 from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
@@ -86,7 +86,8 @@ class Simulation(Stepper):
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
         Args:
-            network: Where to start from.
+            network: Where to start from. Elevations of its points, ``point_z``, are not taken over: they are those of
+                the line as it was given.
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
                 and where it has no data. It is not copied: brush it between steps and the channels feel it.
@@ -108,6 +109,7 @@ class Simulation(Stepper):
         check_ground(network, terrain)
         self.terrain = terrain
         self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture, threads=threads)
+        self.network.point_z = None  # of the line as given, whose points are about to move
         self._resample_start()
         self._measure_pace()
         self.history = History(
@@ -148,23 +150,39 @@ class Simulation(Stepper):
         if len(history) == 0:
             raise ValueError("the history holds no record to go on from")
         self = cls.__new__(cls)
+        self._take_up(history, history.record(-1), terrain, device, check=check, capture=capture, threads=threads)
+        history.rewind()
+        return self
+
+    def _take_up(self, history: History, record: Record, terrain: Terrain | None, device: Any, **options: Any) -> None:
+        """Go on from a record, and with the history that it belongs to."""
         self.params = history.params
         self._solver = solver_of(self.params)
-        record = history.record(-1)
-        network = history.network(-1).to(device)
+        check_resume(record)
+        network = history.network_of(record).to(device)
         check_ground(network, terrain)
         self.terrain = terrain
-        self._prepare(network, seed=history.seed, check=check, capture=capture, threads=threads, record=record)
+        self._prepare(network, seed=history.seed, record=record, **options)
         self.step_count = record.step
-        if record.channel_pace is None:
-            self._measure_pace()
-        else:
-            self.channels.set_pace(record.channel_pace)
+        self.channels.set_pace(record.resume["channel_pace"])
         self.history = history
-        del history.cutoffs[record.cutoffs_before :]
-        del history.collisions[record.collisions_before :]
-        del history.splits[record.splits_before :]
-        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle and copy between two steps: the copy goes on to the same bits, and its history is stored nowhere."""
+        self._place_nodes()
+        return {
+            "history": self.history,
+            "record": self._as_record(),
+            "terrain": self.terrain,
+            "device": self.device.alias,
+            "options": {"check": self.check, "capture": self._capture, "threads": self.threads},
+            "substeps": self.substeps,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        options = state["options"]
+        self._take_up(state["history"], state["record"], state["terrain"], state["device"], **options)
+        self.substeps = state["substeps"]
 
     # ---- state
 
@@ -295,29 +313,16 @@ class Simulation(Stepper):
         """The state as it is stored."""
         network, count = self.network, self.network.point_count
         section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
-        area = network.channel_drainage_area
         return Record(
             step=self.step_count,
             time=self.time,
-            cutoffs_before=len(self.history.cutoffs),
-            collisions_before=len(self.history.collisions),
+            events_before=len(self.history.events),
             point_xy=network.point_xy.numpy()[:count].copy(),
             point_section=section,
             channel_start=network.starts(),
-            channel_spacing=self.channels.spacing.numpy()[: network.channel_count].copy(),
-            channel_width=network.channel_width.copy(),
-            channel_depth=network.channel_depth.copy(),
-            channel_discharge=network.channel_discharge.copy(),
-            channel_drainage_area=None if area is None else area.copy(),
-            channel_id=network.channel_id.copy(),
-            channel_from=network.channel_from.copy(),
-            channel_to=network.channel_to.copy(),
+            channels=network.channels,
             node_xy=network.node_xy.copy(),
-            channel_fixed=self._fixed.copy(),
-            channel_pace=self.channels.pace.numpy()[: network.channel_count].copy(),
-            channel_slope=network.channel_slope.copy(),
-            channel_closed=network.channel_closed.copy() if network.channel_closed.any() else None,
-            splits_before=len(self.history.splits),
+            resume=self._resume_part(),
         )
 
     def _record_end(self) -> None:

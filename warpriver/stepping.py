@@ -62,9 +62,10 @@ from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["Stepper", "check_ground"]
+__all__ = ["Stepper", "check_ground", "check_resume"]
 
-# Columns of what holds for a channel between edits; see ``Record.channel_fixed``.
+# Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, in
+# m, and the labels of the nodes above and below in the search for collisions.
 NARROWEST, SHALLOWEST, WIDEST, WANTED, NODES = 0, 1, 2, 3, slice(4, 6)
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
@@ -159,15 +160,15 @@ class Stepper:
         self.network = network
         self._law = self._solver.law(self.params, network.dtype)
         length = network.channel_lengths()
-        fixed = self._fix_channels(length) if record is None else record.channel_fixed
+        fixed = self._fix_channels(length) if record is None else record.resume["channel_fixed"]
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
         self.channels = StepChannels(network, _channel_room(network), mobile=self.terrain is not None)
         self._collisions = None
-        self._install(fixed[:, WANTED] if record is None else record.channel_spacing, fixed)
+        self._install(fixed[:, WANTED] if record is None else record.resume["channel_spacing"], fixed)
         self._allocate(int(HEADROOM * needed) + 64, 64 + needed // 256, 1024 + needed // 4)
 
     def _fix_channels(self, length: np.ndarray) -> np.ndarray:
-        """Return what holds for the channels until the next edit, (C, 6): the columns of ``Record.channel_fixed``.
+        """Return what holds for the channels until the next edit, (C, 6): ``NARROWEST`` and so on.
 
         Args:
             length: (C,) length of the channels, m.
@@ -401,14 +402,14 @@ class Stepper:
         both = self.params.ring_policy == "both"
         split = network.channel_closed[cut[:, 0]] & both
         edited = split_rings(network, cut[split, :3], xy) if split.any() else None
-        added = iter([] if edited is None else edited.channel_id[network.channel_count :].tolist())
+        added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
             if split[k]:
-                self.history.splits.append(Split(times[substep], identity, next(added), width, loop.copy()))
+                self.history.events.append(Split(times[substep], identity, next(added), width, loop.copy()))
             else:
-                self.history.cutoffs.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
+                self.history.events.append(Cutoff(times[substep], identity, width, self._solver.oxbow(loop)))
         if edited is not None:
             self._adopt(edited)
             self._run(find_contacts(network, self.channels, self.buffers, self._collisions))
@@ -451,7 +452,7 @@ class Stepper:
             ranges = [(first, stop) for first, stop, _ in edit.abandoned]
             pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
             start = np.cumsum([0] + [len(p) for p in pieces])
-            self.history.collisions.append(
+            self.history.events.append(
                 Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start)
             )
 
@@ -462,17 +463,7 @@ class Stepper:
         if needed > buffers.point_capacity:
             self._allocate(int(HEADROOM * needed), buffers.cut_capacity, buffers.oxbow_capacity)
         gather_points(network, edited, self.buffers, buffers)
-        network.replace_channels(
-            edited.channel_start,
-            channel_width=edited.channel_width,
-            channel_depth=edited.channel_depth,
-            channel_discharge=edited.channel_discharge,
-            channel_drainage_area=edited.channel_drainage_area,
-            channel_id=edited.channel_id,
-            channel_nodes=edited.channel_nodes,
-            channel_closed=network.channel_closed[edited.channel_old],
-            channel_slope=edited.channel_slope,
-        )
+        network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
         if network.point_section is not None and self.buffers.section_moved is not None:
             wp.copy(network.point_section, self.buffers.section_moved, count=network.point_count)
         spacing = self.channels.spacing.numpy()[edited.channel_old].astype(np.float64)
@@ -492,6 +483,15 @@ class Stepper:
         start: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.buffers.begin_row()
         schedule_channels(network, self.channels, self.buffers, self.params.time_step, start)
+
+    def _resume_part(self) -> dict[str, np.ndarray]:
+        """Return what a record needs beside the network, so that the next step is the same to the bit."""
+        count = self.network.channel_count
+        return {
+            "channel_spacing": self.channels.spacing.numpy()[:count].copy(),
+            "channel_fixed": self._fixed,
+            "channel_pace": self.channels.pace.numpy()[:count].copy(),
+        }
 
     def _place_nodes(self) -> None:
         """Bring the nodes to where junctions have wandered."""
@@ -515,6 +515,22 @@ def _thread_count(threads: int | None) -> int:
     if threads != int(threads) or threads < 1:
         raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
     return int(threads)
+
+
+def check_resume(record: Record) -> None:
+    """Raise ``ValueError`` unless a record has what :class:`Stepper` needs to go on from it."""
+    count = len(record.channels)
+    # Columns that are lengths; a pace may be 0, and the label of a node -1.
+    for name, shape, lengths in (
+        ("channel_spacing", (count,), 1), ("channel_fixed", (count, 6), NODES.start), ("channel_pace", (count,), 0),
+    ):  # fmt: skip
+        array = record.resume.get(name, np.empty(0))
+        fits = array.shape == shape and bool(np.isfinite(array).all())
+        if not fits or (array.reshape(count, -1)[:, :lengths] <= 0.0).any():
+            raise ValueError(
+                f"the run cannot go on from its record of step {record.step}: {name} is missing or damaged; resume "
+                "from a copy of the run"
+            )
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.channel_table import ChannelTable
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.geometry import WIDTH_COEFFICIENT, channel_width, discharge
@@ -515,12 +516,16 @@ def _build(
     return RiverNetwork(
         xy - origin,
         start,
-        channel_width=mean,
-        channel_depth=depth,
-        channel_discharge=discharge(above[last]),
-        channel_drainage_area=above[last],
-        channel_slope=drop / np.add.reduceat(pace, start[:-1]),
-        channel_nodes=(number[first], number[last], line[node_at]),
+        ChannelTable(
+            width=mean,
+            depth=depth,
+            discharge=discharge(above[last]),
+            drainage_area=above[last],
+            slope=drop / np.add.reduceat(pace, start[:-1]),
+            from_node=number[first],
+            to_node=number[last],
+        ),
+        node_xy=line[node_at],
         point_section=section,
         origin=origin,
         crs=crs,

@@ -219,13 +219,19 @@ def read_names(family: Family, role: str) -> tuple[Name, ...]:
     return own + tuple(name for name in READ[GENERIC.name] if name.role == role and name.name not in taken)
 
 
-def useful_names(names: Iterable[str], wanted: Iterable[str]) -> set[str]:
-    """Return those of a file's attributes, in its spelling, that tell what is wanted or what kind of file it is."""
+def useful_names(names: Iterable[str], wanted: Iterable[str], extra: Iterable[str] = ()) -> set[str]:
+    """Return those of a file's attributes, in its spelling, that are wanted or tell what kind of file it is.
+
+    Args:
+        names: All that it has.
+        wanted: Roles to look for.
+        extra: Names of free columns.
+    """
     names = list(names)
     family = family_of(names)
     useful = {name.name.lower() for role in wanted for name in read_names(family, role)}
     useful |= {name for role in wanted if role in LISTS for name in list_names(role)}
-    useful |= {name for marks in family.marks for name in marks}
+    useful |= {name for marks in family.marks for name in marks} | {name.lower() for name in extra}
     return {name for name in names if name.lower() in useful}
 
 
@@ -306,7 +312,7 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
     """Return the attributes of all channels by name, in the order of :data:`WRITTEN`; lists a point stay lists.
 
     Without drainage areas, or with sections that do not vary, their attributes are left out; so are orders and stems
-    of a network in which channels part or flow in a circle.
+    of a network in which channels part or flow in a circle. Free columns come last.
     """
     identity = network.channel_id
     down = next_downstream(network)
@@ -340,7 +346,7 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
             columns[f"point_{role}_m"] = [
                 None if (a == m).all() else a.tolist() for a, m in zip(arrays, mean, strict=True)
             ]
-    return columns
+    return columns | dict(network.channels.extra)
 
 
 def _orders(network: RiverNetwork) -> dict[str, np.ndarray]:

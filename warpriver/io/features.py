@@ -28,6 +28,7 @@ from warpriver.io.attributes import (
     write_columns,
 )
 from warpriver.io.crs import crs_text, within_degrees
+from warpriver.io.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
 from warpriver.io.files import decoded
 from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
@@ -60,11 +61,11 @@ SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx
 NODES = "_nodes"
 FRAME = "warpriver"
 
-# A feature is its kind of geometry, the (n, 2) arrays of its parts, and its attributes by lower-case name.
+# A feature is its kind of geometry, the (n, 2) or (n, 3) arrays of its parts, and its attributes by lower-case name.
 _Feature = tuple[str, list[np.ndarray], dict[str, Any]]
 
 
-def read_geojson(path: Path, wanted: Sequence[str]) -> Source:
+def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines from GeoJSON."""
     try:
         root = json.loads(decoded(path))
@@ -79,25 +80,29 @@ def read_geojson(path: Path, wanted: Sequence[str]) -> Source:
         features = [{"geometry": root}] if kind is not None and "coordinates" in root else None
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
         raise ValueError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
-    family = family_of({n for f in features if isinstance(f.get("properties"), dict) for n in f["properties"]})
-    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted, family)
+    names = {n for f in features if isinstance(f.get("properties"), dict) for n in f["properties"]}
+    family, extra = family_of(names), wanted_extra(path, _frame_extra(root.get(FRAME)), asked, names)
+    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted, family, extra)
     member = root.get("crs")
     named = member.get("properties") if isinstance(member, dict) else None
     name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
     crs = crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
-    source = Source(path, lines, crs, "crs" not in root and within_degrees(lines), family)
+    source = Source(path, lines, crs, "crs" not in root and within_degrees(lines), family, extra=extra)
     return _take_frame(source, root.get(FRAME))
 
 
-def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) -> Source:
+def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines through GDAL."""
     pyogrio, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
     _refuse_cut(path, suffix)
     try:
         chosen = _line_layer(path, layer, pyogrio.list_layers(path))
         info = pyogrio.read_info(path, layer=chosen)
-        names = [name for name in info["fields"] if name in useful_names(info["fields"], wanted)]
-        meta, _, wkb, data = raw.read(path, layer=chosen, columns=names, force_2d=True)
+        frame = (info.get("layer_metadata") or {}).get(FRAME)
+        extra = wanted_extra(path, _frame_extra(frame), asked, info["fields"])
+        useful = useful_names(info["fields"], wanted, extra)
+        names = [name for name in info["fields"] if name in useful]
+        meta, _, wkb, data = raw.read(path, layer=chosen, columns=names, force_2d=not _has_z(info))
         beside = [name for name, _ in pyogrio.list_layers(path) if name == chosen + NODES]
         nodes = _read_nodes(shapely, raw, path, beside[0]) if beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
@@ -109,27 +114,29 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str]) 
     with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
     family = family_of(info["fields"])
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family)
-    source = Source(path, lines, crs_text(meta["crs"], str(path)), family=family)
-    _take_frame(source, (info.get("layer_metadata") or {}).get(FRAME))
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
+    source = Source(path, lines, crs_text(meta["crs"], str(path)), family=family, extra=extra)
+    _take_frame(source, frame)
     source.node_xy.update(nodes)
     return source
 
 
-def read_parquet(path: Path, wanted: Sequence[str]) -> Source:
+def read_parquet(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines from GeoParquet."""
     geopandas, pyarrow, shapely = need("reading .parquet", *NEEDS[PARQUET])
     try:
         frame = geopandas.read_parquet(path)
-        geometries = shapely.force_2d(frame.geometry.to_numpy())
+        geometries = frame.geometry.to_numpy()
         texts = [str(name) for name in frame.columns]
-        useful = useful_names(texts, wanted)
+        extra = wanted_extra(path, _frame_extra(frame.attrs.get(FRAME)), asked, texts)
+        useful = useful_names(texts, wanted, extra)
         attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
         raise ValueError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
     family = family_of(texts)
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family)
-    return _take_frame(Source(path, lines, crs_text(frame.crs, str(path)), family=family), frame.attrs.get(FRAME))
+    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
+    source = Source(path, lines, crs_text(frame.crs, str(path)), family=family, extra=extra)
+    return _take_frame(source, frame.attrs.get(FRAME))
 
 
 def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
@@ -144,9 +151,9 @@ def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
         {
             "type": "Feature",
             "properties": {name: column[c] for name, column in columns.items()},
-            "geometry": {"type": "LineString", "coordinates": xy.tolist()},
+            "geometry": {"type": "LineString", "coordinates": points.tolist()},
         }
-        for c, xy in enumerate(network.polylines(close=True))
+        for c, points in enumerate(_coordinates(network))
     ]
     head = {"type": "FeatureCollection", "name": layer, "crs": crs, FRAME: _frame_of(network)}
     # One feature a line, so that versions of a file can be compared.
@@ -160,7 +167,7 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
     _, shapely, raw = need(f"writing {suffix}", *NEEDS[suffix], "pyogrio.raw")
     columns = _text_columns(network)
     if suffix == ".shp":
-        columns = {SHORT_NAMES[name]: column for name, column in columns.items()}
+        columns = {SHORT_NAMES.get(name, name): column for name, column in columns.items()}
     if suffix == ".gpkg" and path.exists():
         shutil.copyfile(path, temporary)
     # A FlatGeobuf with an index would have its channels in another order.
@@ -178,7 +185,7 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
                 geometry=shapely.to_wkb(_line_strings(shapely, network)),
                 field_data=list(columns.values()),
                 fields=np.array(list(columns)),
-                geometry_type="LineString",
+                geometry_type="LineString" if network.point_z is None else "LineString Z",
                 crs=network.crs,
                 driver=OGR[suffix],
                 layer=layer if suffix == ".gpkg" else None,
@@ -206,7 +213,9 @@ def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
 # ---- reading
 
 
-def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str], family: Family) -> list[Line]:
+def _lines_of(
+    path: Path, features: Iterable[_Feature], wanted: Sequence[str], family: Family, extra: Iterable[str]
+) -> list[Line]:
     """Turn features into channels, or raise ``ValueError`` if none is a line."""
     lines: list[Line] = []
     others: Counter[str] = Counter()
@@ -215,11 +224,13 @@ def _lines_of(path: Path, features: Iterable[_Feature], wanted: Sequence[str], f
             others[f"{'empty ' if 'LineString' in kind else ''}{kind}"] += 1
             continue
         where = f"{path}, feature {k}"
-        for xy in _chained([part for part in parts if len(part)]):
+        for points in _chained([part for part in parts if len(part)]):
+            xy = points[:, :2].copy()
             if not np.isfinite(xy).all():
                 point = int((~np.isfinite(xy)).any(axis=1).argmax())
                 raise ValueError(f"{where}: point {point} is not finite; remove or repair it")
-            line = Line(xy, where, feature=k)
+            line = Line(xy, where, feature=k, z=points[:, 2].copy() if points.shape[1] > 2 else None)
+            line.extra = {name: attributes.get(name.lower()) for name in extra}
             for role in wanted:
                 value = _point_list(attributes, role, len(xy), where) if role in LISTS else None
                 whole = read_role(attributes, family, role, where)
@@ -282,7 +293,8 @@ def _geojson_feature(path: Path, k: int, feature: dict[str, Any]) -> _Feature:
             return kind, [], attributes
         parts: list[Any] = geometry["coordinates"]
         parts = [parts] if kind == "LineString" else parts
-        arrays = [np.array([p[:2] for p in part], np.float64).reshape(-1, 2) for part in parts]
+        size = 3 if all(len(p) > 2 for part in parts for p in part) else 2
+        arrays = [np.array([p[:size] for p in part], np.float64).reshape(-1, size) for part in parts]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}, feature {k}: its coordinates are not pairs of numbers ({error})") from error
     return kind, arrays, attributes
@@ -292,7 +304,8 @@ def _shapely_features(shapely: Any, geometries: np.ndarray, attributes: dict[str
     """Yield shapely geometries, with columns of attributes, as features."""
     pieces, owner = shapely.get_parts(geometries, return_index=True)
     counts = shapely.get_num_coordinates(pieces)
-    split = np.split(shapely.get_coordinates(pieces), np.cumsum(counts)[:-1])
+    points = shapely.get_coordinates(pieces, include_z=bool(shapely.has_z(pieces).any()))
+    split = np.split(points, np.cumsum(counts)[:-1])
     parts: list[list[np.ndarray]] = [[] for _ in geometries]
     for k, xy in zip(owner, split, strict=False):
         parts[k].append(xy)
@@ -316,6 +329,12 @@ def _line_layer(path: Path, layer: str | None, layers: np.ndarray) -> str:
     if len(lines) > 1:
         raise ValueError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
     return str(lines[0])
+
+
+def _has_z(info: dict[str, Any]) -> bool:
+    """Tell whether a layer's points have a third coordinate."""
+    kind = str(info["geometry_type"])
+    return kind.endswith(" Z") or kind.startswith("2.5D")
 
 
 def _refuse_cut(path: Path, suffix: str) -> None:
@@ -342,11 +361,13 @@ def _reason(error: Exception) -> str:
 
 
 def _text_columns(network: RiverNetwork) -> dict[str, np.ndarray]:
-    """Return the attributes of the channels, lists as JSON text."""
-    return {
-        name: np.array([None if v is None else json.dumps(v) for v in c], object) if isinstance(c, list) else c
-        for name, c in write_columns(network).items()
-    }
+    """Return the attributes of the channels, lists as JSON text and words as objects."""
+    columns = {}
+    for name, column in write_columns(network).items():
+        if isinstance(column, list):
+            column = np.array([None if v is None else json.dumps(v) for v in column], object)
+        columns[name] = column.astype(object) if column.dtype.kind == "U" else column
+    return columns
 
 
 def _plain(values: Any) -> list[Any]:
@@ -356,8 +377,18 @@ def _plain(values: Any) -> list[Any]:
 
 
 def _frame_of(network: RiverNetwork) -> dict[str, Any]:
-    """Return what no attribute holds: the zero of the device coordinates, and the nodes in order of their numbers."""
-    return {"origin": network.origin.tolist(), "node_xy": network.node_xy.tolist()}
+    """Return what no attribute holds: the zero of the device coordinates, the nodes by number, the free columns."""
+    extra = {EXTRA: extra_kinds(network.channels)} if network.channels.extra else {}
+    return {"origin": network.origin.tolist(), "node_xy": network.node_xy.tolist(), **extra}
+
+
+def _frame_extra(frame: Any) -> dict[str, str]:
+    """Return the free columns that :func:`_frame_of` told, with their kinds."""
+    try:
+        frame = json.loads(frame) if isinstance(frame, str) else frame
+        return stated_extra(frame[EXTRA])
+    except (KeyError, TypeError, ValueError):
+        return {}
 
 
 def _take_frame(source: Source, frame: Any) -> Source:
@@ -402,6 +433,14 @@ def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tup
 
 def _line_strings(shapely: Any, network: RiverNetwork) -> np.ndarray:
     """Return the channels as shapely LineStrings."""
-    lines = network.polylines(close=True)
-    owner = np.repeat(np.arange(network.channel_count), [len(xy) for xy in lines])
+    lines = _coordinates(network)
+    owner = np.repeat(np.arange(network.channel_count), [len(points) for points in lines])
     return shapely.linestrings(np.concatenate(lines), indices=owner)
+
+
+def _coordinates(network: RiverNetwork) -> list[np.ndarray]:
+    """Return the points of the channels, (n, 2), or (n, 3) with elevations."""
+    lines, elevations = network.polylines(close=True), network.point_elevations(close=True)
+    if elevations is None:
+        return lines
+    return [np.column_stack([xy, z]) for xy, z in zip(lines, elevations, strict=True)]

@@ -7,7 +7,7 @@ import logging
 import operator
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from warpriver.hydrology.geometry import channel_width, width_of_discharge
 from warpriver.io.attributes import ROLES
 from warpriver.io.connections import TOPOLOGIES, Connections, connect
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
+from warpriver.io.extras import check_extra, extra_columns
 from warpriver.io.features import (
     JSON,
     NEEDS,
@@ -69,6 +70,7 @@ def read_network(
     short: str = "error",
     topology: str = "file",
     closed: bool | None = None,
+    extra: Iterable[str] | None = None,
 ) -> RiverNetwork:
     """Read channels that run downstream from a file, or from several files of one CRS.
 
@@ -118,6 +120,13 @@ def read_network(
     long-term means and are taken as they are, so that widths inferred from them are on the low side. Drainage areas
     are kept if all channels have one. Lengths and orders in a file are not read: they follow from the lines.
 
+    *Free columns.* What ``write_network`` wrote of them comes back with its kind. Of other files ``extra`` names
+    attributes to keep, ``extra=["GNIS_Name"]``: as flags, numbers or words, whichever holds them all; where a channel
+    has none it is NaN or "".
+
+    *Elevations.* Where every point has a third coordinate, or in text a column z, z_m, elevation, elevation_m or
+    point_z, they become ``point_z``, in the unit of the file; else there are none.
+
     *Topology.* Channels are joined as the file says: by its nodes, if every line has both; else by the channel
     downstream, if every line has an identity; else where ends meet. A line that its file shows to run upstream is
     turned, as those of SWORD are. An end up to a width (and half its line) away from its node is brought there; one
@@ -136,10 +145,10 @@ def read_network(
     rows of a channel stand together. An ``id`` that differs in every row numbers points, not channels. Width and depth
     may vary along a channel; discharge and slope are averaged, the drainage area is that of the last point.
 
-    *GIS files.* LineString and MultiLineString; z and m are dropped, other geometries passed over. Parts of a
-    MultiLineString that follow end to start become one channel, each other part is a channel of its own. Widths are in
-    metres, whatever the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (JSON text), a
-    number a point, as ``write_network`` writes them where the section varies.
+    *GIS files.* LineString and MultiLineString; m is dropped, other geometries passed over. Parts of a MultiLineString
+    that follow end to start become one channel, each other part is a channel of its own. Widths are in metres, whatever
+    the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (JSON text), a number a point, as
+    ``write_network`` writes them where the section varies.
 
     *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
     lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on
@@ -169,6 +178,8 @@ def read_network(
         topology: "file": channels are joined as the file says; "ends": where their ends meet.
         closed: Which channels are rings: those that the file marks (None), also every one whose first point is repeated
             at its end (True), or none (False).
+        extra: Names of attributes to keep as free columns of the channels, in any case; by default those that
+            ``write_network`` wrote as such.
 
     Returns:
         The network; its ``crs`` is "EPSG:..." where the authority has a code for it, else WKT, or None.
@@ -176,9 +187,9 @@ def read_network(
     Raises:
         FileNotFoundError: There is no such file.
         ImportError: The format, or ``to_crs``, needs a module that is not installed.
-        ValueError: The file is empty, cut short, not of its format, has no lines, no width, or points that are not
-            finite; several line layers and none named; a CRS unknown, not metric, or in conflict; identities that stand
-            twice, or channels downstream that form a circle.
+        ValueError: The file is empty, cut short, not of its format, has no lines, no width, no attribute that ``extra``
+            names, or points that are not finite; several line layers and none named; a CRS unknown, not metric, or in
+            conflict; identities that stand twice, or channels downstream that form a circle.
     """
     settings = (("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES))
     for name, value, choices in settings:
@@ -189,7 +200,8 @@ def read_network(
         raise ValueError("no file to read: the list of paths is empty")
     given = {"width": width, "depth": depth, "discharge": discharge}
     wanted = tuple(role for role in ROLES if given.get(role) is None)
-    sources = [_read_source(p, layer, wanted) for p in paths]
+    asked = None if extra is None else tuple(extra)
+    sources = [_read_source(p, layer, wanted, asked) for p in paths]
     if short == "error" and width is None and all(source.origin is not None for source in sources):  # our own files
         short = "keep"
     for source in sources:
@@ -209,7 +221,7 @@ def read_network(
     origin = sources[0].origin if len(sources) == 1 else None
     place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
     try:
-        return _build(lines, joined, closed, short == "keep", label, place)
+        return _build(lines, sources, joined, closed, short == "keep", label, place)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
 
@@ -243,24 +255,27 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     point_depth_m     m    a list, a number a point; only where the depth varies
     ================= ==== ===============================================================
 
-    Drainage areas, orders and lists are left out where there are none; a network in which channels part or flow in a
-    circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
+    Free columns of the channels become attributes of their names, elevations of the points (``point_z``) the third
+    coordinate. Drainage areas, orders and lists are left out where there are none; a network in which channels part or
+    flow in a circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
 
-    All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities and
-    graph, to the bit; but in shapefiles numbers have 15 decimals, coordinates may differ in the last bit and short
-    channels need ``short="keep"``, and in text the width and depth of a channel are the means of its points'. A
-    GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind (source, junction,
+    All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities, free
+    columns and graph, to the bit; but in shapefiles numbers have 15 decimals, coordinates may differ in the last bit
+    and short channels need ``short="keep"``, and in text the width and depth of a channel are the means of its points'.
+    A GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind (source, junction,
     outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in which a GeoPackage too
-    states the zero of the device coordinates (``origin``). In text and shapefiles nodes lie where the ends of their
-    channels do, to within rounding.
+    states the zero of the device coordinates (``origin``) and the free columns. In text and shapefiles nodes lie where
+    the ends of their channels do, to within rounding.
 
-    Text formats hold a row a point: channel_id, x, y, width_m, depth_m, discharge_m3s, drainage_area_m2 and slope where
-    known, from_node, to_node, in digits that give back the same numbers, under a comment line with CRS, units, order
-    and origin. Names in a shapefile have at most 10 characters: dis_m3s, area_km2 and area_m2.
+    Text formats hold a row a point: channel_id, x, y, z where known, width_m, depth_m, discharge_m3s, drainage_area_m2
+    and slope where known, from_node, to_node and free columns, in digits that give back the same numbers, under comment
+    lines with CRS, units, order and origin, and the kinds of free columns. Names in a shapefile have at most 10
+    characters: dis_m3s, area_km2 and area_m2.
 
     GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read (RFC 7946
     knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold lists, so a section
-    that varies is refused there, and its attributes have 15 decimals.
+    that varies is refused there, and its attributes have 15 decimals. It does not say which of them are free columns:
+    name those in ``read_network(extra=)``. Names and words that a format cannot hold are refused.
 
     The file is written beside its place and then renamed, so that a failure leaves the old one as it was. An existing
     GeoPackage keeps its other layers.
@@ -273,7 +288,7 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     Raises:
         ImportError: The format needs a module that is not installed.
         OSError: The file cannot be written there.
-        ValueError: Unknown suffix, or a CRS or a section that the format cannot hold.
+        ValueError: Unknown suffix, or a CRS, a section or a free column that the format cannot hold.
     """
     path = Path(path)
     suffix = _suffix(path)
@@ -282,6 +297,7 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
             f"{path}: a shapefile cannot hold a width or depth that varies along a channel; "
             "write .gpkg, .geojson, .parquet, .fgb or .csv"
         )
+    check_extra(network.channels, path, suffix, text=suffix in TEXT)
     with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
         if suffix in TEXT:
             write_text(network, temporary, "," if suffix == ".csv" else " ")
@@ -303,19 +319,19 @@ def _suffix(path: Path) -> str:
     return suffix[0]
 
 
-def _read_source(path: Path, layer: str | None, wanted: Sequence[str]) -> Source:
-    """Read one file; ``wanted`` are the roles to look for beyond the coordinates."""
+def _read_source(path: Path, layer: str | None, wanted: Sequence[str], asked: Sequence[str] | None) -> Source:
+    """Read one file; ``wanted`` are the roles to look for beyond the coordinates, ``asked`` names of free columns."""
     suffix = _suffix(path)
     check_readable(path)
     if layer is not None and suffix not in OGR:
         raise ValueError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
     if suffix in TEXT:
-        return read_text(path, wanted)
+        return read_text(path, wanted, asked)
     if suffix in JSON:
-        return read_geojson(path, wanted)
+        return read_geojson(path, wanted, asked)
     if suffix in OGR:
-        return read_ogr(path, suffix, layer, wanted)
-    return read_parquet(path, wanted)
+        return read_ogr(path, suffix, layer, wanted, asked)
+    return read_parquet(path, wanted, asked)
 
 
 def _override(lines: list[Line], name: str, value: Any) -> None:
@@ -406,6 +422,7 @@ def _fill_by_laws(lines: list[Line]) -> None:
 
 def _build(
     lines: list[Line],
+    sources: list[Source],
     joined: Connections,
     closed: bool | None,
     allow_short: bool,
@@ -424,6 +441,8 @@ def _build(
         discharge=[line.discharge for line in lines],
         drainage_area=None if missing else areas,
         slope=[np.nan if line.slope is None else line.slope for line in lines],
+        z=_elevations(lines, label),
+        extra=extra_columns(sources, [line.extra for line in lines], label),
         channel_id=joined.channel_id,
         nodes=joined.nodes,
         closed=[_is_ring(line, closed) for line in lines],
@@ -431,13 +450,22 @@ def _build(
         **place,
     )
     # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
-    for values, means in (
-        (network.channel_width, [line.mean_width for line in lines]),
-        (network.channel_depth, [line.mean_depth for line in lines]),
-    ):
-        stated = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
-        values[stated] = [means[c] for c in stated]
-    return network
+    stated = {}
+    for name in ("width", "depth"):
+        means = [getattr(line, f"mean_{name}") for line in lines]
+        known = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
+        if known:
+            stated[name] = network.channels[name].copy()
+            stated[name][known] = [means[c] for c in known]
+    return network.with_channels(network.channels.replace(**stated)) if stated else network
+
+
+def _elevations(lines: list[Line], label: str) -> list[np.ndarray] | None:
+    """Return the elevations of all points, None unless every point has one."""
+    known = [line.z is not None and bool(np.isfinite(line.z).all()) for line in lines]
+    if any(known) and not all(known):
+        log.info("%s: %d of %d channels have elevations; none is kept", label, sum(known), len(lines))
+    return [line.z for line in lines if line.z is not None] if all(known) else None
 
 
 def _is_ring(line: Line, closed: bool | None) -> bool:

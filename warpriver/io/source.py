@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ class Line:
         next_down: Identities of the channels downstream; those that are none are left in.
         from_node, to_node: Nodes above and below, as the file names them.
         closed: Not 0 for a ring.
+        z: (n,) elevation of the points, m.
+        extra: What it has of free columns, by name.
     """
 
     xy: np.ndarray
@@ -49,11 +51,13 @@ class Line:
     from_node: int | None = None
     to_node: int | None = None
     closed: float | None = None
+    z: np.ndarray | None = None
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def map_points(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Apply ``change`` to every array that has one entry a point."""
         self.xy = change(self.xy)
-        for name in ("width", "depth"):
+        for name in ("width", "depth", "z"):
             if np.ndim(getattr(self, name)):
                 setattr(self, name, change(getattr(self, name)))
 
@@ -70,6 +74,7 @@ class Source:
         family: Whose attributes it has.
         origin: (x, y) zero of the device coordinates, where the file states it.
         node_xy: Positions of nodes by the names that the file gives them, where it states them.
+        extra: Names of the free columns that are read from it, each with its kind where the file states it.
     """
 
     path: Path
@@ -79,3 +84,4 @@ class Source:
     family: Family = GENERIC
     origin: tuple[float, float] | None = None
     node_xy: dict[int, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    extra: Mapping[str, str | None] = dataclasses.field(default_factory=dict)

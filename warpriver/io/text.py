@@ -6,10 +6,11 @@ import contextlib
 import csv
 import gzip
 import itertools
+import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from warpriver.io.attributes import GENERIC, read_names, write_columns
 from warpriver.io.crs import crs_text
+from warpriver.io.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
 from warpriver.io.files import decoded, is_number
 from warpriver.io.source import Line, Source
 from warpriver.network import RiverNetwork
@@ -32,9 +34,12 @@ NAMES = {
     "lon": ("lon", "longitude", "long", "lng"),
     "lat": ("lat", "latitude"),
     "channel": ("channel", "channel_id", "seg_id", "id"),
+    "z": ("z", "z_m", "elevation", "elevation_m", "point_z"),
 }
 # What is the same in all rows of a channel; left alone where it is no number, as elsewhere a column may be anything.
-OPTIONAL = ("drainage_area", "slope", "from_node", "to_node")
+OPTIONAL = ("drainage_area", "slope", "from_node", "to_node", "z")
+# What a row may leave open, as NaN.
+OPEN = ("slope", "z")
 # The attributes that have a column in what is written; width and depth are those of the point.
 COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
 
@@ -42,11 +47,13 @@ METRES = ("m", "metre", "metres", "meter", "meters")
 DEGREES = ("degree", "degrees", "deg")
 
 
-def read_text(path: Path, wanted: Sequence[str]) -> Source:
-    """Read points from columns of numbers; ``wanted`` are the roles to look for beyond the coordinates."""
+def read_text(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
+    """Read points from columns of numbers; ``wanted`` are the roles to look for, ``asked`` names of free columns."""
     wanted = [role for role in wanted if role not in ("channel_id", "next_down")]  # told by the column of channels
     rows = decoded(path).replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
     first, names, comments = _scan_head(path, rows)
+    comments, stated = _split_comments(comments)
+    extra = wanted_extra(path, stated, asked, names)
     separator = _separator(rows[first].partition("#")[0])
     if separator == ";":
         rows[first:] = [row.replace(",", ".") for row in rows[first:]]
@@ -65,6 +72,8 @@ def read_text(path: Path, wanted: Sequence[str]) -> Source:
     else:
         ids = table["channel"] if "channel" in table else _load_words(path, rows[first:], separator, channel)
         breaks, labels = _breaks_by_id(path, ids, names[channel])
+    words = {name: _load_words(path, rows[first:], separator, names.index(name.lower())) for name in extra}
+    extra = {name: kind or _kind_of(words[name]) for name, kind in extra.items()}
     factors = {role: _factor(names[columns[role]], role) for role in wanted if role in table}
     lines: list[Line] = []
     for begin, end, label in zip([0, *breaks], [*breaks, len(table["x"])], labels, strict=True):
@@ -74,12 +83,16 @@ def read_text(path: Path, wanted: Sequence[str]) -> Source:
         line.feature = len(lines)
         for role, factor in factors.items():
             _take_column(line, role, factor * table[role][part], upstream)
+        if "z" in table:
+            line.z = table["z"][part].copy()
+        for name, values in words.items():
+            line.extra[name] = _one_word(values[part], name, line.where)
         if channel is not None and isinstance(label, int):
             line.channel_id = label
         if upstream:
             line.map_points(lambda a: a[::-1].copy())
         lines.append(line)
-    return Source(path, lines, crs, lonlat or degrees, origin=_stated_origin(comments))
+    return Source(path, lines, crs, lonlat or degrees, origin=_stated_origin(comments), extra=extra)
 
 
 def _factor(name: str, role: str) -> float:
@@ -104,6 +117,28 @@ def _take_column(line: Line, role: str, values: np.ndarray, upstream: bool) -> N
         setattr(line, role, values.copy())
 
 
+def _kind_of(words: np.ndarray) -> str:
+    """Return what all words of a column are."""
+    known = [word for word in words.tolist() if word.strip()]
+    for kind, parse in (("int", int), ("float", float)):
+        with contextlib.suppress(ValueError):
+            for word in known:
+                parse(word)
+            if known and (kind == "float" or len(known) == len(words)):
+                return kind
+    return "text"
+
+
+def _one_word(words: np.ndarray, name: str, where: str) -> str | None:
+    """Return the word that the rows of a channel hold in a free column, None for nothing."""
+    if (words != words[0]).any():
+        raise ValueError(
+            f"{where}: the extra column {name!r} holds {words[0]} and {words[words != words[0]][0]}; only one value a "
+            "channel is kept"
+        )
+    return str(words[0]).strip() or None
+
+
 def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
     """Write a row a point."""
     facts = "units=m order=downstream"
@@ -117,20 +152,30 @@ def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
         del columns["slope"]
     if not network.channel_closed.any():
         del columns["closed"]
-    names = separator.join(("channel_id", "x", "y", "width_m", "depth_m", *columns))
-    constant = list(zip(*(column.tolist() for column in columns.values()), strict=True))
+    extra = network.channels.extra
+    columns |= extra
+    height = network.point_elevations(close=True)
+    names = separator.join(("channel_id", "x", "y", *["z"] * (height is not None), "width_m", "depth_m", *columns))
+    constant = list(zip(*(map(_word, column.tolist()) for column in columns.values()), strict=True))
     packed = path.suffix.lower() == ".gz"
     widths, depths = network.point_widths(close=True), network.point_depths(close=True)
     with path.open("wb") as raw, contextlib.ExitStack() as stack:
         # No time in the gzip header: the same network gives the same bytes.
         out = stack.enter_context(gzip.GzipFile("", "wb", fileobj=raw, mtime=0)) if packed else raw
-        out.write(f"# {facts}\n{names}\n".encode())
+        out.write(f"# {facts}\n".encode())
+        if extra:
+            out.write(f"# {EXTRA} {json.dumps(extra_kinds(network.channels))}\n".encode())
+        out.write(f"{names}\n".encode())
         for c, xy in enumerate(network.polylines(close=True)):
             head = str(network.channel_id[c])
-            tail = separator.join(map(repr, constant[c]))
-            table = np.column_stack([xy, widths[c], depths[c]]).tolist()
+            tail = separator.join(constant[c])
+            table = np.column_stack([xy, *([] if height is None else [height[c]]), widths[c], depths[c]]).tolist()
             rows = (separator.join((head, *map(repr, row), tail)) for row in table)
             out.write(("\n".join(rows) + "\n").encode())
+
+
+def _word(value: Any) -> str:
+    return value if isinstance(value, str) else repr(value)
 
 
 # ---- the head of a file
@@ -161,6 +206,13 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
     if not names and len(words) == len(fields) > 1 and not any(map(is_number, words)):
         raise ValueError(f"{path}: its columns are {', '.join(words)}; name two of them x and y (or lon and lat)")
     return first, names, comments
+
+
+def _split_comments(comments: list[str]) -> tuple[list[str], dict[str, str]]:
+    """Return the comments but the one that tells the free columns, and what that one says."""
+    told = [comment for comment in comments if comment.startswith(f"{EXTRA} {{")]
+    stated = stated_extra(told[0][len(EXTRA) :]) if told else {}
+    return [comment for comment in comments if comment not in told], stated
 
 
 def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bool]:
@@ -196,7 +248,7 @@ def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], b
         return {"x": 0, "y": 1}, False
     lonlat = any(_find(names, role) is None for role in "xy")
     found = {"x": _find(names, "lon" if lonlat else "x"), "y": _find(names, "lat" if lonlat else "y")}
-    found |= {role: _find(names, role) for role in ("channel", *wanted)}
+    found |= {role: _find(names, role) for role in ("channel", "z", *wanted)}
     return {role: column for role, column in found.items() if column is not None}, lonlat
 
 
@@ -256,8 +308,9 @@ def _load_columns(
                     raise ValueError(f"{path}, line {number}: {text}") from error
         raise ValueError(f"{path}: its numbers cannot be read ({error})") from error
     bad = ~np.isfinite(table)
-    if "slope" in columns:  # NaN: not known
-        bad[:, list(columns).index("slope")] = False
+    for role in OPEN:
+        if role in columns:
+            bad[:, list(columns).index(role)] = False
     if bad.any():
         row, column = np.argwhere(bad)[0]
         number, _ = next(itertools.islice(_data_rows(rows, first), int(row), None))

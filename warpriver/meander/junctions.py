@@ -94,6 +94,8 @@ def junction_angles(network: RiverNetwork, params: JunctionParams | None = None)
 def shape_junctions(network: RiverNetwork, params: JunctionParams | None = None) -> RiverNetwork:
     """Return a network whose tributaries arrive at the template's angles; nodes and everything upstream stay.
 
+    Elevations of its points, ``point_z``, are those of the lines as they were and are dropped.
+
     The last reach of a tributary is blended into a cubic that leaves its old course with its direction and arrives at
     the node at the angle of :func:`junction_angles`, from the side on which the tributary lies.
 
@@ -137,6 +139,7 @@ def shape_junctions(network: RiverNetwork, params: JunctionParams | None = None)
     ends = start[1:] - 1
     moved[ends] = node
     result = network.to()
+    result.point_z = None
     result.point_xy.assign(moved.astype(result.point_xy.numpy().dtype))
     return result
 

@@ -13,8 +13,8 @@ __all__ = ["split_rings"]
 def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> EditedChannels:
     """Make channels of loops that were cut off rings: what is left of a ring keeps its place, its loops come last.
 
-    A loop becomes a ring of its parent's width, depth and discharge, with an identity of its own, the next
-    that is free in the order of ``cut``, and a node of its own.
+    A loop becomes a ring with all that its parent has but an identity of its own, the next that is free in the order of
+    ``cut``, and a node of its own.
 
     Args:
         network: The network, the loops cut off.
@@ -25,21 +25,16 @@ def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> 
     channels, points = network.channel_count, network.point_count
     old = np.concatenate([np.arange(channels), parent])
     node = network.node_count + np.arange(len(parent))
-    area = network.channel_drainage_area
+    table = network.channels.take(old)
     return EditedChannels(
         channel_old=old,
         channel_start=np.concatenate([network.starts(), points + np.cumsum(count)]),
-        channel_id=np.concatenate([network.channel_id, network.channel_id.max() + 1 + np.arange(len(parent))]),
-        channel_width=network.channel_width[old],
-        channel_depth=network.channel_depth[old],
-        channel_discharge=network.channel_discharge[old],
-        channel_drainage_area=None if area is None else area[old],
-        channel_nodes=(
-            np.concatenate([network.channel_from, node]),
-            np.concatenate([network.channel_to, node]),
-            np.concatenate([network.node_xy, loop_xy[begin]]),
+        channels=table.replace(
+            id=np.concatenate([network.channel_id, network.channel_id.max() + 1 + np.arange(len(parent))]),
+            from_node=np.concatenate([network.channel_from, node]),
+            to_node=np.concatenate([network.channel_to, node]),
         ),
-        channel_slope=network.channel_slope[old],
+        node_xy=np.concatenate([network.node_xy, loop_xy[begin]]),
         channel_changed=np.arange(len(old)) >= channels,
         run_begin=np.array([0]),
         run_start=np.array([0, points]),

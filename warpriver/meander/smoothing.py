@@ -70,7 +70,7 @@ def taubin_smooth(
         closed: Whether the line given as an array is a ring, its first point not repeated.
 
     Returns:
-        A new network, or an (n, 2) float64 array.
+        A new network, without elevations of its points, or an (n, 2) float64 array.
 
     Raises:
         ValueError: A number is out of its range, or the line is none.
@@ -84,6 +84,7 @@ def taubin_smooth(
     given = isinstance(channels, RiverNetwork)
     if given:
         network = channels.to()
+        network.point_z = None
     else:
         line = np.asarray(channels, np.float64)
         length = float(np.hypot(*np.diff(line, axis=0).T).sum()) if line.ndim == 2 and line.shape[1:] == (2,) else 1.0

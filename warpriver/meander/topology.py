@@ -10,6 +10,7 @@ import dataclasses
 
 import numpy as np
 
+from warpriver.channel_table import ChannelTable
 from warpriver.network import RiverNetwork
 
 __all__ = ["EditedChannels", "NetworkEdit", "Rejoin", "check_forest"]
@@ -72,8 +73,8 @@ class EditedChannels:
     Attributes:
         channel_old: (C,) index of the channel, before, that each goes by.
         channel_start: (C + 1,) offsets of their points.
-        channel_id, channel_width, channel_depth, channel_discharge, channel_drainage_area, channel_slope,
-            channel_nodes: As in :class:`~warpriver.network.RiverNetwork`.
+        channels: Their table; of what no edit computes, each channel has what the one had that it goes by.
+        node_xy: (N, 2) positions of their nodes in m, absolute.
         channel_changed: (C,) True where the points are not those of the channel before.
         run_begin: (R,) first point, before, of each run of consecutive points that the new order is made of.
         run_start: (R + 1,) offsets of the runs in the new order.
@@ -83,13 +84,8 @@ class EditedChannels:
 
     channel_old: np.ndarray
     channel_start: np.ndarray
-    channel_id: np.ndarray
-    channel_width: np.ndarray
-    channel_depth: np.ndarray
-    channel_discharge: np.ndarray
-    channel_drainage_area: np.ndarray | None
-    channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray]
-    channel_slope: np.ndarray
+    channels: ChannelTable
+    node_xy: np.ndarray
     channel_changed: np.ndarray
     run_begin: np.ndarray
     run_start: np.ndarray
@@ -306,7 +302,9 @@ class NetworkEdit:
         last[np.searchsorted(heads, list(chain_of))] = [chain[-1] for chain in chain_of.values()]
         base = self._old_of(last)
         gain = flow[last] / self._flow[base]
-        area = old.channel_drainage_area
+        table = old.channels.take(base)
+        area = table.drainage_area
+        above, below, node_xy = self._nodes(heads, last)
         changed = np.zeros(len(heads), bool)
         changed[np.searchsorted(heads, special)] = [self._is_changed(c, chain_of) for c in special]
         identity = np.zeros(self._part_count, np.int64)
@@ -317,13 +315,17 @@ class NetworkEdit:
         return EditedChannels(
             channel_old=base,
             channel_start=np.concatenate([[0], np.cumsum(counts)]),
-            channel_id=identity[heads],
-            channel_width=old.channel_width[base] * gain**WIDTH_EXPONENT,
-            channel_depth=old.channel_depth[base] * gain ** (WIDTH_EXPONENT * DEPTH_EXPONENT),
-            channel_discharge=old.channel_discharge[base] * (gain if area is None else gain**DISCHARGE_EXPONENT),
-            channel_drainage_area=None if area is None else area[base] * gain,
-            channel_slope=self._slopes(heads, chains),
-            channel_nodes=self._nodes(heads, last),
+            channels=table.replace(
+                id=identity[heads],
+                width=table.width * gain**WIDTH_EXPONENT,
+                depth=table.depth * gain ** (WIDTH_EXPONENT * DEPTH_EXPONENT),
+                discharge=table.discharge * (gain if area is None else gain**DISCHARGE_EXPONENT),
+                drainage_area=None if area is None else area * gain,
+                slope=self._slopes(heads, chains),
+                from_node=above,
+                to_node=below,
+            ),
+            node_xy=node_xy,
             channel_changed=changed,
             run_begin=runs[:, 0],
             run_start=np.concatenate([[0], np.cumsum(length)]),

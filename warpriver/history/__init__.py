@@ -1,0 +1,11 @@
+"""History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
+
+from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.history import History, StopReason
+from warpriver.history.record import Record
+
+__all__ = ["Collision", "Cutoff", "Event", "EventLog", "History", "Record", "Split", "StopReason"]
+
+# A segment is written when it holds this much or when the last one is this old: a killed run loses no more than that.
+SEGMENT_BYTES = 16 * 2**20
+SEGMENT_SECONDS = 5.0
