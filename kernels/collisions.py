@@ -6,12 +6,10 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import CONTACTS, HALT, Work
+from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
-# A channel of few points may be sampled by so much more coarsely than asked for.
-COARSEST_SPACING = 1.25
 # A chord may be longer than the spacing where a neck was cut, by 1.34 spacings (see meander/checks.py).
 SLACK_SPACINGS = 1.5
 
@@ -372,38 +370,6 @@ def build(scalar):
                 contacts += share_contacts[k]
             status_io[CONTACTS] = contacts
 
-    @wp.kernel(module=name, enable_backward=False)
-    def gather_runs(
-        # network
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
-        # params
-        chunk: int,
-        # in
-        run_begin: wp.array[int],
-        run_start: wp.array[int],
-        run_scale: wp.array[vec2],
-        # out
-        sample_xy_out: wp.array[vec2],
-        sample_section_out: wp.array[vec2],
-    ):
-        """Take runs of points over into a new order; width and depth change by the factors of their run."""
-        run_count = run_begin.shape[0]
-        i = wp.tid() * chunk
-        end = wp.min(i + chunk, run_start[run_count])
-        if i >= end:
-            return
-        run = line.channel_at(run_start, run_count, i)
-        while i < end:
-            shift = run_begin[run] - run_start[run]
-            stop = wp.min(end, run_start[run + 1])
-            for j in range(i, stop):
-                sample_xy_out[j] = point_xy[j + shift]
-                if point_section:
-                    sample_section_out[j] = wp.cw_mul(point_section[j + shift], run_scale[run])
-            i = stop
-            run += 1
-
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
@@ -411,5 +377,4 @@ def build(scalar):
         insert_blocks=insert_blocks,
         find_contacts=find_contacts,
         count_contacts=count_contacts,
-        gather_runs=gather_runs,
     )

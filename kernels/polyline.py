@@ -21,6 +21,8 @@ TOUCH = 2
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
 # The sub-step at hand: its number within the step, how many there are, and 1 where that is settled.
 NUMBER, TOTAL, PLANNED, SUBSTEP_SIZE = 0, 1, 2, 3
+# A channel of few points may be sampled by so much more coarsely than asked for.
+COARSEST_SPACING = 1.25
 # Least number of points of a ring, when it is made and when a loop is cut off it.
 RING_POINTS = 8
 

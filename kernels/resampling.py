@@ -8,7 +8,9 @@ import warp as wp
 from warpriver.kernels import polyline
 from warpriver.kernels.polyline import (
     CUT_POINTS,
+    CUT_POINTS_NEEDED,
     CUTS,
+    CUTS_NEEDED,
     DONE,
     FAULT,
     FAULT_NOT_FINITE,
@@ -385,7 +387,6 @@ def build(scalar):
         # in
         channel_start_next: wp.array[int],
         channel_spacing_next: wp.array[scalar],
-        share_cut_sum: wp.array[wp.vec2i],
         # out
         channel_start_out: wp.array[int],
         channel_spacing_out: wp.array[scalar],
@@ -424,9 +425,8 @@ def build(scalar):
                     substep_io[NUMBER] = 0
                     substep_io[PLANNED] = keep_plan
                     status_io[STEPS] = status_io[STEPS] + 1
-                cut = share_cut_sum[share_cut_sum.shape[0] - 1]
-                status_io[CUTS] = status_io[CUTS] + cut[0]
-                status_io[CUT_POINTS] = status_io[CUT_POINTS] + cut[1]
+                status_io[CUTS] = status_io[CUTS] + status_io[CUTS_NEEDED]
+                status_io[CUT_POINTS] = status_io[CUT_POINTS] + status_io[CUT_POINTS_NEEDED]
 
     return SimpleNamespace(
         vec2=vec2,

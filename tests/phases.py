@@ -5,12 +5,12 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 import warpriver as wr
+from warpriver.engine.stages import run_stages
+from warpriver.engine.substeps import schedule_channels
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law
 from warpriver.meander.resampling import resample
-from warpriver.meander.schedule import schedule_channels
-from warpriver.meander.stages import run_stages
 from warpriver.network import PRECISIONS
 
 # Room for points beyond those at the start.

@@ -9,8 +9,8 @@ from trees import random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.meander.rings import split_rings
-from warpriver.meander.topology import NetworkEdit
+from warpriver.graph.edits import NetworkEdit
+from warpriver.graph.rings import split_rings
 
 
 def table(**changes):

@@ -5,10 +5,10 @@ from scipy.spatial import cKDTree
 from trees import assert_forest, random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
+from warpriver.engine.stages import run_stages
+from warpriver.graph.edits import NetworkEdit
 from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
 from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
-from warpriver.meander.stages import run_stages
-from warpriver.meander.topology import NetworkEdit
 
 WIDTH = 20.0
 # Nothing moves: only what touches is joined.

@@ -12,14 +12,14 @@ from phases import crossings
 
 import warpriver as wr
 from warpriver.cli import main
+from warpriver.engine.stages import Share, run_stages
+from warpriver.engine.substeps import schedule_channels
 from warpriver.kernels.polyline import FAULT_SHORTCUTS_FULL
 from warpriver.meander import buffers as step_buffers
 from warpriver.meander.buffers import StepChannels
 from warpriver.meander.paths import path_law, push, push_limits
 from warpriver.meander.routes import take_shortcuts
-from warpriver.meander.schedule import schedule_channels
 from warpriver.meander.shortcuts import PathBuffers
-from warpriver.meander.stages import Share, run_stages
 
 CURVES, SPACING, WIDTH = 200, 10.0, 12.0
 # Sums of some hundred lengths, in another order.

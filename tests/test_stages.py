@@ -5,9 +5,9 @@ import pytest
 from trees import assert_forest, random_tree
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.engine.stages import Stage, run_stages
 from warpriver.kernels.polyline import DONE, FAULT
 from warpriver.meander import buffers, shortcuts
-from warpriver.meander.stages import Stage, run_stages
 
 # Points of a slab: few, so that small networks have many.
 SMALL = 200

@@ -8,7 +8,7 @@ import pytest
 from trees import random_tree
 
 from warpriver import RiverNetwork
-from warpriver.meander.topology import NetworkEdit
+from warpriver.graph.edits import NetworkEdit
 
 # Sums of some ten flows in another order.
 FLOW_TOLERANCE = 1e-12

@@ -7,17 +7,19 @@ import math
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from warpriver import progress as progress_bar
+from warpriver.engine.phase import Phase, PhaseError
+from warpriver.engine.stepper import Stepper, check_ground, check_saved
 from warpriver.history import History, Record, StopReason
-from warpriver.meander import checks
-from warpriver.meander.solvers import solver_of
+from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
-from warpriver.stepping import Stepper, check_ground, check_resume
 from warpriver.terrain import Terrain
 
 __all__ = ["Every", "Simulation"]
@@ -52,7 +54,7 @@ class Every:
         return now > math.floor((step - 1) * time_step / self.years + 1e-9)
 
 
-class Simulation(Stepper):
+class Simulation:
     """A river network that migrates and cuts off its loops, step by step.
 
     Attributes:
@@ -68,6 +70,7 @@ class Simulation(Stepper):
         threads: Greatest number of threads that a step is dealt out to; the results do not depend on it.
         seed: Seed of random events; migration and cutoffs draw no random numbers.
         check: True: every phase of every step is checked.
+        stepper: Does the steps; what it holds on the device is of no concern to most.
     """
 
     def __init__(
@@ -82,6 +85,7 @@ class Simulation(Stepper):
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
+        phases: Sequence[Phase] = (),
     ):
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
@@ -97,6 +101,8 @@ class Simulation(Stepper):
             check: Check every phase of every step, slowly, and stop at the first that breaks its promise.
             capture: Record the step once and replay it, where the device allows; same results, less overhead.
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
+            phases: Processes beyond those of the model, see :class:`warpriver.engine.phase.Phase`; they work on the
+                points of every sub-step right after these have moved.
 
         Raises:
             ValueError: The spacing exceeds a channel's width, a channel that is no ring ends where it begins, channels
@@ -104,21 +110,17 @@ class Simulation(Stepper):
                 proportion.
         """
         self.params = params if params is not None else MeanderParams()
-        self._solver = solver_of(self.params)
-        self._check_network(network)
+        self._added = tuple(phases)
+        model = model_of(self.params).with_phases(self._added)
+        _check_network(network, self.params, model)
         check_ground(network, terrain)
-        self.terrain = terrain
-        self._prepare(network.to(device, dtype), seed=seed, check=check, capture=capture, threads=threads)
-        self.network.point_z = None  # of the line as given, whose points are about to move
-        self._resample_start()
-        self._measure_pace()
-        self.history = History(
-            self.params,
-            seed=seed,
-            origin=self.network.origin,
-            crs=self.network.crs,
-            dtype=self.network.dtype,
+        own = network.to(device, dtype)
+        own.point_z = None  # of the line as given, whose points are about to move
+        self.seed = seed
+        self.stepper = Stepper(
+            own, self.params, terrain, model.phases, model.limits, check=check, capture=capture, threads=threads
         )
+        self.history = History(self.params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype)
         self._record()
 
     @classmethod
@@ -131,6 +133,7 @@ class Simulation(Stepper):
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
+        phases: Sequence[Phase] = (),
     ) -> Simulation:
         """Go on from the last record of a history, to the bit as if the run had not stopped there.
 
@@ -141,6 +144,7 @@ class Simulation(Stepper):
             check: As in the constructor.
             capture: As in the constructor.
             threads: As in the constructor.
+            phases: As in the constructor, and the same.
 
         Raises:
             ValueError: The history is empty or damaged.
@@ -150,41 +154,91 @@ class Simulation(Stepper):
         if len(history) == 0:
             raise ValueError("the history holds no record to go on from")
         self = cls.__new__(cls)
-        self._take_up(history, history.record(-1), terrain, device, check=check, capture=capture, threads=threads)
+        options = {"check": check, "capture": capture, "threads": threads}
+        self._take_up(history, history.record(-1), terrain, device, phases, **options)
         history.rewind()
         return self
 
-    def _take_up(self, history: History, record: Record, terrain: Terrain | None, device: Any, **options: Any) -> None:
+    def _take_up(
+        self,
+        history: History,
+        record: Record,
+        terrain: Terrain | None,
+        device: Any,
+        phases: Sequence[Phase],
+        **options: Any,
+    ) -> None:
         """Go on from a record, and with the history that it belongs to."""
-        self.params = history.params
-        self._solver = solver_of(self.params)
-        check_resume(record)
+        self.params, self.seed, self._added = history.params, history.seed, tuple(phases)
+        check_saved(record.resume, len(record.channels), record.step)
         network = history.network_of(record).to(device)
         check_ground(network, terrain)
-        self.terrain = terrain
-        self._prepare(network, seed=history.seed, record=record, **options)
-        self.step_count = record.step
-        self.channels.set_pace(record.resume["channel_pace"])
+        model = model_of(self.params).with_phases(self._added)
+        saved = dict(record.resume)
+        self.stepper = Stepper(network, self.params, terrain, model.phases, model.limits, saved=saved, **options)
+        self.stepper.step_count = record.step
         self.history = history
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy between two steps: the copy goes on to the same bits, and its history is stored nowhere."""
-        self._place_nodes()
+        stepper = self.stepper
+        stepper.state.place_nodes()
         return {
             "history": self.history,
             "record": self._as_record(),
             "terrain": self.terrain,
             "device": self.device.alias,
-            "options": {"check": self.check, "capture": self._capture, "threads": self.threads},
+            "phases": self._added,
+            "options": {"check": stepper.check, "capture": stepper.capture, "threads": stepper.threads},
             "substeps": self.substeps,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        options = state["options"]
-        self._take_up(state["history"], state["record"], state["terrain"], state["device"], **options)
-        self.substeps = state["substeps"]
+        parts = (state[name] for name in ("history", "record", "terrain", "device", "phases"))
+        self._take_up(*parts, **state["options"])
+        self.stepper.state.substeps = state["substeps"]
 
     # ---- state
+
+    @property
+    def network(self) -> RiverNetwork:
+        """The network as it is now."""
+        return self.stepper.state.network
+
+    @property
+    def terrain(self) -> Terrain | None:
+        """The ground on the network's device, or None."""
+        return self.stepper.state.terrain
+
+    @property
+    def device(self) -> Any:
+        """The Warp device of the run."""
+        return self.network.device
+
+    @property
+    def step_count(self) -> int:
+        """Steps done."""
+        return self.stepper.step_count
+
+    @property
+    def substeps(self) -> int:
+        """Equal parts in which the last step was done."""
+        return self.stepper.state.substeps
+
+    @property
+    def stable_dt(self) -> float:
+        """Longest sub-step in yr that any bend of any channel may need on flat ground."""
+        return self.stepper.state.stable_dt
+
+    @property
+    def threads(self) -> int:
+        """Greatest number of threads that a step is dealt out to."""
+        return self.stepper.threads
+
+    @property
+    def check(self) -> bool:
+        """Whether every phase of every step is checked."""
+        return self.stepper.check
 
     @property
     def time(self) -> float:
@@ -220,7 +274,7 @@ class Simulation(Stepper):
         """
         if not math.isfinite(count) or count != int(count) or count < 1:
             raise ValueError(f"count is {count!r}; give a whole number of time steps, 1 or more")
-        self._do_steps(int(count))
+        self._advance(int(count))
 
     def run(
         self,
@@ -262,7 +316,7 @@ class Simulation(Stepper):
                 self._record_end()
                 with _storing():
                     self.history.close(reason)
-            except checks.PhaseError:
+            except PhaseError:
                 self.history.close(StopReason.CHECK_FAILED)
                 raise
             except _StoreError:
@@ -286,11 +340,11 @@ class Simulation(Stepper):
                 return StopReason.INTERRUPTED
             # As far as nothing is to be done between the steps.
             until = self.step_count + 1
-            while until < min(last, self.step_count + self._in_a_row) and not self._any_due(dues, until):
+            while until < min(last, self.step_count + self.stepper.row_limit) and not self._any_due(dues, until):
                 until += 1
             steps = until - self.step_count
             try:
-                self._do_steps(steps)
+                self._advance(steps)
             except FloatingPointError:
                 return StopReason.NOT_FINITE
             if schedule.due(self.step_count, self.params.time_step):
@@ -304,8 +358,15 @@ class Simulation(Stepper):
     def _any_due(self, schedules: list[Every], step: int) -> bool:
         return any(every.due(step, self.params.time_step) for every in schedules)
 
+    def _advance(self, steps: int) -> None:
+        """Do so many steps, and note their events also where the last one fails."""
+        try:
+            self.stepper.step(steps)
+        finally:
+            self.history.events.extend(self.stepper.take_events())
+
     def _record(self) -> None:
-        self._place_nodes()
+        self.stepper.state.place_nodes()
         with _storing():
             self.history.append(self._as_record())
 
@@ -322,7 +383,7 @@ class Simulation(Stepper):
             channel_start=network.starts(),
             channels=network.channels,
             node_xy=network.node_xy.copy(),
-            resume=self._resume_part(),
+            resume=self.stepper.state.saved(),
         )
 
     def _record_end(self) -> None:
@@ -340,6 +401,28 @@ class Simulation(Stepper):
         if not (math.isfinite(years) and years >= 0):
             raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
         return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
+
+
+def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, model: Model) -> None:
+    """Raise ``ValueError`` for a network that a simulation cannot take."""
+    looped = (network.channel_from == network.channel_to) & ~network.channel_closed
+    if looped.any():
+        raise ValueError(
+            f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
+            "closed=True), or open it"
+        )
+    for phase in model.phases:
+        phase.check_network(network)
+    if params.spacing_in_widths > 0.0:
+        return
+    narrow = [float(w.min()) for w in network.point_widths()]
+    c = int(np.argmin(narrow))
+    if params.spacing > narrow[c]:
+        kind = type(params).__name__
+        raise ValueError(
+            f"spacing {params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
+            f"be missed; set {kind}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
+        )
 
 
 class _StoreError(Exception):

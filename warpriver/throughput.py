@@ -18,7 +18,6 @@ import numpy as np
 import warp as wp
 
 from warpriver.generate.curves import noisy_line
-from warpriver.meander.stages import Replay, Stage
 from warpriver.network import PRECISIONS, RiverNetwork, resolve_device
 from warpriver.params import MeanderParams
 from warpriver.simulation import Simulation
@@ -246,25 +245,7 @@ def device_bytes(sim: Simulation) -> int:
     network = sim.network
     points = [a for a in (network.point_xy, network.point_section) if a is not None]
     held = sum(len(a) * wp.types.type_size_in_bytes(a.dtype) for a in points)
-    return held + sim.buffers.nbytes + sim.channels.nbytes
-
-
-class _PhaseReplay:
-    """Stands in for the recording of a step: each phase is recorded, replayed and timed by itself."""
-
-    def __init__(self, sim: Simulation, stages: list[Stage], seconds: dict[str, float]):
-        self._seconds, self._device = seconds, sim.device
-        self._phases = [
-            (name, Replay(list(group), sim.channels.whole, sim.channels.slabs, sim.device, sim._pool))
-            for name, group in itertools.groupby(stages, lambda stage: stage.phase)
-        ]
-
-    def run(self) -> None:
-        for name, replay in self._phases:
-            begin = time.perf_counter()
-            replay.run()
-            wp.synchronize_device(self._device)
-            self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - begin
+    return held + sim.stepper.state.nbytes
 
 
 def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str, float]:
@@ -283,22 +264,7 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
         touch are joined, and searched again) and "rest of host" (all that is not a phase).
     """
     seconds: dict[str, float] = {}
-    launch, resolve = sim._launch, sim._resolve_collisions
-
-    def timed_launch(count: int, steps: int) -> list[int]:
-        if count not in sim._replays:
-            stages = sim.buffers.status.stages(sim._stages() * count)
-            sim._replays[count] = _PhaseReplay(sim, stages, seconds)  # type: ignore[assignment]
-        return launch(count, steps)
-
-    def timed_resolve(now: float, halted: bool) -> None:
-        begin = time.perf_counter()
-        resolve(now, halted)
-        wp.synchronize_device(sim.device)
-        seconds["join"] = seconds.get("join", 0.0) + time.perf_counter() - begin
-
-    sim._replays = {}
-    sim._launch, sim._resolve_collisions = timed_launch, timed_resolve  # type: ignore[method-assign,assignment]
+    sim.stepper.time_phases(seconds)
     try:
         warm_up(sim, warmup)
         for name in seconds:
@@ -307,9 +273,9 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
         advance(sim, steps)
         total = time.perf_counter() - begin
     finally:
-        del sim._launch, sim._resolve_collisions
-        sim._replays = {}
-    joins = seconds.pop("join", 0.0)
+        sim.stepper.time_phases(None)
+    on_host = {name: seconds.pop(name) for name in list(seconds) if name.endswith(" on host")}
+    joins = on_host.get("collide on host", 0.0)
     rest = max(total - joins - sum(seconds.values()), 0.0)
     host = dict(zip(HOST_PHASES, (joins, rest), strict=True))
     return {name: cost / steps for name, cost in (seconds | host).items()}

@@ -28,10 +28,10 @@ from migration_case import (
 from reference import Law
 from scipy.integrate import quad
 
+from warpriver.engine.stages import run_stages
 from warpriver.kernels import migration
 from warpriver.meander import migration as launcher
 from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import run_stages
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 

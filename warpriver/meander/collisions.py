@@ -8,28 +8,24 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.engine.phase import Phase, Row
+from warpriver.engine.scans import Scan
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
+from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin, check_forest
+from warpriver.history.events import Collision, Event
 from warpriver.kernels import collisions as kernels
-from warpriver.meander.buffers import CPU_COPY_CHUNK, StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage, launch
-from warpriver.meander.topology import EditedChannels, NetworkEdit, Rejoin
+from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, FAULT, FAULT_NONE
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
-__all__ = [
-    "COARSEST_SPACING",
-    "collision_law",
-    "find_contacts",
-    "gather_points",
-    "gathered_nodes",
-    "join_channels",
-    "list_contacts",
-]
+__all__ = ["Collide", "collision_law", "gathered_nodes", "join_channels"]
 
 # Length of a block of points in the grid, in widths of its channel: long enough that few blocks are looked up, short
 # enough that few blocks near each other do not touch.
 BLOCK_WIDTHS = 8.0
-# A channel of few points may be sampled by so much more coarsely than asked for; beyond that the search may miss it.
-COARSEST_SPACING = kernels.COARSEST_SPACING
+# Rounds of joining channels that touch in one (sub-)step; contacts left after them wait for the next one.
+ROUNDS = 8
 
 
 def collision_law(
@@ -40,7 +36,7 @@ def collision_law(
     Args:
         network: The network.
         params: ``collision_distance`` and ``junction_reach``.
-        form: (C, 4) as in :class:`~warpriver.meander.buffers.StepChannels`.
+        form: (C, 4) as in :class:`~warpriver.engine.state.State`.
         before: What holds until now; it is returned where it serves these channels as well.
     """
     lines = ~network.channel_closed
@@ -51,7 +47,7 @@ def collision_law(
     law.distance = params.collision_distance
     law.node_reach = params.junction_reach
     law.block = BLOCK_WIDTHS
-    width, spacing = form[:, 2], kernels.COARSEST_SPACING * form[:, 3]
+    width, spacing = form[:, 2], COARSEST_SPACING * form[:, 3]
     reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
     reach += kernels.SLACK_SPACINGS * spacing
     # Powers of two, so that the levels of the channels do not depend on which others there are.
@@ -90,81 +86,159 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
     return np.stack([label[network.channel_from], label[network.channel_to]], axis=1).astype(np.int32)
 
 
-def find_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any) -> list[Stage]:
-    """Return the stages that count the places where channels touch, into ``buffers.status``.
+class Collide(Phase):
+    """Finds where channels of the network touch after a sub-step, and joins them there on the host.
 
     Of two channels that touch at least one must not be at rest.
 
-    Args:
-        network: The network, its points evenly spaced.
-        channels: Its channels.
-        buffers: Scratch.
-        law: From :func:`collision_law`; None: there is nothing to do.
+    Attributes:
+        nodes: (C,) vec2i, labels of the nodes above and below; see :func:`gathered_nodes`.
+        block_bucket: Grid of the search, four integers a cell; the links of its lists and the blocks' channels are in
+            the state's spare memory.
+        share_contacts, share_contacts_sum: Places where channels touch, by slab or chunk; the running sum.
     """
-    if law is None:
-        return []
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
-    def insert(whole: Share) -> None:
-        # The channels share one table: on the CPU it is filled by one thread.
-        buffers.block_bucket.zero_()
+    name = "collide"
+    nodes: wp.array
+    block_bucket: wp.array
+    share_contacts: wp.array
+    share_contacts_sum: wp.array
+    scan: Scan
+
+    def __init__(self) -> None:
+        self._law: Any = None
+        self._saved: np.ndarray | None = None
+        self._nodes = np.zeros((0, 2), np.int32)
+
+    def check_network(self, network: RiverNetwork) -> None:
+        """Channels that join have one channel below them."""
+        check_forest(network)
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        self.nodes = state.zeros(state.channel_capacity, wp.vec2i)
+        self.block_bucket = state.zeros(4 << max(6, (state.point_capacity - 1).bit_length() - 1))
+        self.share_contacts, self.share_contacts_sum = state.zeros(state.share_count), state.zeros(state.share_count)
+        serial = state.chunk == 0
+        self.scan = Scan("counts", self.share_contacts, self.share_contacts_sum, state.scalar, serial=serial)
+        if len(self._nodes):
+            state.assign(self.nodes, self._nodes)
+
+    def install(self, state: State) -> None:
+        """Label the nodes, and choose the cells of the search."""
+        labels, self._saved = self._saved, None
+        if labels is None:
+            labels = gathered_nodes(state.network, state.channel_length, state.params)
+        self._nodes = labels
+        state.assign(self.nodes, labels)
+        law = collision_law(state.network, state.params, state.channel_form, self._law)
+        if law is not self._law:
+            self._law = law
+            state.changed()
+
+    def saved(self, state: State) -> dict[str, np.ndarray]:
+        """The labels of nodes hold from one edit of the network to the next."""
+        return {"channel_nodes": self._nodes}
+
+    def restore(self, state: State, saved: dict[str, np.ndarray]) -> None:
+        """Take up the labels of nodes."""
+        self._saved = saved["channel_nodes"]
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stages that count the places where channels touch; none where there is nothing to search."""
+        law = self._law
+        if law is None:
+            return []
+        kernel, device, status = kernels.build(state.scalar), state.device, state.status.array
+
+        def insert(whole: Share) -> None:
+            # The channels share one table: on the CPU it is filled by one thread.
+            self.block_bucket.zero_()
+            launch(
+                kernel.insert_blocks,
+                dim=whole.point_threads,
+                inputs=[
+                    state.network.point_xy, state.start, state.form, state.spacing, state.step, state.closed, law,
+                    whole.work,
+                ],
+                outputs=[*state.spare, self.block_bucket, status],
+                device=device,
+            )  # fmt: skip
+
+        def count(_: Share) -> None:
+            launch(kernel.count_contacts, dim=1, inputs=[self.share_contacts], outputs=[status], device=device)
+
+        return [
+            Stage(self.name, insert, shared=False),
+            Stage(self.name, lambda share: self._search(state, share, None)),
+            *([Stage(self.name, count, shared=False)] if state.chunk == 0 else []),
+        ]
+
+    def _search(self, state: State, share: Share, out: wp.array | None) -> None:
+        index = kernels.BlockIndex()
+        (index.point_next, index.point_owner), index.bucket = state.spare, self.block_bucket
+        network = state.network
         launch(
-            kernel.insert_blocks,
-            dim=whole.point_threads,
+            kernels.build(state.scalar).find_contacts,
+            dim=share.point_threads,
             inputs=[
-                network.point_xy, channels.start, channels.form, channels.spacing, channels.step, channels.closed,
-                law, whole.work,
+                network.point_xy, network.point_section, state.start, self.nodes, state.form, state.spacing,
+                state.step, state.closed, self._law, share.work, index, self.share_contacts_sum,
             ],
-            outputs=[buffers.point_next, buffers.point_neck, buffers.block_bucket, buffers.status.array],
-            device=device,
+            outputs=[out, self.share_contacts, state.status.array],
+            device=state.device,
         )  # fmt: skip
 
-    def count(_: Share) -> None:
-        launch(
-            kernel.count_contacts,
-            dim=1,
-            inputs=[channels.share_contacts],
-            outputs=[buffers.status.array],
-            device=device,
-        )
+    def contacts(self, state: State) -> np.ndarray:
+        """Return the contacts that the stages counted, (K, 2) point indices, in the order of the points."""
+        self.scan.run()
+        count = int(self.share_contacts_sum[-1:].numpy()[0])
+        contact = state.zeros(count, wp.vec2i)
+        shares = state.slabs
+        if len(shares) > 1:  # few slabs hold contacts
+            shares = [shares[k] for k in np.flatnonzero(self.share_contacts.numpy())]
+        for share in shares if count else []:
+            self._search(state, share, contact)
+        return contact.numpy()
 
-    return [
-        Stage("collide", insert, shared=False),
-        Stage("collide", lambda share: _search(network, channels, buffers, law, share, None)),
-        *([Stage("collide", count, shared=False)] if buffers.chunk == 0 else []),
-    ]
+    def after(self, state: State, row: Row) -> list[Event]:
+        """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
+        if self._law is None or row.status[FAULT] != FAULT_NONE or not (row.status[CONTACTS] > 0 or row.edited):
+            return []
+        if row.halted:
+            # The sub-steps that were halted have emptied the table of the search.
+            state.begin_row()
+        if row.halted or row.edited:
+            state.run(self.stages(state))
+        events: list[Event] = []
+        for _ in range(ROUNDS):
+            if state.read_status()[CONTACTS] == 0:
+                break
+            contacts = self.contacts(state)
+            state.place_nodes()
+            joined = join_channels(state.network, contacts)
+            if joined is None:
+                break
+            edited, done = joined
+            events += _collisions(state.network, row.times[-1], done)
+            state.adopt(edited)
+            if self._law is None:
+                break
+            state.run(self.stages(state))
+        return events
 
 
-def list_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any) -> np.ndarray:
-    """Return the contacts that :func:`find_contacts` counted, (K, 2) point indices, in the order of the points."""
-    channels.scan_contacts.run()
-    count = int(channels.share_contacts_sum[-1:].numpy()[0])
-    if count == 0:
-        return np.zeros((0, 2), np.int32)
-    contact = wp.zeros(count, dtype=wp.vec2i, device=network.device)
-    shares = channels.slabs
-    if len(shares) > 1:  # few slabs hold contacts
-        shares = [shares[k] for k in np.flatnonzero(channels.share_contacts.numpy())]
-    for share in shares:
-        _search(network, channels, buffers, law, share, contact)
-    return contact.numpy()
-
-
-def _search(
-    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any, share: Share, out: Any
-) -> None:
-    index = kernels.BlockIndex()
-    index.point_next, index.point_owner, index.bucket = buffers.point_next, buffers.point_neck, buffers.block_bucket
-    launch(
-        kernels.build(PRECISIONS[network.dtype][0]).find_contacts,
-        dim=share.point_threads,
-        inputs=[
-            network.point_xy, network.point_section, channels.start, channels.nodes, channels.form,
-            channels.spacing, channels.step, channels.closed, law, share.work, index, channels.share_contacts_sum,
-        ],
-        outputs=[out, channels.share_contacts, buffers.status.array],
-        device=network.device,
-    )  # fmt: skip
+def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[Event]:
+    """Return what was joined, with the courses that were abandoned."""
+    order = np.argsort(network.channel_id)
+    minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
+    events: list[Event] = []
+    for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
+        ranges = [(first, stop) for first, stop, _ in edit.abandoned]
+        pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
+        start = np.cumsum([0] + [len(p) for p in pieces])
+        events.append(Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start))
+    return events
 
 
 def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedChannels, list[Rejoin]] | None:
@@ -193,37 +267,3 @@ def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedCh
     if not done:
         return None
     return edit.build(), done
-
-
-def gather_points(
-    network: RiverNetwork, edited: EditedChannels, buffers: StepBuffers, source: StepBuffers | None = None
-) -> None:
-    """Bring the points of a network into the order of its edited channels, in ``buffers.point_moved``.
-
-    Args:
-        network: The network as it was.
-        edited: Its channels after the edits.
-        buffers: Where the points go.
-        source: Buffers that hold the loops of the step, which ``edited`` may take over; by default the same.
-    """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    _, vec2, real = PRECISIONS[network.dtype]
-    begin: wp.array = wp.array(edited.run_begin.astype(np.int32), dtype=wp.int32, device=device)
-    start: wp.array = wp.array(edited.run_start.astype(np.int32), dtype=wp.int32, device=device)
-    scale: wp.array | None = None
-    if edited.run_scale is not None:
-        scale = wp.array(edited.run_scale.astype(real), dtype=vec2, device=device)
-    chunk = buffers.chunk or CPU_COPY_CHUNK
-    launch(
-        kernel.gather_runs,
-        dim=math.ceil(int(edited.run_start[-1]) / chunk),
-        inputs=[network.point_xy, network.point_section, chunk, begin, start, scale],
-        outputs=[buffers.point_moved, buffers.section_moved],
-        device=device,
-    )
-    filled, loops = int(edited.run_start[-1]), buffers if source is None else source
-    for first, count in edited.loops:
-        wp.copy(buffers.point_moved, loops.oxbow_xy, filled, first, count)
-        if buffers.section_moved is not None and loops.oxbow_section is not None:
-            wp.copy(buffers.section_moved, loops.oxbow_section, filled, first, count)
-        filled += count

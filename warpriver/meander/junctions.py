@@ -8,16 +8,20 @@ holds junctions where they are [Paris2023], unless they are told to wander down 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from warpriver.engine.phase import Phase
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
+from warpriver.graph.edits import check_forest
 from warpriver.kernels import junctions as kernels
-from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage, launch
-from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams, PathMeander, check_ranges, parameter
+from warpriver.network import RiverNetwork
+from warpriver.params import check_ranges, parameter
 
-__all__ = ["JunctionParams", "drift_junctions", "junction_angles", "shape_junctions"]
+__all__ = ["DriftJunctions", "JunctionParams", "junction_angles", "shape_junctions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,48 +170,71 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
 
 
-def drift_junctions(
-    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams | PathMeander
-) -> list[Stage]:
-    """Return the stages that let junctions wander down the channel below them, in ``buffers.point_moved``.
+class DriftJunctions(Phase):
+    """Lets junctions wander down the channel below them, in ``state.point_moved``; none where ``junction_drift`` is 0.
 
-    Args:
-        network: The network whose points moved.
-        channels: Its channels; ``drift`` is the speed of the junction above each, m/yr.
-        buffers: Holds the points.
-        params: ``junction_drift``, 0 for junctions that stay.
+    Attributes:
+        below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
+        drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch.
     """
-    if params.junction_drift == 0.0:
-        return []
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
-    def drift(_: Share) -> None:
-        channels.awake.zero_()
-        launch(
-            kernel.count_awake,
-            dim=channels.capacity,
-            inputs=[channels.below, channels.step],
-            outputs=[channels.awake],
-            device=device,
-        )
-        launch(
-            kernel.shift_heads,
-            dim=channels.capacity,
-            inputs=[
-                channels.start, channels.form, channels.spacing, channels.step, channels.tributaries, channels.drift,
-                params.time_step, channels.substep, channels.awake,
-            ],
-            outputs=[channels.shift, buffers.point_moved],
-            device=device,
-        )  # fmt: skip
-        launch(
-            kernel.follow_heads,
-            dim=channels.capacity,
-            inputs=[
-                channels.start, channels.form, channels.spacing, channels.below, params.junction_reach, channels.shift,
-            ],
-            outputs=[buffers.point_moved],
-            device=device,
-        )  # fmt: skip
+    name = "drift"
+    moves_nodes = True
 
-    return [Stage("drift", drift, shared=False)]
+    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray]):
+        """Take (width, params) -> the rate k of channels, m/yr: junctions drift at a part of it."""
+        self._rate = rate
+
+    def check_network(self, network: RiverNetwork) -> None:
+        """Junctions have one channel below them."""
+        check_forest(network)
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        count = state.channel_capacity
+        self.below, self.tributaries, self.awake = state.zeros(count), state.zeros(count), state.zeros(count)
+        self.drift, self.shift = state.zeros(count, state.scalar), state.zeros(count, state.vec2)
+
+    def install(self, state: State) -> None:
+        """Take what flows into what, and the speeds."""
+        network, count = state.network, state.network.channel_count
+        leaving = np.full(network.node_count, -1)
+        leaving[network.channel_from] = np.arange(count)
+        below = np.where(network.channel_closed, -1, leaving[network.channel_to])
+        # Beyond the channels nothing flows on.
+        state.assign(self.below, np.concatenate([below, np.full(state.channel_capacity - count, -1)]))
+        state.assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
+        state.assign(self.drift, state.params.junction_drift * self._rate(network.channel_width, state.params))
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stage: heads of channels below junctions move, and the ends of their tributaries follow."""
+        kernel, device, params = kernels.build(state.scalar), state.device, state.params
+
+        def drift(_: Share) -> None:
+            self.awake.zero_()
+            launch(
+                kernel.count_awake,
+                dim=state.channel_capacity,
+                inputs=[self.below, state.step],
+                outputs=[self.awake],
+                device=device,
+            )
+            launch(
+                kernel.shift_heads,
+                dim=state.channel_capacity,
+                inputs=[
+                    state.start, state.form, state.spacing, state.step, self.tributaries, self.drift,
+                    params.time_step, state.substep, self.awake,
+                ],
+                outputs=[self.shift, state.point_moved],
+                device=device,
+            )  # fmt: skip
+            launch(
+                kernel.follow_heads,
+                dim=state.channel_capacity,
+                inputs=[state.start, state.form, state.spacing, self.below, params.junction_reach, self.shift],
+                outputs=[state.point_moved],
+                device=device,
+            )
+
+        return [Stage("drift", drift, shared=False)]

@@ -5,18 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import warp as wp
 
+from warpriver.engine.phase import Phase
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
-from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage, launch
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import PRECISIONS
 from warpriver.params import MeanderParams
-from warpriver.terrain import Terrain
 
 __all__ = [
+    "Migrate",
     "explicit_dt",
     "measure_rings",
-    "migrate",
     "migration_law",
     "rate_of",
     "stable_dt",
@@ -104,65 +105,76 @@ def migration_law(params: MeanderParams, dtype: str) -> Any:
     return law
 
 
-def measure_rings(network: RiverNetwork, channels: StepChannels) -> list[Stage]:
-    """Return the stages that measure the area of every ring that moves, ``channels.area``; none without rings.
+def measure_rings(state: State, area: wp.array | None) -> list[Stage]:
+    """Return the stages that measure the area of every ring that moves; none without rings.
 
     Args:
-        network: The network; its points are evenly spaced along each channel.
-        channels: Its channels.
+        state: Its points are evenly spaced along each channel.
+        area: (C,) int64, gets the areas.
     """
-    if channels.area is None:
+    if area is None:
         return []
-    area = channels.area
 
     def clear(_: Share) -> None:
         area.zero_()
 
     def measure(share: Share) -> None:
         launch(
-            kernels.build(PRECISIONS[network.dtype][0]).measure_rings,
+            kernels.build(state.scalar).measure_rings,
             dim=share.point_threads,
-            inputs=[network.point_xy, channels.start, channels.spacing, channels.step, channels.closed, share.work],
+            inputs=[state.network.point_xy, state.start, state.spacing, state.step, state.closed, share.work],
             outputs=[area],
-            device=network.device,
+            device=state.device,
         )
 
     return [Stage("migrate", clear, shared=False), Stage("migrate", measure)]
 
 
-def migrate(
-    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, terrain: Terrain | None, law: Any
-) -> list[Stage]:
-    """Return the stages that move every point by its rate over ``channels.step``, into ``buffers.point_moved``.
+class Migrate(Phase):
+    """Moves every point by its rate over ``state.step``, into ``state.point_moved``.
 
-    Args:
-        network: The network; its points are evenly spaced along each channel.
-        channels: Its channels.
-        buffers: Where ``point_rate`` and ``point_moved`` are written.
-        terrain: Ground whose slope slows migration, on the network's device, or None.
-        law: From :func:`migration_law`.
+    Attributes:
+        point_rate: (P,) migration rate, m/yr, positive to the right.
+        area: (C,) int64, area of each ring, see the kernel ``measure_rings``; None without rings.
     """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    height, grid = None, kernel.RasterGrid()
-    if terrain is not None:
-        height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
-    shape = [network.point_xy, network.point_section, channels.start, channels.form, channels.spacing, channels.step]
-    shape += [channels.closed, channels.area]
 
-    def move(share: Share) -> None:
-        launch(
-            kernel.compute_rate,
-            dim=share.point_threads,
-            inputs=[*shape, law, share.work],
-            outputs=[buffers.point_rate],
-            device=device,
-        )
-        launch(
-            kernel.move_points,
-            dim=share.point_threads,
-            inputs=[*shape, height, grid, law, share.work, buffers.point_rate],
-            outputs=[buffers.point_moved, buffers.section_moved, channels.pace_bits],
-            device=device,
-        )
+    name = "migrate"
+    point_rate: wp.array
+    area: wp.array | None
 
-    return [*measure_rings(network, channels), Stage("migrate", move)]
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        self.point_rate = state.zeros(state.point_capacity, state.scalar)
+        self.area = None if state.closed is None else state.zeros(state.channel_capacity, wp.int64)
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stages: areas of rings, rates, the move."""
+        kernel, network, terrain = kernels.build(state.scalar), state.network, state.terrain
+        law = migration_law(state.params, network.dtype)
+        height, grid = None, kernel.RasterGrid()
+        if terrain is not None:
+            height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
+        shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
+        shape += [state.closed, self.area]
+
+        def move(share: Share) -> None:
+            launch(
+                kernel.compute_rate,
+                dim=share.point_threads,
+                inputs=[*shape, law, share.work],
+                outputs=[self.point_rate],
+                device=state.device,
+            )
+            launch(
+                kernel.move_points,
+                dim=share.point_threads,
+                inputs=[*shape, height, grid, law, share.work, self.point_rate],
+                outputs=[state.point_moved, state.section_moved, state.pace_bits],
+                device=state.device,
+            )
+
+        return [*measure_rings(state, self.area), Stage("migrate", move)]
+
+    def check(self, state: State) -> None:
+        """Points are finite, and the ends of channels have not moved."""
+        state.check_moved(self.name, anchored=True)

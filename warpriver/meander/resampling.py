@@ -2,100 +2,151 @@
 
 from __future__ import annotations
 
+import numpy as np
+import warp as wp
+
+from warpriver.engine.phase import Phase, require
+from warpriver.engine.scans import Scan
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
 from warpriver.kernels import resampling as kernels
-from warpriver.meander.buffers import StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage, launch
-from warpriver.network import PRECISIONS, RiverNetwork
 
-__all__ = ["measure", "resample"]
+__all__ = ["Arcs", "Resample"]
+
+# Points are even by the chords of the old ones. Where a cutoff joined two points far apart, the cubic between them has
+# the speed |3/2 c - (Tb + Tc)/4| in its middle, at most 3/2 + 5/6 with tangents of up to 5/3; the next step evens it.
+LONGEST_CHORD = 2.34
 
 
-def measure(network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, phase: str) -> list[Stage]:
-    """Return the stages that measure the arc length of ``buffers.point_moved``, into ``point_arc``.
+class Arcs:
+    """Arc lengths of ``state.point_moved``.
 
-    Args:
-        network: The network whose points moved.
-        channels: Its channels.
-        buffers: Scratch and results; with chunks, ``chunk_offset`` is the running sum of their lengths.
-        phase: Name of the verb that asks for it.
+    Attributes:
+        point_arc: (P,) float64, arc length from the channel's head (with chunks: from the chunk's first point), m.
+        chunk_length, chunk_offset: int64, quanta that each chunk adds to the arc length, and the running sum.
     """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
 
-    def measure_arcs(share: Share) -> None:
-        launch(
-            kernel.measure_arcs,
-            dim=share.point_threads,
-            inputs=[channels.start, channels.step, share.work, buffers.point_moved],
-            outputs=[buffers.point_arc, buffers.chunk_length, buffers.status.array],
-            device=device,
-        )
+    point_arc: wp.array
+    chunk_length: wp.array
+    chunk_offset: wp.array
+    scan: Scan
 
-    def offset_chunks(_: Share) -> None:
-        buffers.scan_lengths.run()
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        self.point_arc = state.zeros(state.point_capacity, wp.float64)
+        self.chunk_length, self.chunk_offset = (state.zeros(state.chunk_count, wp.int64) for _ in range(2))
+        self.scan = Scan("lengths", self.chunk_length, self.chunk_offset, state.scalar, serial=state.chunk == 0)
 
-    return [Stage(phase, measure_arcs), *([Stage(phase, offset_chunks, shared=False)] if buffers.chunk > 0 else [])]
+    def stages(self, state: State, phase: str) -> list[Stage]:
+        """Return the stages that measure them; ``phase``: name of the verb that asks for it."""
+        kernel = kernels.build(state.scalar)
+
+        def measure(share: Share) -> None:
+            launch(
+                kernel.measure_arcs,
+                dim=share.point_threads,
+                inputs=[state.start, state.step, share.work, state.point_moved],
+                outputs=[self.point_arc, self.chunk_length, state.status.array],
+                device=state.device,
+            )
+
+        summed = [Stage(phase, lambda _: self.scan.run(), shared=False)] if state.chunk > 0 else []
+        return [Stage(phase, measure), *summed]
 
 
-def resample(
-    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, keep_plan: bool = False
-) -> list[Stage]:
-    """Return the stages that sample the moved channels evenly and make that the network's new state.
+class Resample(Phase):
+    """Samples the moved channels evenly and makes that the network's new state.
 
     A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
     ring gets n points for its n segments, at least 8. A channel at rest keeps its points. Nothing is taken over when
-    ``buffers.status`` tells of a fault. It does when the points do not fit into the capacity, and tells how much room
-    the step needs.
+    the status tells of a fault. It does when the points do not fit into the capacity, and tells how much room the step
+    needs.
 
-    Args:
-        network: Gets the new points, and ``channel_start``.
-        channels: Its channels; get the new spacing.
-        buffers: ``point_moved`` (and ``section_moved``) is read.
-        keep_plan: The parts in which channels do a step hold for the next one, too.
+    Attributes:
+        arcs: Arc lengths before it.
+        samples, start_next, spacing_next: (C,) points, (C + 1,) offsets and (C,) spacing that it gives.
     """
-    kernel, device = kernels.build(PRECISIONS[network.dtype][0]), network.device
-    start, offset = channels.start, buffers.chunk_offset
-
-    def count(share: Share) -> None:
-        launch(
-            kernel.count_samples,
-            dim=share.channel_threads,
-            inputs=[
-                start, channels.form, channels.spacing, channels.step, channels.closed, share.work,
-                buffers.point_moved, buffers.point_arc, offset,
-            ],
-            outputs=[channels.samples, channels.spacing_next, buffers.status.array],
-            device=device,
-        )  # fmt: skip
-
-    def number(_: Share) -> None:
-        channels.scan_samples.run()
-
-    def sample(share: Share) -> None:
-        launch(
-            kernel.resample_points,
-            dim=share.point_threads,
-            inputs=[
-                start, channels.spacing_next, channels.step, channels.closed, share.work, channels.start_next,
-                buffers.point_moved, buffers.section_moved, buffers.point_arc, offset, buffers.status.array,
-            ],
-            outputs=[network.point_xy, network.point_section],
-            device=device,
-        )  # fmt: skip
-
-    def commit(_: Share) -> None:
-        launch(
-            kernel.commit_step,
-            dim=channels.capacity + 1,
-            inputs=[
-                buffers.point_capacity, int(keep_plan), channels.start_next, channels.spacing_next,
-                buffers.share_cut_sum,
-            ],
-            outputs=[start, channels.spacing, channels.substep, buffers.status.array],
-            device=device,
-        )  # fmt: skip
 
     name = "resample"
-    return [
-        *measure(network, channels, buffers, name), Stage(name, count), Stage(name, number, shared=False),
-        Stage(name, sample), Stage(name, commit, shared=False),
-    ]  # fmt: skip
+    samples: wp.array
+    start_next: wp.array
+    spacing_next: wp.array
+    scan: Scan
+
+    def __init__(self) -> None:
+        self.arcs = Arcs()
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        self.arcs.allocate(state)
+        count = state.channel_capacity
+        self.samples, self.start_next = state.zeros(count), state.zeros(count + 1)
+        self.spacing_next = state.zeros(count, state.scalar)
+        self.scan = Scan("counts", self.samples, self.start_next[1:], state.scalar, serial=state.chunk == 0)
+
+    def install(self, state: State) -> None:
+        """Forget the samples of channels that are no more."""
+        self.samples.zero_()
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stages: arc lengths, counts, samples, and the commit of all or nothing."""
+        kernel, device, network, arcs = kernels.build(state.scalar), state.device, state.network, self.arcs
+        start, status = state.start, state.status.array
+
+        def count(share: Share) -> None:
+            launch(
+                kernel.count_samples,
+                dim=share.channel_threads,
+                inputs=[
+                    start, state.form, state.spacing, state.step, state.closed, share.work, state.point_moved,
+                    arcs.point_arc, arcs.chunk_offset,
+                ],
+                outputs=[self.samples, self.spacing_next, status],
+                device=device,
+            )  # fmt: skip
+
+        def sample(share: Share) -> None:
+            launch(
+                kernel.resample_points,
+                dim=share.point_threads,
+                inputs=[
+                    start, self.spacing_next, state.step, state.closed, share.work, self.start_next,
+                    state.point_moved, state.section_moved, arcs.point_arc, arcs.chunk_offset, status,
+                ],
+                outputs=[network.point_xy, network.point_section],
+                device=device,
+            )  # fmt: skip
+
+        def commit(_: Share) -> None:
+            launch(
+                kernel.commit_step,
+                dim=state.channel_capacity + 1,
+                inputs=[state.point_capacity, int(state.keep_plan), self.start_next, self.spacing_next],
+                outputs=[start, state.spacing, state.substep, status],
+                device=device,
+            )
+
+        return [
+            *arcs.stages(state, self.name),
+            Stage(self.name, count),
+            Stage(self.name, lambda _: self.scan.run(), shared=False),
+            Stage(self.name, sample),
+            Stage(self.name, commit, shared=False),
+        ]
+
+    def check(self, state: State) -> None:
+        """Starts ascend, points are finite, and no two neighbours are farther apart than the spacing allows."""
+        if int(self.start_next[-1:].numpy()[0]) > state.point_capacity:
+            return
+        network, name = state.network, self.name
+        spacing = state.spacing.numpy()[: network.channel_count].astype(np.float64)
+        start = network.starts()
+        require(np.diff(start) >= 3, name, "has fewer than 3 points", "channel")
+        xy = network.point_xy[: start[-1]].numpy().astype(np.float64)
+        require(np.isfinite(xy).all(axis=1), name, "is not finite", "point")
+        gap = np.hypot(*(xy[start[:-1]] - xy[start[1:] - 1]).T)
+        require(~network.channel_closed | (gap <= LONGEST_CHORD * spacing), name, "does not close", "ring")
+        chord = np.hypot(*np.diff(xy, axis=0).T)
+        owner = np.repeat(np.arange(len(spacing)), np.diff(start))[:-1]
+        chord[start[1:-1] - 1] = 0.0
+        require(chord <= LONGEST_CHORD * spacing[owner], name, "is too far from the next", "point")

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.engine.phase import Phase
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import CPU_COPY_CHUNK, CUDA_CHUNK, State
 from warpriver.kernels import smoothing as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
-from warpriver.meander.buffers import CPU_COPY_CHUNK, CUDA_CHUNK, StepBuffers, StepChannels
-from warpriver.meander.stages import Share, Stage, launch
 from warpriver.network import PRECISIONS, RiverNetwork
-from warpriver.params import MeanderParams, PathMeander
 
-__all__ = ["smooth", "taubin_smooth"]
+__all__ = ["Smooth", "taubin_smooth"]
 
 # lambda of [Taubin1995]: with it the shortest wave of the points goes in one pair of passes.
 STRENGTH = 0.5
@@ -23,33 +23,40 @@ STRENGTH = 0.5
 LONGEST_WAVE = -1.0
 
 
-def smooth(
-    network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, params: MeanderParams | PathMeander
-) -> list[Stage]:
-    """Return the stages that smooth ``buffers.point_moved``; none where no pass is asked for.
+class Smooth(Phase):
+    """Smooths ``state.point_moved`` by ``params.taubin_passes`` pairs of passes; channels at rest are left as they are.
 
-    Args:
-        network: The network.
-        channels: Its channels; those at rest are left as they are.
-        buffers: ``point_moved`` is changed, ``point_smoothed`` is scratch.
-        params: ``taubin_passes``, pairs of passes.
+    Attributes:
+        point_smoothed: (P,) vec2, room for a pass; None where no pass is asked for.
     """
-    passes = int(params.taubin_passes)
-    if passes == 0:
-        return []
-    if buffers.point_smoothed is None:
-        buffers.point_smoothed = wp.empty_like(buffers.point_moved)
-    there, back = buffers.point_moved, buffers.point_smoothed
 
-    def run(share: Share) -> None:
-        for _ in range(passes):
-            for swell, before, after in ((0, there, back), (1, back, there)):
-                _launch(
-                    network, [channels.start, channels.step, channels.closed, STRENGTH, LONGEST_WAVE, swell],
-                    share.work, share.point_threads, before, after,
-                )  # fmt: skip
+    name = "smooth"
+    point_smoothed: wp.array | None
 
-    return [Stage("smooth", run)]
+    def allocate(self, state: State) -> None:
+        """Make the device array."""
+        passes = int(state.params.taubin_passes)
+        self.point_smoothed = state.zeros(state.point_capacity, state.vec2) if passes > 0 else None
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stage of all passes; none where no pass is asked for."""
+        if self.point_smoothed is None:
+            return []
+        there, back, passes = state.point_moved, self.point_smoothed, int(state.params.taubin_passes)
+
+        def run(share: Share) -> None:
+            for _ in range(passes):
+                for swell, before, after in ((0, there, back), (1, back, there)):
+                    _launch(
+                        state.network, [state.start, state.step, state.closed, STRENGTH, LONGEST_WAVE, swell],
+                        share.work, share.point_threads, before, after,
+                    )  # fmt: skip
+
+        return [Stage("smooth", run)]
+
+    def check(self, state: State) -> None:
+        """Points are finite, and the ends of channels have not moved."""
+        state.check_moved(self.name, anchored=True)
 
 
 def taubin_smooth(

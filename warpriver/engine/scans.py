@@ -7,8 +7,8 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.engine.stages import launch
 from warpriver.kernels import scans as kernels
-from warpriver.meander.stages import launch
 
 __all__ = ["Scan"]
 

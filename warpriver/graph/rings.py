@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from warpriver.meander.topology import EditedChannels
+from warpriver.graph.edits import EditedChannels
 from warpriver.network import RiverNetwork
 
 __all__ = ["split_rings"]

@@ -1,0 +1,95 @@
+"""Phase: one process of a step, with all that belongs to it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from warpriver.engine.stages import Stage
+from warpriver.history.events import Event
+from warpriver.network import RiverNetwork
+
+if TYPE_CHECKING:
+    from warpriver.engine.state import State
+
+__all__ = ["Phase", "PhaseError", "Row", "require"]
+
+
+class PhaseError(AssertionError):
+    """A phase of a step broke its promise; the text says which, where and by how much."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """What a row of sub-steps came to, as the host sees it afterwards.
+
+    Attributes:
+        status: Numbers of ``kernels/polyline.py``.
+        times: Time after each of its sub-steps, yr.
+        edited: Whether a phase before has edited the network on the host.
+        halted: Whether sub-steps were halted behind an event that is for the host.
+    """
+
+    status: list[int]
+    times: list[float]
+    edited: bool = False
+    halted: bool = False
+
+
+class Phase(Protocol):
+    """One process of a step.
+
+    It owns the stages that it adds to every sub-step, the device arrays that only it uses, what it does on the host
+    after a row of sub-steps, and its check. Derive from it and write what differs; only ``stages`` has to be written.
+
+    Attributes:
+        name: Name of the verb of the step, as in ``Stage.phase``.
+        moves_nodes: Whether the ends of channels, and the nodes with them, may move.
+    """
+
+    name: str
+    moves_nodes: bool = False
+
+    def check_network(self, network: RiverNetwork) -> None:
+        """Raise ``ValueError`` for a network that the process cannot deal with."""
+        return None
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays for the capacities of the state; called again when these have grown."""
+
+    def install(self, state: State) -> None:
+        """Take the channels of the network; called at the start, and after every edit of the network."""
+        return None
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return what the process launches in a sub-step, in order. It allocates nothing."""
+        ...
+
+    def after(self, state: State, row: Row) -> list[Event]:
+        """Do on the host what a row asks for, and return its events; the network may be edited by ``state.adopt``."""
+        return []
+
+    def grow(self, state: State, status: list[int]) -> bool:
+        """Enlarge what a sub-step found too small, and tell whether the fault in its status was this phase's."""
+        return False
+
+    def check(self, state: State) -> None:
+        """Raise :class:`PhaseError` where the stages of a sub-step broke their promise; slow, on the host."""
+        return None
+
+    def saved(self, state: State) -> dict[str, np.ndarray]:
+        """Return what a record needs so that a run resumed from it goes on to the same bits, by names of its own."""
+        return {}
+
+    def restore(self, state: State, saved: dict[str, np.ndarray]) -> None:
+        """Take up what ``saved`` returned; called before ``install``, at the start of a run that is resumed."""
+        return None
+
+
+def require(good: np.ndarray, phase: str, problem: str, kind: str) -> None:
+    """Raise :class:`PhaseError` unless all is good; it names the first of its kind that is not."""
+    if not good.all():
+        index = int(np.argmin(good))
+        raise PhaseError(f"after {phase!r}: {kind} {index} {problem} ({int((~good).sum())} in all)")

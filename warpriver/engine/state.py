@@ -1,0 +1,509 @@
+"""State: a network on its device in the middle of a step, and what all phases of the step share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver.engine.phase import Phase, require
+from warpriver.engine.stages import Share, Stage, launch, run_stages
+from warpriver.engine.substeps import schedule_channels
+from warpriver.graph.edits import EditedChannels
+from warpriver.kernels import runs as kernels
+from warpriver.kernels.polyline import (
+    COARSEST_SPACING,
+    GOAL,
+    POINTS,
+    POINTS_NEEDED,
+    STATUS_SIZE,
+    SUBSTEP_SIZE,
+    Work,
+)
+from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.terrain import Terrain
+
+__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "State", "Status"]
+
+# Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
+# that is for the host. On the CPU looking costs nothing.
+SUBSTEPS_IN_A_ROW = 16
+# Consecutive points that a thread takes, on a GPU and on the CPU; 0: slabs of whole channels.
+CUDA_CHUNK, CPU_CHUNK = 32, 0
+# Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
+# cache when the next one reads it.
+SLAB_POINTS = 16_384
+# Points of a chunk where a thread copies runs of points.
+CPU_COPY_CHUNK = 4096
+# Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
+HEADROOM = 1.5
+# A time step that needs more sub-steps than this is taken for a mistake in its unit.
+MAX_SUBSTEPS = 10_000
+# Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, m.
+NARROWEST, SHALLOWEST, WIDEST, WANTED = range(4)
+# Limits of a sub-step by width, depth and constants, yr; see ``migration.step_limits``.
+StepLimits = Callable[[Any, Any, Any], tuple[Any, Any]]
+
+
+class Status:
+    """How a row of sub-steps went, as one small block of integers: all that the host looks at after a row.
+
+    On the CPU the host sees the device's array itself, without a call that costs. On a GPU the block travels by way of
+    pinned memory, to the device before a row and back after it, and both copies can be recorded with the row.
+
+    Attributes:
+        array: The numbers of ``kernels/polyline.py``, then the number of each sub-step of the row in its step and how
+            many there are in that step.
+    """
+
+    def __init__(self, device: Any):
+        """Allocate on a device."""
+        size = STATUS_SIZE + 2 * SUBSTEPS_IN_A_ROW
+        self.array = wp.zeros(size, dtype=wp.int32, device=device)
+        self._host = self.array if device.is_cpu else wp.zeros(size, dtype=wp.int32, device="cpu", pinned=True)
+        self._view = self._host.numpy()
+
+    def begin(self, steps: int) -> None:
+        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
+        points = self._view[POINTS]
+        self._view[...] = 0
+        self._view[GOAL], self._view[POINTS] = steps, points
+
+    def send(self) -> None:
+        """Copy the host's block to the device."""
+        if self._host is not self.array:
+            wp.copy(self.array, self._host)
+
+    def fetch(self) -> None:
+        """Copy the device's block to the host, who has to wait for it; see ``read``."""
+        if self._host is not self.array:
+            wp.copy(self._host, self.array)
+
+    def stages(self, row: list[Stage]) -> list[Stage]:
+        """Return a row of stages with both copies around them."""
+        if self._host is self.array:
+            return row
+        send = Stage("row", lambda _: self.send(), shared=False)
+        return [send, *row, Stage("row", lambda _: self.fetch(), shared=False)]
+
+    def read(self) -> np.ndarray:
+        """Wait for the device and return the host's block."""
+        if self._host is not self.array:
+            wp.synchronize_device(self.array.device)
+        return self._view
+
+
+class State:
+    """A network on its device, with what all phases of a step share: the points on their way, channels, shares of work.
+
+    Beyond the network's channels there are empty ones, without points, which always rest: so the arrays, and with them
+    a recorded step, outlast edits of the network.
+
+    Attributes:
+        network: The network as it is now.
+        params: Constants of the model.
+        terrain: The ground on the network's device, or None for a plain.
+        phases: All phases of a step, in order.
+        edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
+        edits: Edits of the network so far.
+        channel_length: (C,) length of the channels at the last edit, m.
+        stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
+        substeps: Equal parts in which the last step was done.
+        status: How the sub-steps went.
+        point_capacity, channel_capacity: Room for points and channels.
+        chunk: Points that a thread takes, 0 where it takes whole channels.
+        share_count: Number of chunks, or of the slabs of whole channels.
+        slabs: Shares of the work that can be done one after the other or at once; ``whole``: all of it as one share.
+        point_moved: (P,) vec2, points on their way through a sub-step, m.
+        section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
+        spare: Two (P,) int32 arrays that a phase may use from one of its stages to the next, and no longer.
+        start: (C + 1,) offsets of the channels' points; the network's ``channel_start`` is a view of it.
+        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
+        spacing: (C,) even spacing of the points, m.
+        limit: (C,) vec3 of the two limits of a sub-step, yr, and the least width, m.
+        closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
+        mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
+            as ``mobility_bits`` is that of ``mobility``.
+        parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
+        step: (C,) time step in this sub-step, yr; 0 where the channel rests.
+        substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
+            the channels ask for.
+        keep_plan: Whether the parts in which channels do a step hold for the next one, too.
+    """
+
+    status: Status
+    whole: Share
+    slabs: list[Share]
+    start: wp.array
+    _fixed: np.ndarray
+    _slab_channel: wp.array
+
+    def __init__(
+        self, network: RiverNetwork, params: Any, terrain: Terrain | None, phases: Sequence[Phase], limits: StepLimits
+    ):
+        """Allocate for a network, and take its channels.
+
+        Args:
+            network: The network; it is changed by the steps.
+            params: Constants of the model.
+            terrain: The ground on the network's device, or None.
+            phases: All phases of a step, in order; one of them resamples, see ``resample``.
+            limits: (width, depth, params) -> the two limits of a sub-step, yr.
+        """
+        self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
+        self._limits = limits
+        self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
+        self.keep_plan = False
+        self.status = Status(network.device)
+        self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
+        self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
+
+    @property
+    def device(self) -> Any:
+        """The Warp device."""
+        return self.network.device
+
+    @property
+    def scalar(self) -> Any:
+        """Warp's type of a real number."""
+        return PRECISIONS[self.network.dtype][0]
+
+    @property
+    def vec2(self) -> Any:
+        """Warp's type of a point."""
+        return PRECISIONS[self.network.dtype][1]
+
+    def zeros(self, count: int, dtype: Any = wp.int32) -> wp.array:
+        """Return an array of zeros on the device."""
+        return wp.zeros(count, dtype=dtype, device=self.device)
+
+    def changed(self) -> None:
+        """Tell that stages made before are out of date."""
+        self.edition += 1
+
+    # ---- room
+
+    def begin(self, saved: dict[str, np.ndarray] | None = None) -> None:
+        """Allocate and take the network's channels as they are.
+
+        Args:
+            saved: What ``saved`` returned at the end of a run that is resumed; else the spacing is that asked for.
+        """
+        network = self.network
+        length = network.channel_lengths()
+        fixed = self._fix_channels() if saved is None else saved["channel_fixed"]
+        needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
+        self.channel_length = length
+        if saved is not None:
+            for phase in self.phases:
+                phase.restore(self, saved)
+        self._allocate_channels()
+        self._allocate_points(int(HEADROOM * needed) + 64)
+        self._install(fixed[:, WANTED] if saved is None else saved["channel_spacing"], fixed)
+        self.plan_anew()
+        if saved is not None:
+            _assign(self.pace, saved["channel_pace"])
+
+    def make_room(self, points: int) -> None:
+        """Make room for so many points, and for those to come; the network and ``point_moved`` are kept."""
+        moved, section = self.point_moved, self.section_moved
+        self._allocate_points(int(HEADROOM * points))
+        wp.copy(self.point_moved, moved, count=len(moved))
+        if section is not None and self.section_moved is not None:
+            wp.copy(self.section_moved, section, count=len(section))
+
+    def _allocate_points(self, points: int) -> None:
+        network = self.network
+        self.point_capacity = points
+        self.chunk = CPU_CHUNK if self.device.is_cpu else CUDA_CHUNK
+        self.chunk_count = math.ceil(points / self.chunk) if self.chunk else 1
+        self.share_count = self.chunk_count if self.chunk else math.ceil(points / SLAB_POINTS)
+        self.point_moved = self.zeros(points, self.vec2)
+        self.section_moved = None if network.point_section is None else self.zeros(points, self.vec2)
+        self.spare = self.zeros(points), self.zeros(points)
+        for name in ("point_xy", "point_section"):
+            old = getattr(network, name)
+            if old is not None and len(old) != points:
+                new = self.zeros(points, old.dtype)
+                wp.copy(new, old, count=network.point_count)
+                setattr(network, name, new)
+        self._make_shares()
+        self._deal_out()
+        for phase in self.phases:
+            phase.allocate(self)
+        self.changed()
+
+    def _allocate_channels(self) -> None:
+        network = self.network
+        # A join or the split of a ring makes one more, a loss of a whole channel one less.
+        grows = network.channel_count > 1 or network.channel_closed.any()
+        count = network.channel_count + max(8, network.channel_count // 8) if grows else 1
+        scalar, zeros = self.scalar, self.zeros
+        self.channel_capacity = count
+        self.start = zeros(count + 1)
+        self.form, self.limit = zeros(count, wp.types.vector(4, scalar)), zeros(count, wp.types.vector(3, scalar))
+        self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
+        self.parts = zeros(count)
+        self.mobility = None if self.terrain is None else zeros(count, scalar)
+        self.closed = zeros(count) if network.channel_closed.any() else None
+        self.pace_bits = _bits(self.pace)
+        self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
+
+    def _make_shares(self) -> None:
+        """Divide the work in slabs of whole channels on the CPU, in chunks of points on a GPU."""
+        by_slab, threads = self.chunk == 0, self.share_count
+        self._slab_channel = self.zeros(threads + 1 if by_slab else 1)
+        work = Work()
+        work.status, work.slab_channel = self.status.array, self._slab_channel
+        work.chunk, work.first = self.chunk, 0
+        self.whole = Share(work, threads, threads if by_slab else self.channel_capacity)
+        self.slabs = [self.whole.slab(k) for k in range(threads)] if by_slab and threads > 1 else [self.whole]
+
+    def _deal_out(self) -> None:
+        """Deal the network's channels out to the slabs."""
+        if self.chunk == 0:
+            # All slabs get a like number of points, so that threads that take as many slabs have as much to do.
+            start, threads = self.network.starts().astype(np.int64), self.share_count
+            first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
+            table = np.full(threads + 1, self.network.channel_count, np.int32)
+            table[: len(first)] = first
+            self._slab_channel.assign(table)
+
+    # ---- channels
+
+    def _fix_channels(self) -> np.ndarray:
+        """Return what holds for the channels until the next edit, (C, 4): ``NARROWEST`` and so on."""
+        network = self.network
+        narrow = widest = network.channel_width
+        shallow = network.channel_depth
+        if network.point_section is not None:
+            section = network.point_section[: network.point_count].numpy().astype(np.float64)
+            first = network.starts()[:-1]
+            narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
+            widest = np.maximum.reduceat(section[:, 0], first)
+        wanted = np.full(network.channel_count, self.params.spacing)
+        if self.params.spacing_in_widths > 0.0:
+            wanted = np.minimum(wanted, self.params.spacing_in_widths * narrow)
+        return np.column_stack([narrow, shallow, widest, wanted])
+
+    def _install(self, spacing: np.ndarray, fixed: np.ndarray, carried: dict[str, np.ndarray] | None = None) -> None:
+        """Take the network's channels.
+
+        Args:
+            spacing: (C,) even spacing of their points, m.
+            fixed: (C, 4) from :meth:`_fix_channels`.
+            carried: (C,) arrays of ``pace``, ``parts`` and ``mobility`` from before an edit; else they begin at 0.
+        """
+        network, self._fixed, carried = self.network, fixed, carried or {}
+        limit = np.column_stack([*self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, 0]])
+        self.stable_dt = float(np.min(limit[:, :2]))
+        needed = self.params.time_step / self.stable_dt
+        if needed > MAX_SUBSTEPS:
+            raise ValueError(
+                f"a time step of {self.params.time_step:g} yr is {math.ceil(needed)} times what these channels allow "
+                f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
+            )
+        if network.channel_count > self.channel_capacity:
+            self._allocate_channels()
+            self._make_shares()
+            for phase in self.phases:
+                phase.allocate(self)
+            self.changed()
+        start = network.starts()
+        self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
+        network.channel_start = self.start[: network.channel_count + 1]
+        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
+        for array, values in (
+            (self.form, form), (self.spacing, spacing), (self.limit, limit),
+            (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
+            *((getattr(self, name), carried.get(name, np.zeros(0))) for name in ("pace", "parts", "mobility")),
+        ):  # fmt: skip
+            if array is not None:
+                _assign(array, values)
+        self._deal_out()
+        for phase in self.phases:
+            phase.install(self)
+        # On a plain a step that is stable for any bend needs no plan but the first.
+        keep_plan = self.terrain is None and self.params.time_step <= self.stable_dt
+        if self.keep_plan:
+            self.plan_anew()
+        if self.keep_plan != keep_plan:
+            self.keep_plan = keep_plan
+            self.changed()
+
+    @property
+    def channel_form(self) -> np.ndarray:
+        """(C, 4) mean width, mean depth, greatest width and spacing asked for of the network's channels, m."""
+        network = self.network
+        return np.column_stack([network.channel_width, network.channel_depth, self._fixed[:, [WIDEST, WANTED]]])
+
+    def plan_anew(self) -> None:
+        """Let the next sub-step begin a step, and the step be planned."""
+        self.substep.assign(np.array([0, 1, 0], np.int32))
+
+    def assign(self, array: wp.array, values: np.ndarray) -> None:
+        """Copy a host array to the beginning of a device array, and fill the rest with 0."""
+        _assign(array, values)
+
+    # ---- running
+
+    def run(self, stages: Iterable[Stage]) -> None:
+        """Run stages."""
+        run_stages(stages, self.whole, self.slabs)
+
+    def begin_row(self, steps: int = 1) -> None:
+        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
+        self.status.begin(steps)
+        self.status.send()
+
+    def read_status(self) -> list[int]:
+        """Return ``status`` as it is now on the device."""
+        self.status.fetch()
+        return self.status.read().tolist()
+
+    def resample(self) -> None:
+        """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
+        while True:
+            self.begin_row(steps=0)
+            self.run([stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)])
+            needed = self.read_status()[POINTS_NEEDED]
+            if needed <= self.point_capacity:
+                self.network.point_count = needed
+                return
+            self.make_room(needed)
+
+    def resample_start(self) -> None:
+        """Bring the network's lines as given to the even spacing."""
+        _assign(self.step, np.ones(self.network.channel_count))
+        wp.copy(self.point_moved, self.network.point_xy)
+        if self.section_moved is not None and self.network.point_section is not None:
+            wp.copy(self.section_moved, self.network.point_section)
+        self.resample()
+
+    def adopt(
+        self, edited: EditedChannels, loops: wp.array | None = None, loop_sections: wp.array | None = None
+    ) -> None:
+        """Go on with edited channels: their points are taken over and brought to the even spacing.
+
+        Args:
+            edited: The channels after an edit of the network.
+            loops: Points that ``edited.loops`` are cut from, where it has any.
+            loop_sections: Widths and depths that go with them, where they vary.
+        """
+        network = self.network
+        self.edits += 1
+        needed = int(edited.channel_start[-1])
+        if needed > self.point_capacity:
+            self._allocate_points(int(HEADROOM * needed))
+        self._gather(edited, loops, loop_sections)
+        network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
+        if network.point_section is not None and self.section_moved is not None:
+            wp.copy(network.point_section, self.section_moved, count=network.point_count)
+        spacing = self.spacing.numpy()[edited.channel_old].astype(np.float64)
+        self.channel_length = spacing * (np.diff(edited.channel_start) - ~network.channel_closed)
+        carried = {
+            name: array.numpy()[edited.channel_old]
+            for name in ("pace", "parts", "mobility")
+            if (array := getattr(self, name)) is not None
+        }
+        fixed = self._fix_channels()
+        self._install(spacing, fixed, carried)
+        # A channel that has become narrower may have to be sampled more finely.
+        _assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
+        self.resample()
+        # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
+        self.begin_row()
+        go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
+        schedule_channels(self, go_on)
+
+    def _gather(self, edited: EditedChannels, loops: wp.array | None, loop_sections: wp.array | None) -> None:
+        """Bring the points of the network into the order of its edited channels, in ``point_moved``."""
+        network, device = self.network, self.device
+        real = PRECISIONS[network.dtype][2]
+        begin: wp.array = wp.array(edited.run_begin.astype(np.int32), dtype=wp.int32, device=device)
+        start: wp.array = wp.array(edited.run_start.astype(np.int32), dtype=wp.int32, device=device)
+        scale: wp.array | None = None
+        if edited.run_scale is not None:
+            scale = wp.array(edited.run_scale.astype(real), dtype=self.vec2, device=device)
+        chunk, filled = self.chunk or CPU_COPY_CHUNK, int(edited.run_start[-1])
+        launch(
+            kernels.build(self.scalar).gather_runs,
+            dim=math.ceil(filled / chunk),
+            inputs=[network.point_xy, network.point_section, chunk, begin, start, scale],
+            outputs=[self.point_moved, self.section_moved],
+            device=device,
+        )
+        for first, count in edited.loops:
+            assert loops is not None
+            wp.copy(self.point_moved, loops, filled, first, count)
+            if self.section_moved is not None and loop_sections is not None:
+                wp.copy(self.section_moved, loop_sections, filled, first, count)
+            filled += count
+
+    def place_nodes(self) -> None:
+        """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
+        if any(phase.moves_nodes for phase in self.phases):
+            network, start = self.network, self.network.starts()
+            xy = network.point_xy[: network.point_count].numpy()
+            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
+                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+
+    # ---- records and checks
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """Return what a record needs beside the network, so that the next step is the same to the bit."""
+        count = self.network.channel_count
+        own = {
+            "channel_spacing": self.spacing.numpy()[:count].copy(),
+            "channel_fixed": self._fixed,
+            "channel_pace": self.pace.numpy()[:count].copy(),
+        }
+        for phase in self.phases:
+            own |= phase.saved(self)
+        return own
+
+    def check_moved(self, phase: str, anchored: bool) -> None:
+        """Raise ``PhaseError`` unless ``point_moved`` is finite and, where they are anchored, all ends are in place."""
+        network, start = self.network, self.network.starts()
+        moved, before = (a[: start[-1]].numpy() for a in (self.point_moved, network.point_xy))
+        require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
+        for ends in (start[:-1], start[1:] - 1) if anchored else ():
+            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+            require(kept, phase, "lost its anchored end", "channel")
+
+    @property
+    def nbytes(self) -> int:
+        """Device memory of all arrays in bytes, those of the phases included."""
+        # Two that begin at the same place are one.
+        arrays = {a.ptr: a for a in _arrays_of([vars(self), self.phases])}
+        return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays.values())
+
+
+def _arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
+    """Device arrays in values, in containers and in what belongs to the phases; those of the network are its own."""
+    for value in values:
+        if isinstance(value, wp.array):
+            yield value
+        elif isinstance(value, (list, tuple)):
+            yield from _arrays_of(value)
+        elif isinstance(value, dict):
+            yield from _arrays_of(value.values())
+        elif type(value).__module__.startswith("warpriver.") and not isinstance(value, (RiverNetwork, Terrain, State)):
+            yield from _arrays_of(getattr(value, "__dict__", {}).values())
+
+
+def _assign(array: wp.array, values: np.ndarray) -> None:
+    """Copy a host array to the beginning of a device array, and fill the rest with 0."""
+    host = np.zeros(array.shape + values.shape[1:], values.dtype)
+    host[: len(values)] = values
+    array.assign(host)
+
+
+def _bits(array: wp.array) -> wp.array:
+    """The memory of real numbers from 0 on as integers, whose order is theirs."""
+    kind = wp.int64 if array.dtype is wp.float64 else wp.int32
+    return wp.array(ptr=array.ptr, dtype=kind, shape=array.shape, device=array.device, copy=False)

@@ -1,0 +1,284 @@
+"""Stepper: does steps, phase by phase, in rows of sub-steps that are recorded and replayed, with room to grow."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver.crs import short_name
+from warpriver.engine.phase import Phase, Row
+from warpriver.engine.stages import Replay, Stage
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
+from warpriver.engine.substeps import begin_substep
+from warpriver.history.events import Event
+from warpriver.kernels.polyline import (
+    CONTACTS,
+    DONE,
+    FAULT,
+    FAULT_NONE,
+    FAULT_NOT_FINITE,
+    HALT,
+    PARTS,
+    POINTS,
+    POINTS_NEEDED,
+    STATUS_SIZE,
+    STEPS,
+    TOUCH,
+)
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
+
+__all__ = ["Stepper", "check_ground", "check_saved"]
+
+
+class Stepper:
+    """Does the steps of a model, and keeps their events until they are taken.
+
+    Attributes:
+        state: The network on its device, with what all phases share.
+        phases: The phases of a step, in order.
+        step_count: Steps done.
+        row_limit: Sub-steps at most before the host looks at them.
+        threads: Greatest number of threads that a step is dealt out to.
+        check: True: every phase of every step is checked.
+        capture: True: steps are recorded once and replayed.
+        seconds: Where the time of each phase is added up, by its name; None: a step is replayed in one piece, and not
+            timed. What a phase does on the host after a row counts as NAME + " on host".
+    """
+
+    def __init__(
+        self,
+        network: RiverNetwork,
+        params: Any,
+        terrain: Terrain | None,
+        phases: Sequence[Phase],
+        limits: StepLimits,
+        *,
+        check: bool = False,
+        capture: bool = True,
+        threads: int | None = None,
+        saved: dict[str, np.ndarray] | None = None,
+    ):
+        """Take a network, which the steps change.
+
+        Args:
+            network: The network, on its device.
+            params: Constants of the model.
+            terrain: The ground, or None.
+            phases: The phases of a step, in order; the first moves the points, one of the others resamples.
+            limits: (width, depth, params) -> the two limits of a sub-step, yr.
+            check: Check every phase of every step, slowly.
+            capture: Record steps and replay them.
+            threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
+            saved: What ``State.saved`` returned at the end of a run that is resumed.
+
+        Raises:
+            ValueError: The network is none that the phases can deal with, or the time step is out of proportion.
+        """
+        self.check, self.capture = check, capture and not check
+        self.threads = _thread_count(threads) if network.device.is_cpu else 1
+        self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
+        self.step_count = 0
+        self.seconds: dict[str, float] | None = None
+        if terrain is not None and terrain.device != network.device:
+            terrain = terrain.to(network.device)
+        self.phases = tuple(phases)
+        self.state = State(network, params, terrain, self.phases, limits)
+        # Rings that split are for the host at once.
+        splits = network.channel_closed.any() and params.ring_policy == "both"
+        alone = network.device.is_cpu or not self.capture or bool(splits)
+        self.row_limit = 1 if alone else SUBSTEPS_IN_A_ROW
+        self._calm = 0
+        self._events: list[Event] = []
+        self._replays: dict[int, Any] = {}
+        self._edition = -1
+        self.state.begin(saved)
+        if saved is None:
+            self.state.resample_start()
+            self._measure_pace()
+
+    def _measure_pace(self) -> None:
+        """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
+        state = self.state
+        state.begin_row()
+        state.run([*begin_substep(state), *self.phases[0].stages(state)])
+        state.plan_anew()
+
+    def stages(self) -> list[Stage]:
+        """Return the stages of one sub-step, in order."""
+        state = self.state
+        return [*begin_substep(state), *(stage for phase in self.phases for stage in phase.stages(state))]
+
+    def take_events(self) -> list[Event]:
+        """Return what happened since the last call, in the order of time."""
+        events, self._events = self._events, []
+        return events
+
+    def step(self, count: int = 1) -> None:
+        """Do so many steps; a sub-step that did not fit into its room changed nothing and is repeated.
+
+        Raises:
+            FloatingPointError: A point is no longer finite; the state before that sub-step is kept.
+        """
+        goal, state = self.step_count + count, self.state
+        while self.step_count < goal:
+            steps = goal - self.step_count
+            length = max(1, min(self.row_limit, self._calm, steps * state.substeps))
+            # Powers of two: a few recordings serve rows of any length.
+            status = self._launch(1 << length.bit_length() - 1, steps)
+            if status[DONE] > 0:
+                state.network.point_count = status[POINTS]
+                state.substeps = status[PARTS]
+            self._calm += status[DONE]
+            self._settle(status)
+            self.step_count += status[STEPS]
+            if status[FAULT] != FAULT_NONE:
+                self._make_room(status)
+
+    def _settle(self, status: list[int]) -> None:
+        """Let the phases do on the host what a row asks for."""
+        state, times = self.state, self._times_after(status)
+        edits = state.edits
+        for phase in self.phases:
+            begin = time.perf_counter()
+            halted = status[HALT] == TOUCH
+            self._events += phase.after(state, Row(status, times, edited=state.edits > edits, halted=halted))
+            if self.seconds is not None:
+                wp.synchronize_device(state.device)
+                self._add_seconds(f"{phase.name} on host", begin)
+        if state.edits > edits or status[CONTACTS] > 0:
+            self._calm = 0
+
+    def _times_after(self, status: list[int]) -> list[float]:
+        """Time in yr after each of the sub-steps of a row."""
+        steps, times = self.step_count, []
+        done = status[STATUS_SIZE : STATUS_SIZE + 2 * status[DONE]]
+        for number, total in zip(done[::2], done[1::2], strict=True):
+            times.append((steps + (number + 1) / total) * self.state.params.time_step)
+            steps += number + 1 == total
+        return times
+
+    def _launch(self, count: int, steps: int) -> list[int]:
+        """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked.
+
+        Returns:
+            The status after them.
+        """
+        state = self.state
+        if self.capture:
+            if state.edition != self._edition:
+                self._replays, self._edition = {}, state.edition
+            if count not in self._replays:
+                stages = state.status.stages(self.stages() * count)
+                self._replays[count] = self._record(stages)
+            state.status.begin(steps)
+            for name, replay in self._replays[count]:
+                begin = time.perf_counter()
+                replay.run()
+                if self.seconds is not None:
+                    wp.synchronize_device(state.device)
+                    self._add_seconds(name, begin)
+            return state.status.read().tolist()
+        state.begin_row(steps)
+        if self.check:
+            state.run(begin_substep(state))
+            for phase in self.phases:
+                state.run(phase.stages(state))
+                if state.read_status()[FAULT] == FAULT_NONE:
+                    phase.check(state)
+        else:
+            state.run(self.stages() * count)
+        return state.read_status()
+
+    def _record(self, stages: list[Stage]) -> list[tuple[str, Replay]]:
+        """Record stages: in one piece, or phase by phase where each is timed."""
+        state, groups = self.state, [("step", stages)]
+        if self.seconds is not None:
+            groups = [(name, list(group)) for name, group in itertools.groupby(stages, lambda stage: stage.phase)]
+        return [(name, Replay(group, state.whole, state.slabs, state.device, self._pool)) for name, group in groups]
+
+    def time_phases(self, seconds: dict[str, float] | None) -> None:
+        """Add the time of each phase up in ``seconds`` from now on; None: no longer.
+
+        The phases are then replayed one by one, so that one no longer finds in the cache what the one before left
+        there: their sum is somewhat more than a step costs in one piece.
+        """
+        self.seconds = seconds
+        self.state.changed()
+
+    def _add_seconds(self, name: str, begin: float) -> None:
+        assert self.seconds is not None
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+    def _make_room(self, status: list[int]) -> None:
+        """Enlarge what a sub-step found too small.
+
+        Raises:
+            FloatingPointError: That was not what is wrong.
+        """
+        self._calm = 0
+        if status[FAULT] == FAULT_NOT_FINITE:
+            raise FloatingPointError(
+                f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
+            )
+        if not any([phase.grow(self.state, status) for phase in self.phases]):
+            self.state.make_room(status[POINTS_NEEDED])
+
+
+def _thread_count(threads: int | None) -> int:
+    """Return the number of threads asked for, or that of the cores that the process may use."""
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads != int(threads) or threads < 1:
+        raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
+    return int(threads)
+
+
+def check_saved(saved: Any, count: int, step: int) -> None:
+    """Raise ``ValueError`` unless a record has what a run needs to go on from it.
+
+    Args:
+        saved: ``Record.resume``.
+        count: Number of channels.
+        step: Step of the record.
+    """
+    # Columns that are lengths; a pace may be 0, and the label of a node -1.
+    for name, shape, lengths in (
+        ("channel_spacing", (count,), 1), ("channel_fixed", (count, 4), 4), ("channel_pace", (count,), 0),
+        ("channel_nodes", (count, 2), 0),
+    ):  # fmt: skip
+        if name == "channel_nodes" and name not in saved:
+            continue  # channels never join
+        array = saved.get(name, np.empty(0))
+        fits = array.shape == shape and bool(np.isfinite(array).all())
+        if not fits or (array.reshape(count, -1)[:, :lengths] <= 0.0).any():
+            raise ValueError(
+                f"the run cannot go on from its record of step {step}: {name} is missing or damaged; resume from a "
+                "copy of the run"
+            )
+
+
+def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
+    """Raise ``ValueError`` unless the terrain lies under the network."""
+    if terrain is None:
+        return
+    if terrain.crs is not None and network.crs is not None and terrain.crs != network.crs:
+        raise ValueError(
+            f"the terrain is in {short_name(terrain.crs)}, the network in {short_name(network.crs)}; "
+            "read one of them with to_crs="
+        )
+    west, south, east, north = terrain.bounds
+    xy = network.points()
+    inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
+    if not inside.any():
+        raise ValueError(
+            f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
+            f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
+        )

@@ -1,0 +1,88 @@
+"""The parts in which each channel does a time step, as its width, its depth, its pace and the ground ask for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import warp as wp
+
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.kernels import schedule as kernels
+
+if TYPE_CHECKING:
+    from warpriver.engine.state import State
+
+__all__ = ["begin_substep", "schedule_channels"]
+
+
+def begin_substep(state: State) -> list[Stage]:
+    """Return the stages that begin a sub-step of any model: planned, if it is the first of a step, and dealt out.
+
+    Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
+    longer by 1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
+    go to ``state.most``. Nothing changes while ``state.substep`` says that the step is planned.
+    """
+    kernel, device, params, terrain = kernels.build(state.scalar), state.device, state.params, state.terrain
+    network, status = state.network, state.status.array
+
+    def clear(_: Share) -> None:
+        launch(
+            kernel.begin_substep,
+            dim=state.channel_capacity,
+            inputs=[state.substep],
+            outputs=[state.mobility, state.most, status],
+            device=device,
+        )
+
+    def measure(share: Share) -> None:
+        assert terrain is not None
+        launch(
+            kernel.measure_mobility,
+            dim=share.point_threads,
+            inputs=[
+                network.point_xy, state.start, state.form, terrain.height, terrain.grid(network.dtype, network.origin),
+                params.slope_threshold, params.time_step, share.work, state.limit, state.substep,
+            ],
+            outputs=[state.mobility_bits],
+            device=device,
+        )  # fmt: skip
+
+    def choose(_: Share) -> None:
+        launch(
+            kernel.plan_steps,
+            dim=state.channel_capacity,
+            inputs=[state.limit, params.time_step, state.substep, status, state.mobility, state.pace],
+            outputs=[state.parts, state.most],
+            device=device,
+        )
+
+    def deal_out(_: Share) -> None:
+        schedule_channels(state, state.substep, state.most, state.pace)
+
+    felt = [] if terrain is None else [Stage("migrate", measure)]
+    return [
+        Stage("migrate", clear, shared=False),
+        *felt,
+        Stage("migrate", choose, shared=False),
+        Stage("migrate", deal_out, shared=False),
+    ]
+
+
+def schedule_channels(
+    state: State, substep: wp.array, most: wp.array | None = None, pace: wp.array | None = None
+) -> None:
+    """Set the time step of every channel in a sub-step, ``state.step``: 0 where it rests.
+
+    Args:
+        state: With its status halted, nothing changes.
+        substep: Three int32: the number of the sub-step, how many there are, 1 where that is settled.
+        most: ``state.most``, from which the first sub-step of a step takes how many there are; or None.
+        pace: ``state.pace``, to be cleared in the first sub-step.
+    """
+    launch(
+        kernels.build(state.scalar).schedule_channels,
+        dim=state.channel_capacity,
+        inputs=[state.parts, state.params.time_step, most],
+        outputs=[state.step, pace, substep, state.status.array],
+        device=state.device,
+    )

@@ -1,0 +1,233 @@
+"""Loops that are cut off: saved as oxbow lakes, or rings that go on, and taken out of their channels."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from warpriver.engine.phase import Row, require
+from warpriver.engine.scans import Scan
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
+from warpriver.graph.rings import split_rings
+from warpriver.history.events import Cutoff, Event, Split
+from warpriver.kernels import cutoffs as kernels
+from warpriver.kernels.polyline import (
+    CUT_POINTS,
+    CUT_POINTS_NEEDED,
+    CUTS,
+    CUTS_NEEDED,
+    FAULT,
+    FAULT_OXBOWS_FULL,
+    Marks,
+)
+
+__all__ = ["ChunkMarks", "Loops", "PointTable"]
+
+
+class PointTable:
+    """The points of ``state.point_moved`` in a grid for each channel, to find what is near.
+
+    Attributes:
+        point_next, bucket_head: linked lists of the points in each grid cell; 0 ends a list. ``bucket_row``: the same
+            table by fours.
+    """
+
+    bucket_head: wp.array
+    bucket_row: wp.array
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays; the lists are in the state's spare array."""
+        # With chunks a bucket has two fields.
+        fields = 2 if state.chunk else 1
+        self.point_next = state.spare[0]
+        self.bucket_head = state.zeros(4 * fields * state.point_capacity)
+        rows = fields * state.point_capacity
+        self.bucket_row = wp.array(
+            ptr=self.bucket_head.ptr, dtype=wp.vec4i, shape=rows, device=state.device, copy=False
+        )
+
+    def stages(self, state: State, distance: float) -> list[Stage]:
+        """Return the stages that link the points.
+
+        Args:
+            state: Its points have moved.
+            distance: How far apart near points are at most, in greatest widths of the channel; a cell is twice as wide.
+        """
+
+        def link(share: Share) -> None:
+            launch(
+                kernels.build(state.scalar).insert_points,
+                dim=share.point_threads,
+                inputs=[state.start, state.form, state.step, distance, share.work, state.point_moved],
+                outputs=[self.point_next, self.bucket_row, self.bucket_head],
+                device=state.device,
+            )
+
+        # A slab empties what is its own.
+        clear = Stage("cut off", lambda _: self.bucket_head.zero_(), shared=False)
+        return [*([clear] if state.chunk else []), Stage("cut off", link)]
+
+
+class ChunkMarks:
+    """Which chunks hold necks, or ends of shortcuts; on the CPU, where there are no chunks, nothing.
+
+    Attributes:
+        chunk_mark, chunk_mark_sum: vec2i, 1 where a chunk is marked and a point that it reaches; the running sum and
+            maximum.
+        marks: The list of the marked chunks.
+    """
+
+    chunk_mark: wp.array
+    chunk_mark_sum: wp.array
+    scan: Scan
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        count = state.chunk_count
+        self.chunk_mark, self.chunk_mark_sum = state.zeros(count, wp.vec2i), state.zeros(count, wp.vec2i)
+        self.scan = Scan("marks", self.chunk_mark, self.chunk_mark_sum, state.scalar, serial=state.chunk == 0)
+        self.marks = Marks()
+        if state.chunk:
+            self.marks.place, self.marks.chunk = state.zeros(count + 1), state.zeros(count)
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stages that list the marked chunks."""
+        if state.chunk == 0:
+            return []
+
+        def run(_: Share) -> None:
+            self.scan.run()
+            outputs = [self.marks.place, self.marks.chunk]
+            launch(
+                kernels.build(state.scalar).list_marks, state.chunk_count, [self.chunk_mark_sum], outputs, state.device
+            )
+
+        return [Stage("cut off", run, shared=False)]
+
+
+class Loops:
+    """The loops that the sub-steps of a row cut off.
+
+    Attributes:
+        share_cut, share_cut_sum: vec2i, cutoffs of a sub-step that begin in each slab or chunk and their points; the
+            running sums.
+        cut: (K,) vec4i records; ``cut_span``: (K,) vec2i, first and last point of each loop.
+        oxbow_xy, oxbow_section: Points of the loops, end to end, and their widths and depths where these vary.
+        cut_capacity, oxbow_capacity: Room for cutoffs and their points.
+    """
+
+    cut: wp.array
+    cut_span: wp.array
+    oxbow_xy: wp.array
+    oxbow_section: wp.array | None
+    share_cut: wp.array
+    share_cut_sum: wp.array
+    scan: Scan
+
+    def __init__(self, *, closed: bool):
+        """Start without room; ``closed``: oxbow lakes are kept as closed lines, the first point repeated."""
+        self.closed = closed
+        self.cut_capacity = self.oxbow_capacity = 0
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays, for a cutoff in 384 points and a sixth of them."""
+        self.share_cut, self.share_cut_sum = (state.zeros(state.share_count, wp.vec2i) for _ in range(2))
+        self.scan = Scan("pairs", self.share_cut, self.share_cut_sum, state.scalar, serial=state.chunk == 0)
+        if self.cut_capacity == 0:
+            self.reserve(state, 64 + state.point_capacity // 384, 1024 + state.point_capacity // 6)
+
+    def reserve(self, state: State, cuts: int, points: int) -> None:
+        """Make room for so many cutoffs and points in a row of sub-steps."""
+        self.cut_capacity, self.oxbow_capacity = cuts, points
+        self.cut, self.cut_span = state.zeros(cuts, wp.vec4i), state.zeros(cuts, wp.vec2i)
+        self.oxbow_xy = state.zeros(points, state.vec2)
+        self.oxbow_section = None if state.section_moved is None else state.zeros(points, state.vec2)
+        state.changed()
+
+    def stages(self, state: State, point_neck: wp.array, point_cut: wp.array, channel_necks: wp.array) -> list[Stage]:
+        """Return the stages that cut off the loops between each point and its ``point_cut``; they must not overlap.
+
+        The loops are saved in the order of the points; their inner points in ``state.point_moved`` become copies of
+        the point before, which have no length.
+
+        Args:
+            state: Its points have moved.
+            point_neck: (P,) int32, -1 where nothing is cut.
+            point_cut: (P,) int32, the point at which the loop ends that begins at a point, where that has a neck; -1
+                for none.
+            channel_necks: (C,) int32, 0 for channels without any, where the work is dealt out in slabs.
+        """
+        kernel, status = kernels.build(state.scalar), state.status.array
+
+        def record(share: Share) -> None:
+            launch(
+                kernel.record_cuts,
+                dim=share.point_threads,
+                inputs=[
+                    state.start, share.work, channel_necks, self.share_cut, self.share_cut_sum, point_neck, point_cut,
+                    state.section_moved,
+                ],
+                outputs=[self.cut, self.cut_span, self.oxbow_xy, self.oxbow_section, state.point_moved, status],
+                device=state.device,
+            )  # fmt: skip
+
+        def save(share: Share) -> None:
+            launch(
+                kernel.save_loops,
+                dim=share.point_threads,
+                inputs=[
+                    state.start, share.work, self.share_cut, self.share_cut_sum, self.cut, self.cut_span,
+                    state.section_moved, status,
+                ],
+                outputs=[self.oxbow_xy, self.oxbow_section, state.point_moved],
+                device=state.device,
+            )  # fmt: skip
+
+        return [
+            Stage("cut off", lambda _: self.scan.run(), shared=False),
+            Stage("cut off", record),
+            Stage("cut off", save),
+        ]
+
+    def after(self, state: State, row: Row) -> list[Event]:
+        """Return the cutoffs and splits of a row; where both parts of a ring go on, the network gets new channels."""
+        count, points = row.status[CUTS], row.status[CUT_POINTS]
+        if count == 0:
+            return []
+        network, events = state.network, list[Event]()
+        cut = self.cut[:count].numpy()
+        xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
+        section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()
+        split = network.channel_closed[cut[:, 0]] & (state.params.ring_policy == "both")
+        edited = split_rings(network, cut[split, :3], xy) if split.any() else None
+        added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
+        for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
+            width = float(network.channel_width[channel] if section is None else section[begin, 0])
+            identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
+            if split[k]:
+                events.append(Split(row.times[substep], identity, next(added), width, loop.copy()))
+            else:
+                line = np.concatenate([loop, loop[:1]]) if self.closed else loop.copy()
+                events.append(Cutoff(row.times[substep], identity, width, line))
+        if edited is not None:
+            state.adopt(edited, self.oxbow_xy, self.oxbow_section)
+        return events
+
+    def grow(self, state: State, status: list[int]) -> bool:
+        """Make room for the loops of a sub-step; where those of a row did not fit together, the next one has it all."""
+        if status[FAULT] != FAULT_OXBOWS_FULL:
+            return False
+        cuts, points = status[CUTS_NEEDED], status[CUT_POINTS_NEEDED]
+        if cuts > self.cut_capacity or points > self.oxbow_capacity:
+            self.reserve(state, max(self.cut_capacity, 2 * cuts), max(self.oxbow_capacity, 2 * points))
+        return True
+
+    def check(self, state: State) -> None:
+        """Cutoffs are in order and lie end to end."""
+        count, total = self.share_cut_sum[-1:].numpy()[0].tolist()
+        cut = self.cut[:count].numpy()
+        require(np.diff(cut[:, 0]) >= 0, "cut off", "is out of order", "cutoff")
+        require(cut[:, 2] >= 3, "cut off", "has no loop", "cutoff")
+        following = np.concatenate([cut[1:, 1], [total]])[: len(cut)]
+        require(following == cut[:, 1] + cut[:, 2], "cut off", "has a gap", "cutoff")

@@ -1,0 +1,79 @@
+"""Models: the phases of a step, by the kind of parameters that a simulation is given."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from warpriver.engine.phase import Phase
+from warpriver.engine.state import StepLimits
+from warpriver.meander.collisions import Collide
+from warpriver.meander.cutoffs import CutOff
+from warpriver.meander.junctions import DriftJunctions
+from warpriver.meander.migration import Migrate, rate_of, step_limits
+from warpriver.meander.resampling import Resample
+from warpriver.meander.smoothing import Smooth
+from warpriver.params import MeanderParams, PathMeander
+from warpriver.shortest_path.push import Push, push_limits, push_rate
+from warpriver.shortest_path.route import TakeShortcuts
+
+__all__ = ["Model", "model_of"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """What a step does, in order.
+
+    Attributes:
+        phases: Phases in order. The first moves the points; those up to the one that resamples work on the points on
+            their way, and those after it on the network.
+        limits: (width, depth, params) -> the two limits of a sub-step, yr; see ``migration.step_limits``.
+    """
+
+    phases: tuple[Phase, ...]
+    limits: StepLimits
+
+    def with_phases(self, added: tuple[Phase, ...]) -> Model:
+        """Return the model with further phases, which work on the points right after they have moved."""
+        return dataclasses.replace(self, phases=(self.phases[0], *added, *self.phases[1:]))
+
+
+def _migration(params: MeanderParams) -> Model:
+    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of)]
+    if params.cutoff_distance > 0.0:
+        phases.append(CutOff())
+    return Model((*phases, Resample(), *_joining(params)), step_limits)
+
+
+def _shortest_paths(params: PathMeander) -> Model:
+    resample = Resample()
+    phases = [Push(), *_shaping(params, push_rate), TakeShortcuts(params, resample.arcs)]
+    return Model((*phases, resample, *_joining(params)), push_limits)
+
+
+def _shaping(params: Any, rate: Callable[..., Any]) -> list[Phase]:
+    smooth: list[Phase] = [Smooth()] if params.taubin_passes > 0 else []
+    return [*smooth, *([DriftJunctions(rate)] if params.junction_drift > 0.0 else [])]
+
+
+def _joining(params: Any) -> list[Phase]:
+    return [Collide()] if params.collision_distance > 0.0 else []
+
+
+# A new kind of parameters is a new model here, and nowhere else.
+MODELS: dict[type, Callable[[Any], Model]] = {MeanderParams: _migration, PathMeander: _shortest_paths}
+
+
+def model_of(params: Any) -> Model:
+    """Return the model that parameters of this kind ask for.
+
+    Raises:
+        ValueError: They are of no kind that a simulation knows.
+    """
+    try:
+        make = MODELS[type(params)]
+    except KeyError:
+        kinds = " or ".join(kind.__name__ for kind in MODELS)
+        raise ValueError(f"params is a {type(params).__name__}; give {kinds}") from None
+    return make(params)

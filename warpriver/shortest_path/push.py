@@ -1,0 +1,112 @@
+"""Meanders by shortest paths, the move: the curvature pushes, and the line is smoothed.
+
+After the study *Meandering river: oxbows from shortest paths* [PathStudy2026]; what follows is in
+:mod:`warpriver.shortest_path.shortcuts` and ``route``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver.engine.phase import Phase
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
+from warpriver.kernels import paths as kernels
+from warpriver.meander.migration import measure_rings
+from warpriver.network import PRECISIONS
+from warpriver.params import PathMeander
+
+__all__ = ["Push", "path_law", "push_limits", "push_rate"]
+
+
+def push_limits(width: Any, depth: Any, params: PathMeander) -> tuple[Any, Any]:
+    """Longest time steps in yr that follow a channel truly, (travel, growth); longer ones are done in equal parts.
+
+    - a bend as tight as its width moves by at most its width, dt <= w / k; where no bend is as tight, it is enough that
+      the fastest point moves by less than half a width;
+    - the shortest waves grow by k / (b^2 w) a year (b the blur length in widths), at most by half in a step.
+
+    The smoothing is implicit and sets no limit.
+
+    Args:
+        width: Channel width in m, a number or an array.
+        depth: Not used; here so that both solvers are asked alike.
+        params: Constants.
+
+    Returns:
+        Two time steps in yr, float64, of the shape of ``width``; infinite where nothing moves.
+    """
+    width = np.asarray(width, np.float64)
+    with np.errstate(divide="ignore"):
+        travel = width / np.float64(params.displacement_rate)
+    return travel, 0.5 * params.blur_length**2 * travel
+
+
+def push_rate(width: np.ndarray, params: PathMeander) -> np.ndarray:
+    """Return the rate k of channels of those widths in m, m/yr."""
+    return np.full(width.shape, params.displacement_rate)
+
+
+def path_law(params: PathMeander, dtype: str) -> Any:
+    """Pack the scalars of the push for the kernels of that precision."""
+    law = kernels.build(PRECISIONS[dtype][0]).PathLaw()
+    law.displacement_rate = params.displacement_rate
+    law.downstream_share = params.downstream_share
+    law.blur_length = params.blur_length
+    law.smoothing = params.smoothing
+    law.end_damping = params.end_damping
+    law.slope_threshold = params.slope_threshold
+    return law
+
+
+class Push(Phase):
+    """Pushes and smooths every point over ``state.step``, into ``state.point_moved``.
+
+    Attributes:
+        point_push: (P,) vec4, push and smoothing of each point, half blurred, m.
+        area: (C,) int64, area of each ring, see ``measure_rings``; None without rings.
+    """
+
+    name = "migrate"
+    point_push: wp.array
+    area: wp.array | None
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        self.point_push = state.zeros(state.point_capacity, wp.types.vector(4, state.scalar))
+        self.area = None if state.closed is None else state.zeros(state.channel_capacity, wp.int64)
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return the stages: areas of rings, the push, the move."""
+        kernel, network, terrain = kernels.build(state.scalar), state.network, state.terrain
+        law = path_law(state.params, network.dtype)
+        height, grid = None, kernel.RasterGrid()
+        if terrain is not None:
+            height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
+        shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
+        shape += [state.closed]
+
+        def move(share: Share) -> None:
+            launch(
+                kernel.compute_push,
+                dim=share.point_threads,
+                inputs=[*shape, law, share.work],
+                outputs=[self.point_push],
+                device=state.device,
+            )
+            launch(
+                kernel.shift_points,
+                dim=share.point_threads,
+                inputs=[*shape, self.area, height, grid, law, share.work, self.point_push],
+                outputs=[state.point_moved, state.section_moved, state.pace_bits],
+                device=state.device,
+            )
+
+        return [*measure_rings(state, self.area), Stage("migrate", move)]
+
+    def check(self, state: State) -> None:
+        """Points are finite, and the ends of channels have not moved."""
+        state.check_moved(self.name, anchored=True)

@@ -1,0 +1,172 @@
+"""Shortcuts join the near strands of a channel; what the shortest route makes of them is in ``route``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import warp as wp
+
+from warpriver.engine.scans import Scan
+from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
+from warpriver.kernels import shortcuts as kernels
+from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, LINKS_NEEDED, Links
+from warpriver.meander.loops import ChunkMarks, PointTable
+from warpriver.meander.resampling import Arcs
+from warpriver.network import RiverNetwork
+from warpriver.params import PathMeander
+
+__all__ = ["Shortcuts", "check_radius"]
+
+# Shortcuts that there is room for at first, a point and in all: only where strands touch are there any.
+SHORTCUTS_PER_POINT, LEAST_SHORTCUTS = 0.125, 64
+
+
+class Shortcuts:
+    """All pairs of ``state.point_moved`` that a shortcut joins, and what each saves.
+
+    All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
+    bound a point, only the room for all of them, which the host enlarges on a fault.
+
+    Attributes:
+        table, marks: What is near what, and the chunks in which a shortcut begins or ends.
+        arcs: Arc lengths of the points.
+        necks: (C,) int32, shortcuts of each channel, where the work is dealt out in slabs.
+        point_links: (P,) int32, shortcuts that begin at each point; ``point_link``: the first of them.
+        point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
+            channel itself; -1 at the ends of a ring's shortcuts before its route is known.
+        point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
+        point_neck: (P,) int32, where the shortcut of the route ends that begins at a point, -1 if none does.
+        link_from, link_to: (E,) int32, the shortcuts, in ascending order.
+        link_saving: (E,) float64, the arc that each bypasses less its own length, m; -1 for one that is forbidden.
+        share_links, share_links_sum: vec2i, shortcuts that begin in each slab or chunk and the last point that one of
+            them reaches, and their running sum and maximum.
+    """
+
+    necks: wp.array
+    point_neck: wp.array
+    link_from: wp.array
+    link_to: wp.array
+    link_saving: wp.array
+
+    def __init__(self, arcs: Arcs):
+        """Start without room; ``arcs`` are those of the phase that resamples."""
+        self.arcs, self.table, self.marks = arcs, PointTable(), ChunkMarks()
+        self._capacity = 0
+
+    @property
+    def capacity(self) -> int:
+        """Shortcuts that there is room for."""
+        return self._capacity
+
+    def count(self, state: State) -> int:
+        """Shortcuts that the last search found, whether there was room for them or not."""
+        return state.read_status()[LINKS_NEEDED]
+
+    @property
+    def links(self) -> Any:
+        """The shortcuts as kernels take them."""
+        links = Links()
+        links.point_links, links.point_link = self.point_links, self.point_link
+        links.link_from, links.link_to, links.link_saving = self.link_from, self.link_to, self.link_saving
+        return links
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+        points = state.point_capacity
+        self.necks = state.zeros(state.channel_capacity)
+        self.point_neck = state.spare[1]
+        self.point_links, self.point_link, self.point_from = (state.zeros(points) for _ in range(3))
+        self.point_saving = state.zeros(points, wp.float64)
+        self.share_links, self.share_links_sum = (state.zeros(state.share_count, wp.vec2i) for _ in range(2))
+        self.scan = Scan("marks", self.share_links, self.share_links_sum, state.scalar, serial=state.chunk == 0)
+        self.table.allocate(state)
+        self.marks.allocate(state)
+        self.reserve(state, max(self._capacity, LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * points)))
+
+    def reserve(self, state: State, count: int) -> None:
+        """Make room for so many shortcuts."""
+        self._capacity = count
+        self.link_from, self.link_to = state.zeros(count), state.zeros(count)
+        self.link_saving = state.zeros(count, wp.float64)
+        state.changed()
+
+    def grow(self, state: State, status: list[int]) -> bool:
+        """Make room for twice the shortcuts that the last search found, if they were too many."""
+        if status[FAULT] != FAULT_SHORTCUTS_FULL:
+            return False
+        self.reserve(state, 2 * status[LINKS_NEEDED])
+        return True
+
+    def stages(self, state: State, share_cut: wp.array) -> list[Stage]:
+        """Return the stages that list the shortcuts and weigh them.
+
+        Args:
+            state: Its points have moved; ``params`` has ``search_radius`` and ``cutoff_min_arc`` in widths, and
+                ``cone_angle`` in degrees.
+            share_cut: The cuts of each share, which are cleared.
+        """
+        kernel, device, params, table = kernels.build(state.scalar), state.device, state.params, self.table
+        law = kernel.ShortcutLaw()
+        law.radius, law.min_arc = params.search_radius, params.cutoff_min_arc
+        law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
+        if state.closed is not None:
+            law.channel_closed = state.closed
+        shape = [state.start, state.form, state.spacing]
+        near = [state.point_moved, state.section_moved, table.point_next, table.bucket_head]
+
+        def count(share: Share) -> None:
+            launch(
+                kernel.count_shortcuts,
+                dim=share.point_threads,
+                inputs=[*shape, state.step, law, share.work, *near],
+                outputs=[
+                    self.point_links, self.point_neck, self.point_from, self.share_links, share_cut, self.necks,
+                ],
+                device=device,
+            )  # fmt: skip
+
+        def number(_: Share) -> None:
+            if state.chunk > 0:
+                self.marks.chunk_mark.zero_()
+            self.scan.run()
+
+        def list_and_weigh(share: Share) -> None:
+            launch(
+                kernel.list_shortcuts,
+                dim=share.point_threads,
+                inputs=[*shape, law, share.work, *near, self.point_links, self.necks, self.share_links_sum],
+                outputs=[self.point_link, self.link_from, self.link_to, state.status.array],
+                device=device,
+            )
+            launch(
+                kernel.weigh_shortcuts,
+                dim=share.point_threads,
+                inputs=[
+                    share.work, state.point_moved, self.arcs.point_arc, self.arcs.chunk_offset, self.share_links_sum,
+                    self.link_from, self.link_to,
+                ],
+                outputs=[self.link_saving, self.marks.chunk_mark],
+                device=device,
+            )  # fmt: skip
+
+        return [
+            *table.stages(state, params.search_radius),
+            Stage("cut off", count),
+            *self.arcs.stages(state, "cut off"),
+            Stage("cut off", number, shared=False),
+            Stage("cut off", list_and_weigh),
+            *self.marks.stages(state),
+        ]
+
+
+def check_radius(network: RiverNetwork, params: PathMeander) -> None:
+    """Raise ``ValueError`` where the search radius exceeds a channel's length: all of it would be near itself."""
+    radius, length = params.search_radius * network.channel_width, network.channel_lengths()
+    if (radius > length).any():
+        c = int((radius > length).argmax())
+        raise ValueError(
+            f"search_radius {params.search_radius:g} widths ({radius[c]:g} m) exceeds the length of channel {c} "
+            f"({length[c]:g} m); use a smaller one"
+        )
