@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from insides import loops_of, on_launch, shortcuts_of, tighten
 from trees import assert_forest, random_tree
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.engine import state as buffers
 from warpriver.engine.stages import Stage, run_stages
 from warpriver.kernels.polyline import DONE, FAULT
-from warpriver.meander import buffers, shortcuts
+from warpriver.shortest_path import shortcuts
 
 # Points of a slab: few, so that small networks have many.
 SMALL = 200
@@ -134,7 +136,9 @@ def assert_same(a, b):
         np.testing.assert_array_equal(a.network.point_section.numpy()[:n], b.network.point_section.numpy()[:n])
     np.testing.assert_array_equal(a.network.starts(), b.network.starts())
     channels = a.network.channel_count
-    np.testing.assert_array_equal(a.channels.spacing.numpy()[:channels], b.channels.spacing.numpy()[:channels])
+    np.testing.assert_array_equal(
+        a.stepper.state.spacing.numpy()[:channels], b.stepper.state.spacing.numpy()[:channels]
+    )
     for name in ("channel_id", "channel_width", "channel_depth", "channel_discharge", "channel_from", "channel_to"):
         np.testing.assert_array_equal(getattr(a.network, name), getattr(b.network, name))
     np.testing.assert_array_equal(a.network.node_xy, b.network.node_xy)
@@ -156,7 +160,7 @@ def references():
             with pytest.MonkeyPatch.context() as patch:  # the test that asks first may have made slabs small
                 patch.setattr(buffers, "SLAB_POINTS", WHOLE)
                 sim = model(threads=1, capture=False)
-                assert len(sim.channels.slabs) == 1 or not sim.device.is_cpu
+                assert len(sim.stepper.state.slabs) == 1 or not sim.device.is_cpu
                 sim.run(steps=steps, record_every=10_000)
             done[name] = sim
         return done[name]
@@ -177,7 +181,9 @@ def test_the_models_do_what_is_looked_for(references, name):
     if name in ("varied", "on hills", "tree in parts", "paths in parts", "rings"):
         assert sim.substeps > 1
     if name in ("on hills", "tree in parts", "paths in parts"):
-        assert (sim.channels.parts.numpy()[: sim.network.channel_count] < sim.substeps).any(), "some rest now and then"
+        assert (sim.stepper.state.parts.numpy()[: sim.network.channel_count] < sim.substeps).any(), (
+            "some rest now and then"
+        )
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -187,7 +193,7 @@ def test_slabs_and_threads_change_no_bit(references, monkeypatch, name, threads)
     model, steps = MODELS[name]
     sim = model(threads=threads)
     if sim.device.is_cpu:
-        assert len(sim.channels.slabs) > 3
+        assert len(sim.stepper.state.slabs) > 3
     sim.run(steps=steps, record_every=10_000)
     assert_same(sim, references(name))
 
@@ -219,13 +225,13 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name)
     monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
     model, steps = MODELS[name]
     sim = model(threads=3)
-    sim._allocate(sim.network.point_count, 1, 4)
-    tight = sim.buffers
+    tighten(sim)
+    points = sim.stepper.state.point_capacity
     sim.run(steps=steps, record_every=10_000)
-    assert sim.buffers.oxbow_capacity > 4
-    assert sim.buffers.point_capacity > tight.point_capacity or name not in ("plain", "paths")
+    assert loops_of(sim).oxbow_capacity > 4
+    assert sim.stepper.state.point_capacity > points or name not in ("plain", "paths")
     if "paths" in name:
-        assert sim.buffers.link_capacity > 1
+        assert shortcuts_of(sim).capacity > 1
     assert_same(sim, references(name))
 
 
@@ -239,16 +245,15 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
     model, steps = MODELS[name]
     sim = model(threads=2)
     if tight:
-        sim._allocate(sim.network.point_count, 1, 4)
-    launch, asked, done = sim._launch, [], []
+        tighten(sim)
+    asked, done = [], []
 
-    def noted(count, steps):
-        status = launch(count, steps)
+    def note(status, count):
         asked.append(count)
         done.append(status[DONE])
-        return status
 
-    sim._in_a_row, sim._launch = row, noted
+    sim.stepper.row_limit = row
+    on_launch(sim, note)
     sim.run(steps=steps, record_every=10_000)
     assert set(asked) <= {1, 2, 4, 8} and max(asked) == max(done) == row
     if "tree" in name or tight:
@@ -269,9 +274,12 @@ def test_chunks_as_a_gpu_takes_them_come_to_the_same(references, monkeypatch, na
         pytest.skip("a GPU has no slabs to compare with")
     monkeypatch.setattr(buffers, "CPU_CHUNK", 32)
     alone, row, tight = model(), model(), model()
-    tight._allocate(tight.network.point_count, 1, 4)
-    row._in_a_row = 8 if "in two" not in name else 1
-    assert alone.channels.whole.point_threads > alone.network.point_count // 32 and len(alone.channels.slabs) == 1
+    tighten(tight)
+    row.stepper.row_limit = 8 if "in two" not in name else 1
+    assert (
+        alone.stepper.state.whole.point_threads > alone.network.point_count // 32
+        and len(alone.stepper.state.slabs) == 1
+    )
     slabs.run(steps=3, record_every=10_000)
     alone.run(steps=3, record_every=10_000)
     allowed = 1e-4 if slabs.network.dtype == "float64" else 1.0
@@ -289,9 +297,9 @@ def test_slabs_hold_every_channel_once(monkeypatch):
     sim = plain()
     if not sim.device.is_cpu:
         pytest.skip("a GPU deals out chunks")
-    slabs, start = sim.channels.slabs, sim.network.starts()
+    slabs, start = sim.stepper.state.slabs, sim.network.starts()
     assert [slab.work.first for slab in slabs] == list(range(len(slabs)))
-    bounds = sim.channels.whole.work.slab_channel.numpy()
+    bounds = sim.stepper.state.whole.work.slab_channel.numpy()
     assert len(bounds) == len(slabs) + 1
     assert bounds[0] == 0 and bounds[-1] == sim.network.channel_count and (np.diff(bounds) >= 0).all()
     used = np.flatnonzero(np.diff(bounds))
@@ -324,12 +332,15 @@ def test_a_number_of_threads_that_is_none_is_refused(threads):
 class Watched(Simulation):
     """Notes the step of every channel in every sub-step."""
 
-    def _launch(self, count, steps):
-        status = super()._launch(count, steps)
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        self.watched = []
+        on_launch(self, self.note)
+
+    def note(self, status, count):
         if status[FAULT] == 0:  # else it is repeated
-            step = self.channels.step.numpy()[: self.network.channel_count].copy()
-            self.__dict__.setdefault("watched", []).append((self.step_count, step))
-        return status
+            step = self.stepper.state.step.numpy()[: self.network.channel_count].copy()
+            self.watched.append((self.step_count, step))
 
 
 def by_step(sim, steps):
@@ -379,7 +390,7 @@ def test_channels_take_their_own_sub_steps(monkeypatch, kind, widths, small):
         line = own.network.point_xy.numpy()[: own.network.point_count]
         first, stop = sim.network.starts()[c : c + 2]
         np.testing.assert_array_equal(sim.network.point_xy.numpy()[first:stop], line)
-        assert sim.channels.spacing.numpy()[c] == own.channels.spacing.numpy()[0]
+        assert sim.stepper.state.spacing.numpy()[c] == own.stepper.state.spacing.numpy()[0]
         cut = [cutoff.xy.tobytes() for cutoff in sim.history.cutoffs if cutoff.channel == c]
         assert cut == [cutoff.xy.tobytes() for cutoff in own.history.cutoffs]
     assert len({tuple(a) for a in asked}) > 1 and max(asked[int(np.argmin(widths))]) > 1
@@ -408,13 +419,13 @@ def test_on_ground_too_steep_no_bit_changes(dtype, slope):
     ground = Terrain(height, 50.0, origin=(west - 500.0, north + 500.0))
     sim = Simulation(network, MeanderParams(spacing=25.0), terrain=ground, dtype=dtype)
     before = sim.network.point_xy.numpy().copy()
-    section, spacing = sim.network.point_section.numpy().copy(), sim.channels.spacing.numpy()
+    section, spacing = sim.network.point_section.numpy().copy(), sim.stepper.state.spacing.numpy()
     for _ in range(5):
         sim.step()
-        assert sim.substeps == 1 and not sim.channels.step.numpy().any()
+        assert sim.substeps == 1 and not sim.stepper.state.step.numpy().any()
         np.testing.assert_array_equal(sim.network.point_xy.numpy(), before)
         np.testing.assert_array_equal(sim.network.point_section.numpy(), section)
-        np.testing.assert_array_equal(sim.channels.spacing.numpy(), spacing)
+        np.testing.assert_array_equal(sim.stepper.state.spacing.numpy(), spacing)
 
 
 def test_a_held_channel_rests_beside_one_that_moves():

@@ -202,7 +202,7 @@ class State:
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()
-        self._allocate_points(int(HEADROOM * needed) + 64)
+        self.allocate_points(int(HEADROOM * needed) + 64)
         self._install(fixed[:, WANTED] if saved is None else saved["channel_spacing"], fixed)
         self.plan_anew()
         if saved is not None:
@@ -211,12 +211,13 @@ class State:
     def make_room(self, points: int) -> None:
         """Make room for so many points, and for those to come; the network and ``point_moved`` are kept."""
         moved, section = self.point_moved, self.section_moved
-        self._allocate_points(int(HEADROOM * points))
+        self.allocate_points(int(HEADROOM * points))
         wp.copy(self.point_moved, moved, count=len(moved))
         if section is not None and self.section_moved is not None:
             wp.copy(self.section_moved, section, count=len(section))
 
-    def _allocate_points(self, points: int) -> None:
+    def allocate_points(self, points: int) -> None:
+        """Make room for just so many points, at least those of the network; what was on its way is lost."""
         network = self.network
         self.point_capacity = points
         self.chunk = CPU_CHUNK if self.device.is_cpu else CUDA_CHUNK
@@ -398,7 +399,7 @@ class State:
         self.edits += 1
         needed = int(edited.channel_start[-1])
         if needed > self.point_capacity:
-            self._allocate_points(int(HEADROOM * needed))
+            self.allocate_points(int(HEADROOM * needed))
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
         if network.point_section is not None and self.section_moved is not None:
@@ -444,9 +445,14 @@ class State:
                 wp.copy(self.section_moved, loop_sections, filled, first, count)
             filled += count
 
+    @property
+    def nodes_move(self) -> bool:
+        """Whether any phase moves the ends of channels."""
+        return any(phase.moves_nodes for phase in self.phases)
+
     def place_nodes(self) -> None:
         """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
-        if any(phase.moves_nodes for phase in self.phases):
+        if self.nodes_move:
             network, start = self.network, self.network.starts()
             xy = network.point_xy[: network.point_count].numpy()
             for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):

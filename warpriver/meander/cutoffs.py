@@ -89,6 +89,6 @@ class CutOff(Phase):
         return self.loops.grow(state, status)
 
     def check(self, state: State) -> None:
-        """Points are finite, ends are in place unless junctions drift, and cutoffs are in order."""
-        state.check_moved(self.name, anchored=state.params.junction_drift == 0.0)
+        """Points are finite, ends are in place unless a phase moves them, and cutoffs are in order."""
+        state.check_moved(self.name, anchored=not state.nodes_move)
         self.loops.check(state)
