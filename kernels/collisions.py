@@ -310,7 +310,6 @@ def build(scalar):
         point_next: wp.array[int],
         point_owner: wp.array[int],
         bucket: wp.array[int],
-        share_offset: wp.array[int],
         # out
         contact_out: wp.array[wp.vec2i],
         share_contacts_io: wp.array[int],
@@ -318,6 +317,7 @@ def build(scalar):
     ):
         """Count the blocks of each slab or chunk that touch another channel; with ``contact_out``, list the contacts.
 
+        ``share_contacts`` gets their number; where they are listed, it has its running sum.
         Channels touch where |p_i - p_j| < (w_i + w_j) / 2, away from nodes that they share [Paris2023, Sec. 6.2]. Two
         channels whose steps are 0 are left as they are. Chunks add their count to the status.
         """
@@ -329,6 +329,9 @@ def build(scalar):
         end = share[1]
         channel = int(share[2])
         contacts = int(0)
+        offset = int(0)
+        if contact_out and k > 0:
+            offset = share_contacts_io[k - 1]
         while i < end:
             first = channel_start[channel]
             stop = wp.min(end, channel_start[channel + 1])
@@ -344,7 +347,7 @@ def build(scalar):
                 )  # fmt: skip
                 if contact[1] >= 0:
                     if contact_out:
-                        contact_out[share_offset[k] - share_contacts_io[k] + contacts] = contact
+                        contact_out[offset + contacts] = contact
                     contacts += 1
                 j += step
             i = stop

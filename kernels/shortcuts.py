@@ -314,7 +314,6 @@ def build(scalar):
         channel_start: wp.array[int],
         channel_form: wp.array[vec4],
         channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
         # params
         law: ShortcutLaw,
         work: Work,
@@ -357,7 +356,7 @@ def build(scalar):
             first = channel_start[channel]
             last = channel_start[channel + 1] - 1
             stop = wp.min(end, last + 1)
-            linked = channel_step[channel] > ZERO
+            linked = work.chunk > 0
             if work.chunk == 0:
                 linked = channel_links[channel] > 0
             if linked:

@@ -153,15 +153,16 @@ def list_contacts(network: RiverNetwork, channels: StepChannels, buffers: StepBu
 def _search(
     network: RiverNetwork, channels: StepChannels, buffers: StepBuffers, law: Any, share: Share, out: Any
 ) -> None:
+    contacts = channels.share_contacts if out is None else channels.share_contacts_sum
     wp.launch(
         kernels.build(PRECISIONS[network.dtype][0]).find_contacts,
         dim=share.point_threads,
         inputs=[
             network.point_xy, network.point_section, channels.start, channels.nodes, channels.form,
             channels.spacing, channels.step, channels.closed, law, share.work, buffers.point_next,
-            buffers.point_neck, buffers.block_bucket, channels.share_contacts_sum,
+            buffers.point_neck, buffers.block_bucket,
         ],
-        outputs=[out, channels.share_contacts, buffers.status.array],
+        outputs=[out, contacts, buffers.status.array],
         device=network.device,
     )  # fmt: skip
 

@@ -32,7 +32,9 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
         buffers: Gets ``point_neck``, -1 but where a shortcut on the path begins, and ``share_cut``.
         params: ``ring_policy``.
     """
-    kernel, b = kernels.build(PRECISIONS[network.dtype][0]), buffers
+    kernel, b, links = kernels.build(PRECISIONS[network.dtype][0]), buffers, kernels.Links()
+    links.point_links, links.point_link = b.point_links, b.point_link
+    links.link_from, links.link_to, links.link_saving = b.link_from, b.link_to, b.link_saving
     longer = int(params.ring_policy == "longer")
 
     def open_rings(share: Share) -> None:
@@ -53,7 +55,7 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
             share.point_threads,
             [
                 channels.start, share.work, channels.closed, channels.head, channels.necks, b.share_links_sum, b.marks,
-                b.links,
+                links,
             ],
             [b.point_from, b.point_saving, b.point_neck, b.share_cut],
             network.device,

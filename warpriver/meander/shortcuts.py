@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import warp as wp
 
 from warpriver.kernels import shortcuts as kernels
 from warpriver.kernels.polyline import LINKS_NEEDED
-from warpriver.kernels.routes import Links
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import link_points, list_marks
 from warpriver.meander.resampling import measure
@@ -63,14 +61,6 @@ class PathBuffers(StepBuffers):
     def link_capacity(self) -> int:
         """Shortcuts that there is room for."""
         return self.link_to.shape[0]
-
-    @property
-    def links(self) -> Any:
-        """The shortcuts as kernels take them."""
-        links = Links()
-        links.point_links, links.point_link = self.point_links, self.point_link
-        links.link_from, links.link_to, links.link_saving = self.link_from, self.link_to, self.link_saving
-        return links
 
     def _allocate_links(self, count: int) -> None:
         device = self.point_links.device
@@ -135,7 +125,7 @@ def find_shortcuts(
         wp.launch(
             kernel.list_shortcuts,
             dim=share.point_threads,
-            inputs=[*shape, channels.step, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
+            inputs=[*shape, law, share.work, *near, b.point_links, channels.necks, b.share_links_sum],
             outputs=[b.point_link, b.link_from, b.link_to, b.status.array],
             device=device,
         )
