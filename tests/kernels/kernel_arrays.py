@@ -60,6 +60,12 @@ def by_fours(array):
     return wp.array(ptr=array.ptr, dtype=wp.vec4i, shape=len(array) // 4, device=array.device, copy=False)
 
 
+def bits_of(array):
+    """The same array of real numbers from 0 on, as the integers that the kernels compare them as."""
+    kind = wp.int64 if array.dtype is wp.float64 else wp.int32
+    return wp.array(ptr=array.ptr, dtype=kind, shape=array.shape, device=array.device, copy=False)
+
+
 def chunk_count(capacity, chunk):
     """Threads that cover a capacity."""
     return math.ceil(capacity / chunk)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 import reference_rings
-from cutoff_case import FAULT_OXBOWS_FULL, Case, assert_cuts, wandering_line
+from cutoff_case import FAULT_OXBOWS_FULL, Case, assert_cuts, tangled_neck, wandering_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_arrays import DEALS, SLABS, UNWRITTEN, Backwards
@@ -23,36 +23,6 @@ def random_necks(rng, counts, part=0.3):
                 neck[i] = rng.integers(i + 2, min(n, i + 2 + max(1, n // 5)))
         necks.append(neck)
     return necks
-
-
-def tangled_neck(rng, n):
-    """Later end of the neck at each of n points, -1 if none: knots of all kinds side by side and over each other."""
-    neck = np.full(n, -1)
-    at = 0
-    while at < n - 3:
-        size = int(rng.integers(3, max(4, n // 3)))
-        stop = min(n, at + size)
-        kind = rng.choice(["hairpin", "row", "chain", "fan", "pair", "nothing"])
-        i = np.arange(at, stop)
-        if kind == "hairpin":  # each within the one before
-            inner = i[: len(i) // 2]
-            neck[inner] = at + stop - 1 - inner
-        elif kind == "row":  # each over the next
-            neck[i[:-2]] = np.minimum(i[:-2] + int(rng.integers(2, 9)), stop - 1)
-        elif kind == "chain":  # from end to end
-            ends = i[:: int(rng.integers(2, 6))]
-            neck[ends[:-1]] = ends[1:]
-        elif kind == "fan":  # all to one point
-            neck[i[:-2]] = stop - 1
-        elif kind == "pair":
-            neck[at] = stop - 1
-        # The next knot begins where this one ends, or inside of it.
-        at = stop - 1 if rng.random() < 0.7 else int(rng.integers(at + 1, stop))
-    if rng.random() < 0.3:  # one very long neck over all of them, or over most
-        first = int(rng.integers(0, max(1, n // 4)))
-        neck[first] = n - 1 - int(rng.integers(0, max(1, n // 4)))
-        neck[first] = max(neck[first], first + 2)
-    return neck
 
 
 def tangled_case(rng, counts, *, closed=False, longer=0):
