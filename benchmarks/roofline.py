@@ -147,7 +147,8 @@ STEP = (
         Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("cut off", "cutoffs", "save_loops", (
-        *_read("channel_start", "share_cut", "share_cut_sum", "cut", "cut_span", "section_moved", "status", per="event"),
+        *_read("channel_start", "share_cut", "share_cut_sum", "cut", "cut_span", "section_moved", per="event"),
+        *_read("status", per="event"),
         *_written("oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
     )),
     Launch("resample", "resampling", "measure_arcs", (

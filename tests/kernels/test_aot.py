@@ -51,7 +51,8 @@ def test_file_compiles_for_a_gpu(stem, dtype, arch):
     module = kernel_module(stem, SCALARS[dtype])
     assert module.name == f"warpriver.kernels.{stem}_{dtype}"
     figures = read_kernels(compile_cubin(module, arch))
-    assert {plain_name(f.name) for f in figures} == {plain_key(kernel) for kernel in built_kernels(stem, SCALARS[dtype])}
+    built = {plain_key(kernel) for kernel in built_kernels(stem, SCALARS[dtype])}
+    assert {plain_name(f.name) for f in figures} == built
     assert {f.arch for f in figures} == {arch}
 
 

@@ -1,4 +1,4 @@
-"""The grid of the points and the search for necks, against comparing all pairs of points."""
+"""The grid of the points and the search for necks, ``find_necks``, against comparing all pairs of points."""
 
 import numpy as np
 import pytest

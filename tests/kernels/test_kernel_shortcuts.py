@@ -200,7 +200,8 @@ class Case(PackedLines):
         neck, saved = self.ints(), unwritten(self.capacity, wp.float64, self.device)
         neck.fill_(-1)
         cuts = self.zeros(self.shares(deal), wp.vec2i)
-        inputs = [self.channel_start, ..., self.closed, head, given["by_channel"], given["total"], given["marks"], links]
+        inputs = [self.channel_start, ..., self.closed, head]
+        inputs += [given["by_channel"], given["total"], given["marks"], links]
         self.launch(kernel.find_path, deal, inputs, [before, saved, neck, cuts])
         kept, counts, share = [], np.zeros((self.shares(deal), 2), int), share_of_points(deal, self.start)
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):

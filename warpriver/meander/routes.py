@@ -22,9 +22,9 @@ def find_path(network: RiverNetwork, channels: StepChannels, buffers: PathBuffer
     is follows from the ring's head, a point that none passes over (see the kernel ``open_rings``): the route is the
     shortest of all closed ones that pass the head once, and the marked point where the part that holds it goes on.
 
-    Linear in points and edges. On the CPU the sweep is serial down a channel, and channels without a shortcut are passed
-    over. With chunks, clusters of shortcuts that reach over each other are swept in parallel, from one chunk that holds
-    an end of one to the next; a ring is swept by one thread.
+    Linear in points and edges. On the CPU the sweep is serial down a channel, and channels without a shortcut are
+    passed over. With chunks, clusters of shortcuts that reach over each other are swept in parallel, from one chunk that
+    holds an end of one to the next; a ring is swept by one thread.
 
     Args:
         network: The network whose points moved.

@@ -1,4 +1,4 @@
-"""Running sums on the device, recorded like any other launch: nothing is allocated, and their bits depend on no order."""
+"""Running sums on the device, recorded like any other launch: nothing is allocated, their bits depend on no order."""
 
 from __future__ import annotations
 

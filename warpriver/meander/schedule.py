@@ -81,7 +81,8 @@ def _plan(
             kernel.plan_steps,
             dim=channels.capacity,
             inputs=[
-                channels.limit, params.time_step, channels.substep, buffers.status.array, channels.mobility, channels.pace,
+                channels.limit, params.time_step, channels.substep, buffers.status.array, channels.mobility,
+                channels.pace,
             ],
             outputs=[channels.parts, channels.most],
             device=device,
