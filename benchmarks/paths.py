@@ -101,6 +101,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
     whole = sweep = np.inf
     channels.set_step(np.ones(network.channel_count))  # none rests
     for _ in range(ROUNDS + 1):
+        buffers.begin_row()
         wp.copy(buffers.point_moved, network.point_xy)
         wp.synchronize_device(device)
         begin = time.perf_counter()
@@ -110,7 +111,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
         sim._run(find_path(network, channels, buffers, sim.params))
         wp.synchronize_device(device)
         after = time.perf_counter()
-        sim._run(cut_loops(network, channels, buffers))
+        sim._run(cut_loops(network, channels, buffers, buffers.point_neck))
         wp.synchronize_device(device)
         if buffers.link_count > buffers.link_capacity:
             buffers.make_room_for_shortcuts()

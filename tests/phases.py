@@ -5,6 +5,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 import warpriver as wr
+from warpriver.kernels.polyline import CUTS_NEEDED
 from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.meander.cutoffs import cut_off
 from warpriver.meander.migration import migrate, migration_law
@@ -107,7 +108,7 @@ def cut(xy, width, params, spacing):
     buffers, origin = state.buffers, state.network.origin
     state.take_as_moved()
     state.run(cut_off(state.network, state.channels, buffers, params))
-    records = buffers.cut.numpy()[: int(state.channels.cuts_sum.numpy()[-1])]
+    records = buffers.cut.numpy()[: buffers.read_status()[CUTS_NEEDED]]
     points = buffers.oxbow_xy.numpy() + origin
     after = buffers.point_moved.numpy()[: len(xy)] + origin
     copies = np.concatenate([[False], (np.diff(after, axis=0) == 0.0).all(axis=1)])

@@ -6,7 +6,7 @@ import reference_paths as twin
 import reference_rings as rings
 from phases import crossings
 from scipy.optimize import brentq
-from test_paths import SPACING, deal_in_chunks, prepare, take
+from test_paths import SPACING, assert_same, prepare, take, taken
 from test_rings import circle, noisy_ring, ring_network
 
 import warpriver as wr
@@ -115,18 +115,17 @@ def test_the_same_route_every_time(policy, monkeypatch):
     """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
     lines = [noisy_ring(150.0, SPACING, noise=12.0, seed=k, middle=(900.0 * k, 0.0)) for k in range(30)]
     params = PathMeander(search_radius=2.0, ring_policy=policy)
-    necks = []
+    results = []
     for slab, chunk in ((10**6, 0), (200, 0), (10**6, 4096), (10**6, 32), (10**6, 7)):
         monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
+        monkeypatch.setattr(step_buffers, "CPU_CHUNK", chunk)
         state = prepare(lines, params, closed=True)
-        if chunk > 0:
-            deal_in_chunks(state, chunk)
+        assert state.channels.whole.work.chunk == chunk
         state.buffers._allocate_links(100_000)
         take(state)
-        assert state.buffers.read_status()[0] == 0
-        necks.append(state.buffers.point_neck.numpy())
-    assert (necks[0] >= 0).sum() > 20
-    assert all((neck == necks[0]).all() for neck in necks[1:])
+        results.append(taken(state.buffers))
+    assert (results[0][0] >= 0).sum() > 20
+    assert_same(results)
 
 
 # ---- long runs
