@@ -9,16 +9,16 @@ import pytest
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason, generate
 
 
-def run(steps=500, **options):
+def run(steps=500, *, device, **options):
     line = generate.noisy_line(12_000.0, 50.0, 50.0, 5)
     network = RiverNetwork.from_polylines([line + [5e5, -1.6e6]], width=50.0, crs="EPSG:32620")
-    sim = Simulation(network, MeanderParams(friction=0.012), seed=9)
+    sim = Simulation(network, MeanderParams(friction=0.012), seed=9, device=device)
     return sim.run(steps=steps, record_every=25, **options)
 
 
 @pytest.fixture(scope="module")
-def history():
-    return run()
+def history(device):
+    return run(device=device)
 
 
 def assert_same(a, b):
@@ -53,9 +53,9 @@ def test_a_folder_gives_everything_back(history, tmp_path):
     assert_same(History.load(tmp_path / "saved"), history)
 
 
-def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch):
+def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch, device):
     monkeypatch.setattr("warpriver.history.SEGMENT_BYTES", 20_000)
-    streamed = run(store=tmp_path / "run")
+    streamed = run(store=tmp_path / "run", device=device)
     assert len(list((tmp_path / "run").glob("segment_*.npz"))) > 3
     assert not any(isinstance(r, tuple) is False for r in streamed._records), "records on disk are not kept in memory"
     assert_same(streamed, history)
@@ -63,9 +63,9 @@ def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch):
     assert not list((tmp_path / "run").glob("*.tmp"))
 
 
-def test_a_killed_run_is_readable_up_to_its_last_segment(history, tmp_path, monkeypatch):
+def test_a_killed_run_is_readable_up_to_its_last_segment(history, tmp_path, monkeypatch, device):
     monkeypatch.setattr("warpriver.history.SEGMENT_BYTES", 20_000)
-    run(store=tmp_path / "run")
+    run(store=tmp_path / "run", device=device)
     last = sorted((tmp_path / "run").glob("segment_*.npz"))[-1]
     # A kill in the middle of a write leaves a part under another name.
     last.rename(last.with_name(last.name + ".tmp"))
@@ -108,14 +108,14 @@ def test_a_full_disk_stops_the_run_with_a_reason_and_loses_nothing(tmp_path):
 def test_a_folder_that_holds_something_is_not_written_into(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(FileExistsError, match="not empty"):
-        run(steps=5, store=tmp_path)
+        run(steps=5, store=tmp_path, device="cpu")
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 def test_a_folder_that_cannot_be_made_is_an_error_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
-        run(steps=5, store=tmp_path / "file" / "run")
+        run(steps=5, store=tmp_path / "file" / "run", device="cpu")
 
 
 def test_what_is_not_a_run_is_refused(tmp_path, history):
