@@ -23,9 +23,9 @@ INSTANT = 1e-9
 class State:
     """One line, whose points stay as they are, with what the phases of a step need of it; the points must be even."""
 
-    def __init__(self, xy, width, params, *, depth=None, spacing=None, dtype="float64"):
+    def __init__(self, xy, width, params, *, device, depth=None, spacing=None, dtype="float64"):
         """Prepare; ``spacing`` is the even spacing in m, by default the length over the number of gaps."""
-        network = wr.RiverNetwork.from_polylines([xy], width=width, depth=depth, dtype=dtype)
+        network = wr.RiverNetwork.from_polylines([xy], width=width, depth=depth, dtype=dtype, device=device)
         count = network.point_count
         if spacing is None:
             spacing = network.channel_lengths()[0] / (count - 1)
@@ -44,7 +44,7 @@ class State:
         self.channels.parts.fill_(1)
         self.channels.step.fill_(1.0)
         self.channels.deal_out(network, self.buffers, anew=True)
-        room = wp.zeros(HEADROOM * count, dtype=PRECISIONS[dtype][1])
+        room = wp.zeros(HEADROOM * count, dtype=PRECISIONS[dtype][1], device=device)
         wp.copy(room, network.point_xy, count=count)
         network.point_xy = room
 
@@ -63,48 +63,48 @@ class State:
         wp.copy(self.buffers.point_moved, self.network.point_xy)
 
 
-def rate_of(xy, width, params, *, depth=None, time_step=INSTANT, dtype="float64"):
+def rate_of(xy, width, params, *, device, depth=None, time_step=INSTANT, dtype="float64"):
     """Migration rate of each point as it stands, (n,) m/yr, positive to the right of the flow."""
-    state = State(xy, width, params, depth=depth, dtype=dtype)
+    state = State(xy, width, params, device=device, depth=depth, dtype=dtype)
     state.migrate(time_step)
     return state.buffers.point_rate.numpy()[: len(xy)].astype(np.float64)
 
 
-def curvature_of(xy):
+def curvature_of(xy, *, device):
     """Curvature as the local term of the rate has it, (n,) 1/m, left > 0: minus the rate for k w = 1, omega = -1."""
     length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
     width = length / 2.0  # any that the network accepts
     params = wr.MeanderParams(migration_rate=1.0 / width, upstream_weight=0.0, sinuosity_scaling="none")
-    return -rate_of(xy, width, params)
+    return -rate_of(xy, width, params, device=device)
 
 
-def moved(xy, width, params, time_step, *, depth=None):
+def moved(xy, width, params, time_step, *, device, depth=None):
     """Points after one move of ``time_step`` yr, before they are resampled, (n, 2) m."""
-    state = State(xy, width, params, depth=depth)
+    state = State(xy, width, params, device=device, depth=depth)
     state.migrate(time_step)
     return state.buffers.point_moved.numpy()[: len(xy)] + state.network.origin
 
 
-def march(xy, width, params, time_step, steps, *, dtype="float64"):
+def march(xy, width, params, time_step, steps, *, device, dtype="float64"):
     """Points after ``steps`` moves of exactly ``time_step`` yr each, resampled after each, without cutoffs."""
-    state = State(xy, width, params, dtype=dtype)
+    state = State(xy, width, params, device=device, dtype=dtype)
     for _ in range(steps):
         state.migrate(time_step)
         state.run(resample(state.network, state.channels, state.buffers))
     return state.network.polylines()[0]
 
 
-def resampled(xy, width, params):
+def resampled(xy, width, params, *, device):
     """Points sampled evenly at ``params.spacing``, (m, 2) m."""
-    state = State(xy, width, params)
+    state = State(xy, width, params, device=device)
     state.take_as_moved()
     state.run(resample(state.network, state.channels, state.buffers))
     return state.network.polylines()[0]
 
 
-def cut(xy, width, params, spacing):
+def cut(xy, width, params, spacing, *, device):
     """Cut the necks of a line: the points that remain, (m, 2) m, and the loops, a list of (k, 2) m."""
-    state = State(xy, width, params, spacing=spacing)
+    state = State(xy, width, params, device=device, spacing=spacing)
     buffers, origin = state.buffers, state.network.origin
     state.take_as_moved()
     state.run(cut_off(state.network, state.channels, buffers, params))

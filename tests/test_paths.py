@@ -33,9 +33,9 @@ def wandering_line(rng, count, curl=0.6):
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
 
 
-def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
+def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
     """A network whose points stay as they are, its channels as a step sees them and its buffers."""
-    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed)
+    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed, device=device)
     wide, even = network.channel_width, np.full(len(lines), spacing)
     count = network.point_count
     buffers = PathBuffers(network, count, count, 4 * count)
@@ -116,10 +116,10 @@ def curves():
 
 
 @pytest.mark.parametrize("cone", [45.0, 90.0])
-def test_200_random_curves_against_scipy(curves, cone):
+def test_200_random_curves_against_scipy(curves, cone, device):
     """All channels of one network at once: same edges as comparing all pairs, and a route as short as Dijkstra's."""
     params = wr.PathMeander(search_radius=2.0, cutoff_min_arc=5.0, cone_angle=cone)
-    links, kept = cut(curves, params)
+    links, kept = cut(curves, params, device=device)
     with_shortcuts, same, most = 0, 0, 0.0
     for xy, edges, shortcuts in zip(curves, links, kept, strict=True):
         all_pairs = twin.find_shortcuts(xy, SPACING, 2.0 * WIDTH, 5.0 * WIDTH, cone)
@@ -157,7 +157,7 @@ def test_the_same_route_every_time(curves, monkeypatch):
     for slab, chunk in ((10**6, 0), (5000, 0), (100, 0), (10**6, 4096), (10**6, 32), (10**6, 7), (10**6, 1)):
         monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
         monkeypatch.setattr(step_buffers, "CPU_CHUNK", chunk)
-        state = prepare(curves, params)
+        state = prepare(curves, params, device="cpu")
         b = state.buffers
         assert state.channels.whole.work.chunk == chunk
         assert len(state.channels.slabs) == (1 if slab == 10**6 else math.ceil(b.point_capacity / slab))
@@ -168,7 +168,7 @@ def test_the_same_route_every_time(curves, monkeypatch):
     assert_same(results)
 
 
-def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart():
+def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart(device):
     """A line comes back to its own first reach at 80 degrees and stops short of it: near, but it does not run along."""
     out = np.stack([np.arange(0.0, 400.0, 10.0), np.zeros(40)], axis=1)
     turn = np.linspace(0.0, 1.5 * np.pi, 40)[1:]
@@ -177,11 +177,11 @@ def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart():
     xy = np.concatenate([out, back, tip])
     assert 5.0 < tip[-1, 1] < 1.5 * WIDTH, "the tip ends near the first reach"
     for cone, joined in ((45.0, False), (75.0, False), (85.0, True), (90.0, True)):
-        links, kept = cut([xy], wr.PathMeander(cone_angle=cone))
+        links, kept = cut([xy], wr.PathMeander(cone_angle=cone), device=device)
         assert (len(links[0]) > 0) == joined and (len(kept[0]) > 0) == joined, cone
 
 
-def test_strands_that_cross_are_joined_at_any_angle():
+def test_strands_that_cross_are_joined_at_any_angle(device):
     """The same line, its tip drawn through the first reach: no channel can lie so."""
     out = np.stack([np.arange(0.0, 400.0, 10.0), np.zeros(40)], axis=1)
     turn = np.linspace(0.0, 1.5 * np.pi, 40)[1:]
@@ -189,7 +189,7 @@ def test_strands_that_cross_are_joined_at_any_angle():
     tip = back[-1] + np.outer(np.arange(1, 25), [0.3, -9.7])
     xy = np.concatenate([out, back, tip])
     assert len(crossings(xy)) == 1
-    _, kept = cut([xy], wr.PathMeander(cone_angle=10.0))
+    _, kept = cut([xy], wr.PathMeander(cone_angle=10.0), device=device)
     left = np.ones(len(xy), bool)
     for i, j in kept[0]:
         left[i + 1 : j] = False
@@ -199,12 +199,12 @@ def test_strands_that_cross_are_joined_at_any_angle():
 # ---- small waves
 
 
-def growth(params, wave, width, spacing, time_step):
+def growth(params, wave, width, spacing, time_step, *, device):
     """Measured growth rate of a small sine, 1/yr, and its shift downstream, m/yr, over one step."""
     x = spacing * np.arange(round(20 * wave / spacing) + 1)
     q = 2.0 * np.pi / wave
     xy = np.stack([x, 1e-3 * np.sin(q * x)], axis=1)
-    y = pushed_points(prepare([xy], params, width=width, spacing=spacing), time_step)[:, 1]
+    y = pushed_points(prepare([xy], params, width=width, spacing=spacing, device=device), time_step)[:, 1]
     inner = slice(len(x) // 2 - round(wave / spacing), len(x) // 2 + round(wave / spacing))
     basis = np.stack([np.sin(q * x), np.cos(q * x)], axis=1)[inner]
     a, b = np.linalg.lstsq(basis, y[inner], rcond=None)[0]
@@ -218,13 +218,13 @@ def closed_growth(params, wave, width):
 
 
 @pytest.mark.parametrize("wave", [400.0, 700.0, 1100.0, 3000.0])
-def test_growth_of_small_waves_meets_the_closed_form_with_second_order(wave):
+def test_growth_of_small_waves_meets_the_closed_form_with_second_order(wave, device):
     """k w q^2 (1 / (1 + (b w)^2 q^2) - S); a quarter of the error a halving. Small waves stay where they are."""
     params, width = wr.PathMeander(), 100.0
     exact, scale = closed_growth(params, wave, width), closed_growth(params, 1100.0, width)
     errors = []
     for spacing in (50.0, 25.0, 12.5):
-        rate, celerity = growth(params, wave, width, spacing, 1e-4)
+        rate, celerity = growth(params, wave, width, spacing, 1e-4, device=device)
         errors.append(abs(rate - exact))
         assert abs(celerity) < 1e-3
     print(f"\nwave {wave:g} m: exact {exact:+.5f} /yr, errors {', '.join(f'{e:.1e}' for e in errors)}")
@@ -245,23 +245,23 @@ def test_fastest_and_neutral_wave():
     assert waves[np.flatnonzero(rates > 0)[0]] == pytest.approx(2 * np.pi * b / math.sqrt(1 / s - 1), rel=1e-3)
 
 
-def test_long_steps_are_done_in_parts():
+def test_long_steps_are_done_in_parts(device):
     params = wr.PathMeander(time_step=4.0)
     assert push_limits(100.0, 3.0, params) == pytest.approx((100.0 / 60.0, 1.125 * 100.0 / 60.0))
     assert push_limits(100.0, 3.0, params.replace(blur_length=1.0)) == pytest.approx((100.0 / 60.0, 50.0 / 60.0))
     assert np.isinf(push_limits(100.0, 3.0, params.replace(displacement_rate=0.0))).all()
-    sim = run(params, steps=1)
+    sim = run(params, steps=1, device=device)
     assert sim.substeps == 3 and sim.stable_dt == pytest.approx(100.0 / 60.0)
 
 
 # ---- long runs
 
 
-def test_5000_steps():
+def test_5000_steps(device):
     """No NaN, no crossing, ends that do not move at all, statistics that settle, oxbows that are closed and simple."""
     shapely = pytest.importorskip("shapely")
     width, line = 50.0, wr.generate.noisy_line(10_000.0, 50.0, 25.0, 1)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width), wr.PathMeander())
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width), wr.PathMeander(), device=device)
     ends = sim.network.polylines()[0][[0, -1]]
     sinuosity, wavelength, crossed = [], [], 0
     for step in range(1, 5001):
@@ -290,25 +290,29 @@ def test_5000_steps():
         assert ring.is_simple and ring.length >= 5.0 * width
 
 
-def test_checked_phases_and_float32():
+def test_checked_phases_and_float32(device):
     """Every phase keeps its promise; in float32 the statistics stay those of float64 (chaos takes the points)."""
     line = wr.generate.noisy_line(20_000.0, 50.0, 50.0, 3)
     sims = []
     for dtype in ("float64", "float32"):
-        sims.append(wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype))
+        sims.append(
+            wr.Simulation(
+                wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype, device=device
+            )
+        )
         sims[-1].check = dtype == "float32"
         sims[-1].run(steps=900, record_every=75)
     sinuous = [np.mean([wr.metrics.sinuosity(n.polylines()[0]) for n in s.history.networks[6:]]) for s in sims]
     assert sinuous[1] == pytest.approx(sinuous[0], rel=0.2) and len(sims[1].history.cutoffs) > 20
 
 
-def test_room_for_shortcuts_grows():
+def test_room_for_shortcuts_grows(device):
     """Strands side by side from the start: more shortcuts than there is room for, taken at once."""
     legs = [
         np.stack([np.linspace(0.0, 2000.0, 101)[:: 1 if k % 2 == 0 else -1], np.full(101, 30.0 * k)], 1) for k in (0, 1)
     ]
     params = wr.PathMeander(spacing=20.0, search_radius=2.0, displacement_rate=0.0)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([np.concatenate(legs)], width=40.0), params)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([np.concatenate(legs)], width=40.0), params, device=device)
     room = sim.buffers.link_capacity
     sim.step()
     assert sim.buffers.link_capacity > room
@@ -319,19 +323,23 @@ def test_room_for_shortcuts_grows():
 # ---- knobs
 
 
-def test_rate_only_sets_the_clock():
+def test_rate_only_sets_the_clock(device):
     """Twice the rate and half the step is the same run, to the bit."""
-    slow = run(wr.PathMeander(time_step=0.25), steps=600)
-    fast = run(wr.PathMeander(time_step=0.125, displacement_rate=120.0), steps=600)
+    slow = run(wr.PathMeander(time_step=0.25), steps=600, device=device)
+    fast = run(wr.PathMeander(time_step=0.125, displacement_rate=120.0), steps=600, device=device)
     assert (slow.network.points() == fast.network.points()).all() and len(slow.history.cutoffs) > 5
 
 
-def test_everything_scales_with_the_width():
+def test_everything_scales_with_the_width(device):
     """Twice as wide, long and coarse, at twice the rate, is the same river twice as large."""
     line = wr.generate.noisy_line(10_000.0, 32.0, 32.0, 2)
-    small = run(wr.PathMeander(time_step=0.25, spacing=32.0), width=64.0, line=line, steps=600)
+    small = run(wr.PathMeander(time_step=0.25, spacing=32.0), width=64.0, line=line, steps=600, device=device)
     large = run(
-        wr.PathMeander(time_step=0.25, spacing=64.0, displacement_rate=120.0), width=128.0, line=2 * line, steps=600
+        wr.PathMeander(time_step=0.25, spacing=64.0, displacement_rate=120.0),
+        width=128.0,
+        line=2 * line,
+        steps=600,
+        device=device,
     )
     np.testing.assert_allclose(large.network.points(), 2.0 * small.network.points(), rtol=0.0, atol=1e-6)
 
@@ -340,7 +348,7 @@ def bend_length(sim, width=100.0):
     return np.mean([wr.metrics.wavelength(n.polylines()[0], width) for n in sim.history.networks[-30:]])
 
 
-def test_each_knob_does_what_it_says():
+def test_each_knob_does_what_it_says(device):
     """Small sweeps of a grown river, 100 m wide."""
     table = {}
     for knob, values in (
@@ -350,7 +358,7 @@ def test_each_knob_does_what_it_says():
         ("downstream_share", (0.5, 0.9, 1.5)),
     ):
         for value in values:
-            sim = run(wr.PathMeander(**{knob: value}), steps=2000, seed=4)
+            sim = run(wr.PathMeander(**{knob: value}), steps=2000, seed=4, device=device)
             necks = [np.hypot(*(c.xy[-1] - c.xy[-2])) for c in sim.history.cutoffs]
             table[knob, value] = bend_length(sim), np.mean(necks), len(necks)
     for (knob, value), (wave, neck, count) in table.items():
@@ -369,31 +377,35 @@ def test_each_knob_does_what_it_says():
     assert waves["downstream_share", 0.5] == pytest.approx(waves["downstream_share", 1.5], rel=0.2)
 
 
-def test_a_wider_cone_joins_more(curves):
-    counts = [sum(len(p) for p in cut(curves, wr.PathMeander(cone_angle=c))[0]) for c in (10, 30, 60, 90)]
+def test_a_wider_cone_joins_more(curves, device):
+    counts = [
+        sum(len(p) for p in cut(curves, wr.PathMeander(cone_angle=c), device=device)[0]) for c in (10, 30, 60, 90)
+    ]
     assert counts[0] < counts[1] < counts[2] < counts[3]
 
 
-def pushed(xy, params):
+def pushed(xy, params, *, device):
     """Points after one push, (n, 2)."""
-    return pushed_points(prepare([xy], params, width=100.0, spacing=25.0), 0.2)
+    return pushed_points(prepare([xy], params, width=100.0, spacing=25.0, device=device), 0.2)
 
 
-def test_without_the_downstream_share_nothing_tells_the_flow():
+def test_without_the_downstream_share_nothing_tells_the_flow(device):
     """Away from the ends a line pushed upside down moves as the line itself; with a share it does not."""
     line = wr.generate.kinoshita(1200.0, 1.2, 10, 25.0)
     for share, least, most in ((0.0, 0.0, 1e-9), (0.9, 1.0, math.inf)):
         params = wr.PathMeander(downstream_share=share)
-        apart = np.abs(pushed(line, params) - pushed(line[::-1].copy(), params)[::-1])[250:-250].max()
+        apart = np.abs(pushed(line, params, device=device) - pushed(line[::-1].copy(), params, device=device)[::-1])[
+            250:-250
+        ].max()
         assert least <= apart <= most
 
 
-def test_the_downstream_share_carries_grown_bends_downstream():
+def test_the_downstream_share_carries_grown_bends_downstream(device):
     line = wr.generate.sine_generated(1200.0, 1.0, 10, 25.0)
     shifts = {}
     for share in (0.0, 0.9):
         params = wr.PathMeander(spacing=25.0, downstream_share=share, time_step=0.1)
-        there = run(params, line=line, steps=100)
+        there = run(params, line=line, steps=100, device=device)
         apex = [
             np.median(wr.metrics.inflection_points(n.polylines()[0], 100.0).xy[:, 0]) for n in there.history.networks
         ]
@@ -402,11 +414,11 @@ def test_the_downstream_share_carries_grown_bends_downstream():
     assert abs(shifts[0.0]) < 0.5 and shifts[0.9] > 2.0
 
 
-def test_steep_ground_holds_the_channel():
-    ground = wr.generate.tilted_plain((200, 400), 30.0, 0.5)
+def test_steep_ground_holds_the_channel(device):
+    ground = wr.generate.tilted_plain((200, 400), 30.0, 0.5, device=device)
     line = wr.generate.noisy_line(6_000.0, 50.0, 50.0, 0) + [1000.0, 3000.0]
     network = wr.RiverNetwork.from_polylines([line], width=100.0)
-    sim = wr.Simulation(network, wr.PathMeander(), terrain=ground)
+    sim = wr.Simulation(network, wr.PathMeander(), terrain=ground, device=device)
     before = sim.network.points()
     sim.run(steps=50)
     # A channel that cannot move at all rests: its points are not even sampled anew.
@@ -416,7 +428,7 @@ def test_steep_ground_holds_the_channel():
 # ---- in the company of the rest
 
 
-def test_junctions_stay_and_channels_that_touch_are_joined():
+def test_junctions_stay_and_channels_that_touch_are_joined(device):
     """Two tributaries and a trunk: nodes do not move at all; collisions are those of migration."""
     rng = np.random.default_rng(0)
     node = np.array([10_000.0, 0.0])
@@ -426,7 +438,7 @@ def test_junctions_stay_and_channels_that_touch_are_joined():
         line[1:-1] += rng.normal(0.0, 5.0, (198, 2))
         lines.append(line)
     network = wr.RiverNetwork.from_polylines(lines, width=[60.0, 60.0, 100.0])
-    sim = wr.Simulation(network, wr.PathMeander())
+    sim = wr.Simulation(network, wr.PathMeander(), device=device)
     history = sim.run(steps=150, record_every=50)
     assert len(history.collisions) == 0
     for net in history.networks:
@@ -436,12 +448,14 @@ def test_junctions_stay_and_channels_that_touch_are_joined():
     assert len(history.collisions) > 0 and len(history.cutoffs) > 100
 
 
-def test_a_run_goes_on_to_the_bit_from_disk(tmp_path):
-    whole = run(wr.PathMeander(search_radius=1.4), steps=700)
+def test_a_run_goes_on_to_the_bit_from_disk(tmp_path, device):
+    whole = run(wr.PathMeander(search_radius=1.4), steps=700, device=device)
     line = wr.generate.noisy_line(20_000.0, 50.0, 50.0, 0)
-    part = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(search_radius=1.4))
+    part = wr.Simulation(
+        wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(search_radius=1.4), device=device
+    )
     part.run(steps=500, record_every=100, store=tmp_path / "run")
-    again = wr.Simulation.resume(tmp_path / "run")
+    again = wr.Simulation.resume(tmp_path / "run", device=device)
     assert again.params == wr.PathMeander(search_radius=1.4)
     again.run(steps=200)
     assert (again.network.points() == whole.network.points()).all()
