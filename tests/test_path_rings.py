@@ -111,7 +111,7 @@ def test_200_noisy_rings_against_scipy(policy, device):
 
 
 @pytest.mark.parametrize("policy", ["longer", "marked"])
-def test_the_same_route_every_time(policy, monkeypatch, device):
+def test_the_same_route_every_time(policy, monkeypatch):
     """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
     lines = [noisy_ring(150.0, SPACING, noise=12.0, seed=k, middle=(900.0 * k, 0.0)) for k in range(30)]
     params = PathMeander(search_radius=2.0, ring_policy=policy)
