@@ -1,4 +1,7 @@
-"""What an event of Leheny's erosion costs: one by one beside a numba loop, in batches, and on many grids at once."""
+"""What an event of Leheny's erosion costs: one by one beside a numba loop, in batches, and on many grids at once.
+
+One by one is work for the CPU, whatever the device.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from machine import cores, machine
 import warpriver as wr
 from warpriver import throughput
 from warpriver.cli.info import describe_device, describe_gpus
-from warpriver.meander import buffers
+from warpriver.engine import state as buffers
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
@@ -235,7 +235,7 @@ def check_model(report: Report, stages: Any, name: str) -> None:
 
     def tight() -> wr.Simulation:
         sim = model(device=report.device)
-        sim._allocate(sim.network.point_count, 1, 4)
+        stages.tighten(sim)
         return in_steps_of(sim, steps, steps)
 
     ways = {

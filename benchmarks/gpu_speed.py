@@ -19,7 +19,7 @@ from valley import SQUARE
 
 import warpriver as wr
 from warpriver import throughput
-from warpriver.meander import buffers
+from warpriver.engine import state as buffers
 
 # What is measured: name, channels of a million points, collisions.
 SCENES = (("1,000 a channel", 1000, False), ("with collisions", 1000, True), ("one channel", 1, False))

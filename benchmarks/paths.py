@@ -19,9 +19,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import warpriver as wr
 from warpriver import throughput
-from warpriver.meander.cutoffs import cut_loops
-from warpriver.meander.routes import find_path
-from warpriver.meander.shortcuts import PathBuffers, find_shortcuts
+from warpriver.shortest_path.route import TakeShortcuts
 
 CHANNEL_POINTS = 1000
 RING_WIDTH, RING_SPACING = 60.0, 40.0  # m
@@ -72,7 +70,7 @@ def compared(migration: wr.Simulation, path: wr.Simulation) -> dict:
         "migration_ns_per_point": per_point[0],
         "paths_ns_per_point": per_point[1],
         "ratio": per_point[1] / per_point[0],
-        "bytes_per_point": path.buffers.nbytes / counts[1],
+        "bytes_per_point": path.stepper.state.nbytes / counts[1],
     }
 
 
@@ -95,29 +93,30 @@ def search_cost(network: wr.RiverNetwork) -> dict:
     Beside the sweep stands what a step does around it: grid, list of edges, sweep, loops cut off.
     """
     sim = wr.Simulation(network, wr.PathMeander(collision_distance=0.0, search_radius=4.0, cone_angle=90.0))
-    buffers, channels, network, device = sim.buffers, sim.channels, sim.network, sim.device
-    assert isinstance(buffers, PathBuffers)
+    state, network, device = sim.stepper.state, sim.network, sim.device
+    (cutter,) = (phase for phase in sim.stepper.phases if isinstance(phase, TakeShortcuts))
+    found, loops = cutter.shortcuts, cutter.loops
     count, start = network.point_count, network.starts()
     whole = sweep = np.inf
-    channels.set_step(np.ones(network.channel_count))  # none rests
+    state.assign(state.step, np.ones(network.channel_count))  # none rests
     for _ in range(ROUNDS + 1):
-        wp.copy(buffers.point_moved, network.point_xy)
+        state.begin_row()
+        wp.copy(state.point_moved, network.point_xy)
         wp.synchronize_device(device)
         begin = time.perf_counter()
-        sim._run(find_shortcuts(network, channels, buffers, sim.params))
+        state.run(found.stages(state, loops.share_cut))
         wp.synchronize_device(device)
         middle = time.perf_counter()
-        sim._run(find_path(network, channels, buffers, sim.params))
+        state.run(cutter.path_stages(state))
         wp.synchronize_device(device)
         after = time.perf_counter()
-        sim._run(cut_loops(network, channels, buffers))
+        state.run(loops.stages(state, found.point_neck, found.point_neck, found.necks))
         wp.synchronize_device(device)
-        if buffers.link_count > buffers.link_capacity:
-            buffers.make_room_for_shortcuts()
+        if cutter.grow(state, state.read_status()):
             continue
         whole, sweep = min(whole, time.perf_counter() - begin), min(sweep, after - middle)
-    links = buffers.link_count
-    pairs = np.stack([buffers.link_from.numpy()[:links], buffers.link_to.numpy()[:links]], axis=1)
+    links = found.count(state)
+    pairs = np.stack([found.link_from.numpy()[:links], found.link_to.numpy()[:links]], axis=1)
     neighbours = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
     neighbours = np.delete(neighbours, start[1:-1] - 1, axis=0)
     edges, xy = np.concatenate([neighbours, pairs]), network.points()
@@ -130,7 +129,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
         # All channels in one search: from each point the way to its own head.
         distance = dijkstra(graph, indices=start[:-1], min_only=True)
         scipys = min(scipys, time.perf_counter() - begin)
-    neck = buffers.point_neck.numpy()[:count]
+    neck = found.point_neck.numpy()[:count]
     i = np.flatnonzero(neck >= 0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
     saved = (arc[neck[i]] - arc[i] - np.hypot(*(xy[neck[i]] - xy[i]).T)).sum()

@@ -15,6 +15,10 @@ from collections.abc import Iterable
 import numpy as np
 import warp as wp
 
+from warpriver.kernels.polyline import Work
+
+# What ``wp.struct`` makes of a class.
+Struct = type(Work)
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 
 
@@ -23,13 +27,14 @@ class Moved:
     """Elements of one array that a kernel moves.
 
     Attributes:
-        argument: Name in the kernel's argument list.
+        argument: Name in the kernel's argument list; "marks.place" is an array in a struct.
         read: Elements read for each ``per``.
         written: Elements written for each ``per``.
         per: What they are counted by: "point", "channel", "block" (of the search for collisions), "section" (a point,
-            where width and depth vary along channels), "terrain" (a point, where there is ground), "event" (a cutoff
-            or a contact: rare, counted as nothing), "ring" (a channel, where a network has rings), "chunk" (of 32
-            points, on a GPU alone).
+            where width and depth vary along channels), "terrain" (a point, where there is ground), "event" (a cutoff,
+            a contact, a whole launch or a group of a running sum: rare, counted as nothing), "ring" (a channel, where
+            a network has rings), "chunk" (of 32 points, on a GPU alone), "field" (a point; twice with chunks, where a
+            bucket has two fields).
     """
 
     argument: str
@@ -47,12 +52,14 @@ class Launch:
         file: File of ``kernels/``.
         kernel: Name of the kernel.
         moved: One entry for every array among its arguments.
+        only: "chunks" or "slabs" where it is launched only if the work is dealt out so.
     """
 
     phase: str
     file: str
     kernel: str
     moved: tuple[Moved, ...]
+    only: str = ""
 
 
 def _read(*names: str, per: str = "point") -> tuple[Moved, ...]:
@@ -63,14 +70,24 @@ def _written(*names: str, per: str = "point") -> tuple[Moved, ...]:
     return tuple(Moved(name, written=1.0, per=per) for name in names)
 
 
-# The head of a bucket is set to 0, exchanged (read and written), and looked up by each point's search: at least once.
+def _running_sum(phase: str, kind: str, per: str, only: str = "") -> tuple[Launch, Launch]:
+    """A running sum where there are many values: of groups first, then of all."""
+    total = (*_read("value", per=per), *_written("total_out", per="event"))
+    final = (*_read("value", per=per), *_read("group_total", "upper_total", per="event"), *_written("sum_out", per=per))
+    return Launch(phase, "scans", f"sum_{kind}", total, "chunks"), Launch(phase, "scans", f"scan_{kind}", final, only)
+
+
+# A bucket is set to 0, the last point in it exchanged (read and written), and with chunks the highest one raised; then
+# each point's search looks one of both up, at least once.
 BUCKETS_A_POINT = 4.0
 # Cells that a block looks at for its neighbours, where all channels are of one level, and the integers of a cell.
 CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
+# Points that a thread takes on a GPU.
+CHUNK_POINTS = 32.0
 
 STEP = (
     Launch("migrate", "schedule", "begin_substep", (
-        *_read("substep", "share_contacts_sum", per="event"), *_written("channel_mobility_out", per="channel"),
+        *_read("substep", per="event"), *_written("channel_mobility_out", per="channel"),
         *_written("most_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "plan_steps", (
@@ -99,33 +116,46 @@ STEP = (
     )),
     Launch("cut off", "cutoffs", "insert_points", (
         *_read("point_moved"), *_read("channel_start", "channel_form", "channel_step", per="channel"),
-        *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0),
+        *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0, per="field"),
         # The table by fours; chunks find it emptied by a memset.
-        Moved("bucket_row_out", written=BUCKETS_A_POINT / 4.0),
+        Moved("bucket_row_out", written=BUCKETS_A_POINT / 4.0, per="field"),
     )),
     Launch("cut off", "cutoffs", "find_necks", (
         *_read("channel_closed", per="ring"),
         *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
         *_read("section_moved", per="section"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        *_written("point_neck_out"), *_written("chunk_necks_io", per="chunk"),
-        *_written("channel_necks_io", per="channel"),
+        *_written("point_neck_out"), *_written("chunk_mark_out", "share_cut_out", per="chunk"),
+        *_written("channel_necks_out", per="channel"),
     )),
+    *_running_sum("cut off", "marks", "chunk", "chunks"),
+    Launch("cut off", "cutoffs", "list_marks", (
+        *_read("chunk_mark_sum", per="chunk"), *_written("mark_place_out", per="chunk"),
+        *_written("mark_chunk_out", per="event"),
+    ), "chunks"),
     Launch("cut off", "cutoffs", "select_cuts", (
         *_read("channel_closed", per="ring"),
-        *_read("channel_start", "channel_necks", per="channel"), *_read("chunk_necks", per="event"),
-        *_written("channel_cuts_out", "channel_cut_points_out", per="channel"), Moved("point_neck_io", per="event"),
+        *_read("channel_start", "channel_necks", per="channel"), *_read("chunk_mark_sum", "marks.place", per="chunk"),
+        *_read("marks.chunk", "point_neck", per="event"), *_written("point_cut_io", "share_cut_io", per="event"),
     )),
-    Launch("cut off", "cutoffs", "cut_necks", (
-        *_read("channel_start", "channel_cuts_sum", "channel_cut_points_sum", per="channel"),
-        *_read("chunk_necks", "point_neck", "section_moved", per="event"),
-        *_written("cut_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
+    *_running_sum("cut off", "pairs", "chunk"),
+    Launch("cut off", "cutoffs", "record_cuts", (
+        *_read("share_cut", per="chunk"),
+        *_read("channel_start", "channel_necks", "share_cut_sum", "point_neck", "point_cut", "section_moved",
+               per="event"),
+        *_written("cut_out", "cut_span_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
         Moved("status_io", 1.0, 1.0, per="event"),
+    )),
+    Launch("cut off", "cutoffs", "save_loops", (
+        *_read("channel_start", "share_cut", "share_cut_sum", "cut", "cut_span", "section_moved", per="event"),
+        *_read("status", per="event"),
+        *_written("oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
     )),
     Launch("resample", "resampling", "measure_arcs", (
         *_read("point_moved"), *_read("channel_start", "channel_step", per="channel"),
-        *_written("point_arc_out"), *_written("chunk_length_out", per="chunk"),
+        *_written("point_arc_out"), *_written("chunk_length_out", per="chunk"), Moved("status_io", per="event"),
     )),
+    *_running_sum("resample", "lengths", "chunk", "chunks"),
     Launch("resample", "resampling", "count_samples", (
         *_read("channel_closed", per="ring"),
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", "point_arc", per="channel"),
@@ -133,6 +163,7 @@ STEP = (
         *_read("chunk_offset", per="chunk"),
         *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("status_io", per="event"),
     )),
+    *_running_sum("resample", "counts", "channel"),
     Launch("resample", "resampling", "resample_points", (
         *_read("channel_closed", per="ring"),
         *_read("point_moved", "point_arc"), *_read("section_moved", per="section"),
@@ -142,9 +173,9 @@ STEP = (
     )),
     Launch("resample", "resampling", "commit_step", (
         *_read("channel_start_next", "channel_spacing_next", per="channel"),
-        *_read("channel_cuts_sum", "channel_cut_points_sum", per="channel"), Moved("status_io", 1.0, 1.0, per="event"),
+        *_read("share_cut_sum", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
         *_written("channel_start_out", "channel_spacing_out", per="channel"),
-        *_written("substep_done_out", per="event"), Moved("substep_io", 1.0, 1.0, per="event"),
+        Moved("substep_io", 1.0, 1.0, per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (
         *_read("channel_closed", per="ring"),
@@ -152,25 +183,34 @@ STEP = (
         *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
         *_written("point_next_out", "point_owner_out", per="block"),
         # One cell a point, about, is set to 0; then a block changes the four fields of one.
-        Moved("bucket_io", read=0.0, written=CELL_FIELDS),
+        Moved("bucket_io", read=0.0, written=CELL_FIELDS), *_written("status_out", per="event"),
     )),
     Launch("collide", "collisions", "find_contacts", (
         *_read("channel_closed", per="ring"),
         *_read("point_xy", per="block"), *_read("point_section", per="event"),
         *_read("channel_start", "channel_nodes", "channel_form", "channel_spacing", "channel_step", per="channel"),
         *_read("point_next", "point_owner", per="block"),
-        Moved("bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"), Moved("share_offset", per="event"),
-        Moved("contact_out", per="event"), Moved("share_contacts_io", written=1.0, per="chunk"),
+        Moved("bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"), Moved("contact_out", per="event"),
+        Moved("share_contacts_io", written=1.0, per="chunk"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
+    Launch("collide", "collisions", "count_contacts", (
+        *_read("share_contacts", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
+    ), "slabs"),
 )  # fmt: skip
 
 
 def argument_sizes(launch: Launch, dtype: str) -> dict[str, int]:
-    """Bytes of an element of every array among a kernel's arguments, in their order."""
+    """Bytes of an element of every array among a kernel's arguments, in their order, those in structs among them."""
     kernel = getattr(importlib.import_module(f"warpriver.kernels.{launch.file}").build(SCALARS[dtype]), launch.kernel)
+    arguments = {}
+    for a in kernel.adj.args:
+        arguments[a.label] = a.type
+        # How the work is dealt out is the same for all kernels: a few numbers a launch.
+        if a.label != "work" and isinstance(a.type, Struct):
+            arguments |= {f"{a.label}.{name}": member.type for name, member in a.type.vars.items()}
     # Of the types of arguments only that of an array has elements.
-    arrays = [a for a in kernel.adj.args if hasattr(a.type, "dtype")]
-    return {a.label: wp.types.type_size_in_bytes(a.type.dtype) for a in arrays}
+    arrays = {label: kind for label, kind in arguments.items() if hasattr(kind, "dtype")}
+    return {label: wp.types.type_size_in_bytes(kind.dtype) for label, kind in arrays.items()}
 
 
 def bytes_per_point(
@@ -199,7 +239,7 @@ def bytes_per_point(
     weight = {
         "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
         "section": float(varying), "terrain": float(terrain), "event": 0.0,
-        "ring": float(rings) / channel_points,
+        "ring": float(rings) / channel_points, "field": 1.0 + np.isfinite(chunk_points),
     }  # fmt: skip
     size = argument_sizes(launch, dtype)
     read, written = (
@@ -218,16 +258,20 @@ def phase_bytes(dtype: str = "float64", launches: Iterable[Launch] = STEP, **sha
 
 def main() -> None:
     """Print the table as ``README.md`` shows it."""
-    print("| phase | kernel | read | written | float32 |\n| --- | --- | ---: | ---: | ---: |")
+    print("| phase | kernel | read | written | float32 | in chunks |\n| --- | --- | ---: | ---: | ---: | ---: |")
+
+    def figures(launches: Iterable[Launch]) -> list[float]:
+        """Bytes read and written, all in float32, and all where threads take chunks of points."""
+        kinds = ({}, {"dtype": "float32"}, {"chunk_points": CHUNK_POINTS})
+        plain, small, chunked = (np.sum([bytes_per_point(x, **kind) for x in launches], axis=0) for kind in kinds)
+        return [*plain, small.sum(), chunked.sum()]
+
     for launch in STEP:
-        read, written = bytes_per_point(launch)
-        small = sum(bytes_per_point(launch, "float32"))
-        print(f"| {launch.phase} | `{launch.kernel}` | {read:.1f} | {written:.1f} | {small:.1f} |")
+        cells = " | ".join(f"{figure:.1f}" for figure in figures([launch]))
+        print(f"| {launch.phase} | `{launch.kernel}` | {cells} |")
     for name, wanted in (("all but collisions", ("migrate", "cut off", "resample")), ("all", None)):
         chosen = [x for x in STEP if wanted is None or x.phase in wanted]
-        read, written = np.sum([bytes_per_point(x) for x in chosen], axis=0)
-        small = sum(sum(bytes_per_point(x, "float32")) for x in chosen)
-        print(f"| **{name}** | | **{read:.0f}** | **{written:.0f}** | **{small:.0f}** |")
+        print(f"| **{name}** | | " + " | ".join(f"**{figure:.0f}**" for figure in figures(chosen)) + " |")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def compared(found: dict, options: argparse.Namespace, triad_ns: float) -> dict:
     shape = {"channel_points": found["points"] / found["channels"]}
     if not wp.get_device(options.device).is_cpu:
         bandwidth = speed["copy_bytes_per_second"]
-        shape["chunk_points"] = 32.0
+        shape["chunk_points"] = roofline.CHUNK_POINTS
     phases = roofline.phase_bytes(options.dtype, **shape)
     moved = sum(phases[name] for name in VARIANTS[found["variant"]][1])
     return {
@@ -109,7 +109,9 @@ def phase_rows(asked: int, options: argparse.Namespace) -> list[dict]:
     sim = throughput.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=1)
     steps = max(5, min(200, 2_000_000 // asked))
     seconds = throughput.phase_seconds(sim, steps=steps)
-    moved = roofline.phase_bytes(options.dtype, channel_points=sim.network.point_count / channels)
+    chunk_points = np.inf if wp.get_device(options.device).is_cpu else roofline.CHUNK_POINTS
+    channel_points = sim.network.point_count / channels
+    moved = roofline.phase_bytes(options.dtype, channel_points=channel_points, chunk_points=chunk_points)
     bandwidth = baseline(options.device)["copy_bytes_per_second"]
     rows = []
     for name, cost in seconds.items():

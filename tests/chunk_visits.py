@@ -16,7 +16,7 @@ from patched_warp import Preamble
 from warp._src import codegen
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, throughput
-from warpriver.meander import buffers
+from warpriver.engine import state as buffers
 
 SOURCE = """
 struct chunk_tally_t {
@@ -217,9 +217,9 @@ def steps_of(sim, counter):
     counter.table.clear()
 
     def lengths():
-        if len(sim.network.point_xy) != sim.buffers.point_capacity:
+        if len(sim.network.point_xy) != sim.stepper.state.point_capacity:
             raise RuntimeError("arrays by point are of several lengths, of which one is counted")
-        return sim.buffers.point_capacity, sim.buffers.chunk_count
+        return sim.stepper.state.point_capacity, sim.stepper.state.chunk_count
 
     counter.count(lambda: [sim.step() for _ in range(2)], lengths)
     return {

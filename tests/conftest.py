@@ -1,19 +1,52 @@
-"""Tests in several processes (pytest -n): each has its share of the cores, and none compiles what another does."""
+"""Devices for the tests, and tests in several processes (pytest -n): each has its share of the cores, and none compiles
+what another does.
+"""
 
 import os
 
 import pytest
+import warp as wp
 
 # Set by pytest-xdist.
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
 WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 
 
-def pytest_configure():
+def pytest_addoption(parser):
+    parser.addoption(
+        "--device",
+        choices=("cpu", "cuda"),
+        help="run tests that take a device on those of one kind; by default on every device of the machine",
+    )
+
+
+def pytest_configure(config):
     """Give each process cores of its own: simulations and NumPy take a thread for each core that they may use."""
+    # A launch with an array of another device raises: as it is, CUDA would fault, or read it over the bus.
+    wp.config.launch_array_access_mode = wp.config.LaunchArrayAccessMode.STRICT
+    if not tested_devices(config):
+        raise pytest.UsageError(f"--device {config.getoption('--device')}: this machine has none")
     if WORKER and hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, cores[int(WORKER.removeprefix("gw")) :: WORKERS] or cores)
+
+
+def tested_devices(config):
+    """Names of the devices that tests run on."""
+    kind = config.getoption("--device")
+    return [device.alias for device in wp.get_devices() if kind is None or device.is_cpu == (kind == "cpu")]
+
+
+def pytest_generate_tests(metafunc):
+    """Run whatever takes the fixture ``device``, directly or through another one, on each of them."""
+    if "device" in metafunc.fixturenames:
+        metafunc.parametrize("device", tested_devices(metafunc.config), indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
+def device(request):
+    """Name of a device of the machine; by module, so that what a module makes once is made once for each."""
+    return request.param
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -23,7 +56,6 @@ def kernels_are_compiled_once(tmp_path_factory):
         return
     import fcntl
 
-    import warp as wp
     from cuda_kernels import SCALARS, kernel_files, kernel_module
 
     folder = tmp_path_factory.getbasetemp().parent  # that of all processes

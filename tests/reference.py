@@ -252,6 +252,20 @@ def cut_necks(xy, kept):
 
 # ---- resampling
 
+# Arc lengths are whole numbers of this, m: sums of them are exact.
+QUANTUM = 2.0**-32
+
+
+def segment_quanta(length):
+    """Lengths in m as whole numbers of quanta, halves up."""
+    return np.floor(length / QUANTUM + 0.5).astype(np.int64)
+
+
+def arc_quanta(xy):
+    """Arc length of each point of a line from the first one, in quanta: (n,) int64."""
+    segments = np.linalg.norm(np.diff(xy, axis=0), axis=1)
+    return np.concatenate([[0], np.cumsum(segment_quanta(segments))])
+
 
 def distinct_points(xy):
     """Indices of the points left when each run of copies counts once: its first, but the channel's last point stays."""
@@ -303,15 +317,18 @@ def cubic_through(xy):
 def resample(xy, spacing, section=None):
     """Even points on the cubic through a moved line, copies skipped; with it the sections, linear in between.
 
+    Where a point lies on its segment is told by arc lengths in whole quanta.
+
     Returns:
         Points (m, 2), sections (m, 2) or None, and the even spacing.
     """
     kept = distinct_points(xy)
     curve, t = cubic_through(xy[kept])
-    count = sample_count(t[-1], spacing)
-    target = np.linspace(0.0, t[-1], count)
-    points = curve(target)
+    arc = arc_quanta(xy[kept]) * QUANTUM
+    count = sample_count(arc[-1], spacing)
+    target = np.linspace(0.0, arc[-1], count)
+    points = curve(np.interp(target, arc, t))
     points[0], points[-1] = xy[0], xy[-1]
     if section is not None:
-        section = np.stack([np.interp(target, t, column) for column in section[kept].T], axis=1)
-    return points, section, t[-1] / (count - 1)
+        section = np.stack([np.interp(target, arc, column) for column in section[kept].T], axis=1)
+    return points, section, arc[-1] / (count - 1)

@@ -112,8 +112,8 @@ def find_shortcuts(xy, spacing, reach, min_arc, cone):
 
 
 def savings(xy, pairs):
-    """Arc that each shortcut bypasses less its own length, (k,) m."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    """Arc that each shortcut bypasses, in whole quanta, less its own length, (k,) m."""
+    arc = reference.arc_quanta(xy) * reference.QUANTUM
     i, j = pairs.T
     return arc[j] - arc[i] - np.linalg.norm(xy[j] - xy[i], axis=1)
 

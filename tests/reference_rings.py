@@ -129,6 +129,12 @@ def cut_necks(xy, kept):
     return after, loops
 
 
+def rounded_segments(xy):
+    """Lengths of the segments in whole quanta, but for the one that closes the ring: (n,) m."""
+    h = segments(xy)
+    return np.append(reference.segment_quanta(h[:-1]) * reference.QUANTUM, h[-1])
+
+
 def resample(xy, spacing, section=None):
     """As ``reference.resample``: even points on the closed cubic, the first one where the ring's first point is."""
     kept = [i for i in range(len(xy)) if i == 0 or (xy[i] != xy[i - 1]).any()]
@@ -136,7 +142,8 @@ def resample(xy, spacing, section=None):
         kept.pop()
     points, n = xy[kept], len(kept)
     h = segments(points)
-    length = h.sum()
+    arc = np.concatenate([[0.0], np.cumsum(rounded_segments(points))])
+    length = arc[-1]
     wide = points[np.arange(-2, n + 3) % n]
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wide, axis=0), axis=1))])
     t -= t[2]
@@ -149,8 +156,8 @@ def resample(xy, spacing, section=None):
     target = length / count * np.arange(count)
     if section is not None:
         closed = np.concatenate([section[kept], section[kept][:1]])
-        section = np.stack([np.interp(target, np.concatenate([[0.0], np.cumsum(h)]), c) for c in closed.T], axis=1)
-    return curve(target), section, length / count
+        section = np.stack([np.interp(target, arc, c) for c in closed.T], axis=1)
+    return curve(np.interp(target, arc, np.concatenate([[0.0], np.cumsum(h)]))), section, length / count
 
 
 def smooth(xy, weight, closed=True):

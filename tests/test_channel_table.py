@@ -151,8 +151,8 @@ def test_both_parts_of_a_ring_have_its_columns():
     assert edited.channels.id.tolist() == [0, 1, 2, 3] and edited.channels.to_node.tolist() == [0, 1, 2, 3]
 
 
-def test_runs_keep_every_column(tmp_path):
-    sim = Simulation(marked_tree(), MeanderParams(spacing=20.0))
+def test_runs_keep_every_column(tmp_path, device):
+    sim = Simulation(marked_tree(), MeanderParams(spacing=20.0), device=device)
     history = sim.run(steps=150, record_every=50, store=tmp_path / "run")
     assert len(history.collisions) > 5 and sim.network.channel_id.max() > history.record(0).channels.id.max()
     rock = dict(zip(range(1000), ["clay", "sand", "gravel"] * 333, strict=False))
@@ -162,5 +162,5 @@ def test_runs_keep_every_column(tmp_path):
     for found in (history, History.load(tmp_path / "run"), History.load(tmp_path / "run.npz")):
         assert found.record(-1).channels == found.network(-1).channels == channels
         assert set(found.record(0).channels) == {*COLUMNS, "mark", "rock"}
-    again = Simulation.resume(tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", device=device)
     assert again.network.channels == channels

@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
-import warp as wp
+from insides import phase_of
 from scipy.spatial import cKDTree
 from trees import assert_forest, random_tree
 
 from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
-from warpriver.engine.stages import run_stages
 from warpriver.graph.edits import NetworkEdit
 from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
-from warpriver.meander.collisions import collision_law, find_contacts, join_channels, list_contacts
+from warpriver.meander.collisions import Collide, collision_law, join_channels
 
 WIDTH = 20.0
 # Nothing moves: only what touches is joined.
@@ -23,10 +22,10 @@ def line(*corners, spacing=10.0):
     return np.stack([np.interp(at, s, corners[:, 0]), np.interp(at, s, corners[:, 1])], axis=1)
 
 
-def joined(lines, areas, params=STILL, width=WIDTH):
+def joined(lines, areas, params=STILL, width=WIDTH, *, device):
     """Take one step of a network that stands still, and return the simulation."""
     network = RiverNetwork.from_polylines(lines, width=width, drainage_area=np.array(areas) * 1e6)
-    sim = Simulation(network, params)
+    sim = Simulation(network, params, device=device)
     sim.step()
     assert_forest(sim.network)
     return sim
@@ -48,11 +47,11 @@ def fork(tip=(0.0, 1000.0), other=(-800.0, 1000.0), node=(0.0, 0.0), end=(0.0, -
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("dip", [0.0, 300.0])
-def test_upstream_collision(side, dip):
+def test_upstream_collision(side, dip, device):
     """The smaller tributary meets the larger one 600 m above their junction, at a shallow or a right angle."""
     lines, areas = fork()
     lines[1] = line((-800.0, 1000.0), (-15.0, 600.0 + dip), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
-    sim = joined([xy * [side, 1.0] for xy in lines], areas)
+    sim = joined([xy * [side, 1.0] for xy in lines], areas, device=device)
     (event,) = sim.history.collisions
     assert (event.case, event.channel, event.other) == ("upstream", 1, 0)
     network = sim.network
@@ -69,14 +68,14 @@ def test_upstream_collision(side, dip):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_downstream_collision(side):
+def test_downstream_collision(side, device):
     """A tributary runs beside the trunk and meets it 500 m below the junction; the sibling takes the piece over."""
     lines, areas = fork()
     lines[2] = line((0.0, 0.0), (-400.0, -200.0), (-15.0, -500.0), (0.0, -1500.0))
     lines[0] = line((0.0, 1000.0), (200.0, 500.0), (0.0, 0.0))
     # The tributary comes down on the right and touches the trunk's elbow from the west before it turns to the node.
     lines[1] = line((-800.0, 1000.0), (-600.0, -210.0), (-415.0, -210.0), (-300.0, 100.0), (0.0, 0.0))
-    sim = joined([xy * [side, 1.0] for xy in lines], areas)
+    sim = joined([xy * [side, 1.0] for xy in lines], areas, device=device)
     (event,) = sim.history.collisions
     assert (event.case, event.channel, event.other) == ("downstream", 1, 2)
     network = sim.network
@@ -88,12 +87,12 @@ def test_downstream_collision(side):
     assert longest == pytest.approx(np.hypot(200, 500) * 2 + np.hypot(400, 200), abs=40.0)
 
 
-def test_disconnected_collision_gives_the_smaller_river_to_the_larger():
+def test_disconnected_collision_gives_the_smaller_river_to_the_larger(device):
     """A river of 3 km2 with two tributaries touches one of 10 km2; below, its old course is abandoned."""
     large = line((1000.0, 2000.0), (1000.0, -2000.0))
     left, right = line((-400.0, 2000.0), (0.0, 1000.0)), line((400.0, 2000.0), (0.0, 1000.0))
     small = line((0.0, 1000.0), (985.0, 0.0), (200.0, -1000.0), (0.0, -2000.0))
-    sim = joined([large, left, right, small], [10.0, 1.0, 1.5, 3.0])
+    sim = joined([large, left, right, small], [10.0, 1.0, 1.5, 3.0], device=device)
     (event,) = sim.history.collisions
     assert (event.case, event.channel, event.other) == ("disconnected", 3, 0)
     table = graph(sim.network)
@@ -111,12 +110,12 @@ def test_disconnected_collision_gives_the_smaller_river_to_the_larger():
     assert sim.network.channel_depth[below] == pytest.approx((WIDTH * gain**0.5 / 18.8) ** (1 / 1.41))
 
 
-def test_a_captured_tributary_leaves_its_sibling_one_channel():
+def test_a_captured_tributary_leaves_its_sibling_one_channel(device):
     """A tributary is captured by a larger river next door: its old junction dissolves, the trunk there shrinks."""
     lines, _ = fork()
     captured = line((-800.0, 1000.0), (-1485.0, 500.0), (-500.0, 200.0), (0.0, 0.0))
     neighbour = line((-1500.0, 2000.0), (-1500.0, -2000.0))
-    sim = joined([lines[0], captured, lines[2], neighbour], [4.0, 2.0, 7.0, 20.0])
+    sim = joined([lines[0], captured, lines[2], neighbour], [4.0, 2.0, 7.0, 20.0], device=device)
     (event,) = sim.history.collisions
     assert (event.case, event.channel, event.other) == ("disconnected", 1, 3)
     network = sim.network
@@ -129,17 +128,17 @@ def test_a_captured_tributary_leaves_its_sibling_one_channel():
     assert network.channel_width[trunk] == pytest.approx(WIDTH * (5 / 7) ** 0.5)
 
 
-def test_a_channel_consumed_whole_disappears():
+def test_a_channel_consumed_whole_disappears(device):
     """A short source lies within the width of a larger river at its very head."""
     large = line((0.0, 2000.0), (0.0, -2000.0))
     short = line((12.0, 100.0), (400.0, 0.0), (900.0, -300.0))
-    sim = joined([large, short], [10.0, 0.5])
+    sim = joined([large, short], [10.0, 0.5], device=device)
     (event,) = sim.history.collisions
     assert sim.network.channel_count == 1
     assert len(event.xy) > 50 and sim.network.channel_drainage_area[0] == pytest.approx(10.5e6)
 
 
-def test_three_channels_at_once_and_two_collisions_in_one_step():
+def test_three_channels_at_once_and_two_collisions_in_one_step(device):
     lines = [
         line((0.0, 2000.0), (0.0, -2000.0)),
         line((-1000.0, 1500.0), (-15.0, 300.0), (-1000.0, -1500.0)),
@@ -147,7 +146,7 @@ def test_three_channels_at_once_and_two_collisions_in_one_step():
         line((3000.0, 2000.0), (3000.0, -2000.0)),
         line((2200.0, 1500.0), (2985.0, 0.0), (2200.0, -1500.0)),
     ]
-    sim = joined(lines, [10.0, 2.0, 3.0, 9.0, 1.0])
+    sim = joined(lines, [10.0, 2.0, 3.0, 9.0, 1.0], device=device)
     assert [e.case for e in sim.history.collisions] == ["disconnected"] * 3
     network = sim.network
     outlets = ~np.isin(network.channel_to, network.channel_from)
@@ -156,15 +155,19 @@ def test_three_channels_at_once_and_two_collisions_in_one_step():
     assert network.channel_count == 8
 
 
-def test_channels_that_share_a_node_do_not_collide_beside_it():
+def test_channels_that_share_a_node_do_not_collide_beside_it(device):
     """Tributaries that meet at 15 degrees touch for 70 m above their junction; that is no collision."""
     angle = np.radians(7.5)
     tip = 2000.0 * np.array([np.sin(angle), np.cos(angle)])
-    sim = joined([line(tip, (0.0, 0.0)), line(tip * [-1, 1], (0.0, 0.0)), line((0.0, 0.0), (0.0, -2000.0))], [2, 2, 5])
+    sim = joined(
+        [line(tip, (0.0, 0.0)), line(tip * [-1, 1], (0.0, 0.0)), line((0.0, 0.0), (0.0, -2000.0))],
+        [2, 2, 5],
+        device=device,
+    )
     assert sim.history.collisions == []
 
 
-def test_the_lower_of_two_related_channels_keeps_its_course():
+def test_the_lower_of_two_related_channels_keeps_its_course(device):
     """A headwater touches the trunk three channels below it, though the network says that it carries more."""
     lines = [
         line((1300.0, 3000.0), (1004.0, 0.0), (700.0, 1900.0), (0.0, 2000.0)),
@@ -176,7 +179,7 @@ def test_the_lower_of_two_related_channels_keeps_its_course():
     # The headwater claims 9 km2; what it flows into has less.
     network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=[9e6, 1e6, 3e6, 1e6, 5e6])
     # Its hairpin is narrow enough to be cut off, which is not what is looked at here.
-    sim = Simulation(network, STILL.replace(cutoff_distance=0.0))
+    sim = Simulation(network, STILL.replace(cutoff_distance=0.0), device=device)
     sim.step()
     (event,) = sim.history.collisions
     assert (event.case, event.channel, event.other) == ("disconnected", 0, 4)
@@ -192,12 +195,12 @@ def test_a_touched_channel_waits_for_the_next_round():
     assert join_channels(network, np.zeros((0, 2), np.int32)) is None
 
 
-def test_width_that_varies_changes_by_the_flow_that_comes_and_goes():
+def test_width_that_varies_changes_by_the_flow_that_comes_and_goes(device):
     large = line((0.0, 2000.0), (0.0, -2000.0))
     small = line((-900.0, 1500.0), (-12.0, 0.0), (-900.0, -1500.0))
     width = np.linspace(20.0, 30.0, len(large))
     network = RiverNetwork.from_polylines([large, small], width=[width, 15.0], drainage_area=[8e6, 2e6])
-    sim = Simulation(network, STILL)
+    sim = Simulation(network, STILL, device=device)
     sim.step()
     assert_forest(sim.network)
     parts = dict(zip(sim.network.channel_id.tolist(), sim.network.point_widths(), strict=True))
@@ -208,7 +211,7 @@ def test_width_that_varies_changes_by_the_flow_that_comes_and_goes():
 
 
 @pytest.mark.parametrize("unknown", [None, 0, 2])
-def test_slopes_go_on_through_a_collision(tmp_path, unknown):
+def test_slopes_go_on_through_a_collision(tmp_path, unknown, device):
     """What stays of a channel keeps its slope; a channel of two parts has the drop of both over their length."""
     lines, areas = fork()
     lines[1] = line((-800.0, 1000.0), (-15.0, 600.0), (-300.0, 300.0), (0.0, 0.0))
@@ -216,7 +219,7 @@ def test_slopes_go_on_through_a_collision(tmp_path, unknown):
     if unknown is not None:
         slope[unknown] = np.nan
     network = RiverNetwork.from_polylines(lines, width=WIDTH, drainage_area=np.array(areas) * 1e6, slope=slope)
-    sim = Simulation(network, STILL)
+    sim = Simulation(network, STILL, device=device)
     np.testing.assert_array_equal(sim.network.to(dtype="float32").channel_slope, slope)
     sim.run(steps=1, record_every=1, store=tmp_path / "run")
     after = sim.network
@@ -232,34 +235,37 @@ def test_slopes_go_on_through_a_collision(tmp_path, unknown):
     np.testing.assert_array_equal(history.networks[-1].channel_slope, after.channel_slope)
 
 
-def test_a_graph_that_is_no_forest_is_refused():
+def test_a_graph_that_is_no_forest_is_refused(device):
     lines, _ = fork()
     parting = [*lines, line((0.0, 0.0), (900.0, -900.0))]
     with pytest.raises(ValueError, match=r"channels 2 and 3 both begin at \(0, 0\), where water would part"):
         Simulation(RiverNetwork.from_polylines(parting, width=WIDTH), STILL)
-    Simulation(RiverNetwork.from_polylines(parting, width=WIDTH), STILL.replace(collision_distance=0.0)).step()
+    Simulation(
+        RiverNetwork.from_polylines(parting, width=WIDTH), STILL.replace(collision_distance=0.0), device=device
+    ).step()
     triangle = [line(a, b) for a, b in (((0, 0), (900, 0)), ((900, 0), (500, 800)), ((500, 800), (0, 0)))]
     with pytest.raises(ValueError, match="channel 0 belongs to a circle"):
         Simulation(RiverNetwork.from_polylines(triangle, width=WIDTH), STILL)
 
 
-def test_collisions_can_be_turned_off():
+def test_collisions_can_be_turned_off(device):
     lines = [line((0.0, 2000.0), (0.0, -2000.0)), line((-900.0, 1500.0), (-12.0, 0.0), (-900.0, -1500.0))]
     network = RiverNetwork.from_polylines(lines, width=WIDTH)
-    sim = Simulation(network, STILL.replace(collision_distance=0.0))
+    sim = Simulation(network, STILL.replace(collision_distance=0.0), device=device)
     sim.step()
     assert sim.history.collisions == [] and sim.network.channel_count == 2
 
 
-def test_search_finds_what_comparing_all_pairs_finds():
+def test_search_finds_what_comparing_all_pairs_finds(device):
     rng, ranks = np.random.default_rng(3), set()
     for seed in range(20):
         network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
         params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0)
-        sim = Simulation(network, params.replace(collision_distance=1e-9))
+        sim = Simulation(network, params.replace(collision_distance=1e-9), device=device)
         xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
         owner = np.repeat(np.arange(len(width)), np.diff(starts))
-        spacing = sim.channels.spacing.numpy()[: sim.network.channel_count]
+        state, collide = sim.stepper.state, phase_of(sim, Collide)
+        spacing = state.spacing.numpy()[: sim.network.channel_count]
         up = (np.arange(len(xy)) - starts[owner]) * spacing[owner]
         down = (starts[owner + 1] - 1 - np.arange(len(xy))) * spacing[owner]
         above, below = sim.network.channel_from[owner], sim.network.channel_to[owner]
@@ -273,15 +279,15 @@ def test_search_finds_what_comparing_all_pairs_finds():
             for ends_j, arc_j in ((above, up), (below, down)):
                 shared |= (ends_i[i] == ends_j[j]) & (arc_i[i] + arc_j[j] < reach)
         touching = np.stack([i, j], axis=1)[(away < 0.5 * (width[a] + width[b])) & (a < b) & ~shared]
-        form = sim.channels.form.numpy()[: sim.network.channel_count]
+        form = state.form.numpy()[: sim.network.channel_count]
         law = collision_law(sim.network, params, form)
         nodes = np.stack([sim.network.channel_from, sim.network.channel_to], axis=1).astype(np.int32)
-        room = sim.channels.capacity - len(nodes)
-        sim.channels.nodes = wp.array(np.pad(nodes, ((0, room), (0, 0))), dtype=wp.vec2i)
-        sim.channels.set_step(np.ones(len(nodes)))
-        searched = (sim.network, sim.channels, sim.buffers, law)
-        run_stages(find_contacts(*searched), sim.channels.whole, sim.channels.slabs)
-        contacts = list_contacts(*searched)
+        state.assign(collide.nodes, nodes)
+        state.assign(state.step, np.ones(len(nodes)))
+        collide._law = law
+        state.begin_row()
+        state.run(collide.stages(state))
+        contacts = collide.contacts(state)
         # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
         widest, longest = form[:, 2], COARSEST_SPACING * form[:, 3]
         far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + SLACK_SPACINGS * longest
@@ -297,13 +303,13 @@ def test_search_finds_what_comparing_all_pairs_finds():
 @pytest.mark.parametrize(
     ("dtype", "seeds"), [*(("float64", range(k, k + 50)) for k in range(0, 200, 50)), ("float32", range(4))], ids=str
 )
-def test_random_trees_stay_forests(dtype, seeds):
+def test_random_trees_stay_forests(dtype, seeds, device):
     """Invariants after every step of long runs with many collisions; area is conserved at the outlets."""
     kinds = set()
     for seed in seeds:
         network = random_tree(seed, sources=3 + seed % 8, size=8000.0, width=25.0)
         assert_forest(network)
-        sim = Simulation(network, MeanderParams(spacing=20.0), dtype=dtype)
+        sim = Simulation(network, MeanderParams(spacing=20.0), dtype=dtype, device=device)
         before = outlet_area(network)
         for k in range(300):
             sim.step()
@@ -318,31 +324,33 @@ def outlet_area(network):
     return network.channel_drainage_area[~np.isin(network.channel_to, network.channel_from)].sum()
 
 
-def test_each_channel_may_have_its_own_spacing(tmp_path):
+def test_each_channel_may_have_its_own_spacing(tmp_path, device):
     network = random_tree(3, sources=6, size=8000.0, width=12.0)
     with pytest.raises(ValueError, match="or spacing_in_widths=1"):
         Simulation(network)
     params = MeanderParams(spacing_in_widths=0.8)
-    sim = Simulation(network, params)
+    sim = Simulation(network, params, device=device)
     wanted = np.minimum(50.0, 0.8 * sim.network.channel_width)
-    np.testing.assert_allclose(sim.channels.spacing.numpy()[: len(wanted)], wanted, rtol=0.02)
+    np.testing.assert_allclose(sim.stepper.state.spacing.numpy()[: len(wanted)], wanted, rtol=0.02)
     assert np.ptp(wanted) > 5.0
     sim.run(steps=100, store=tmp_path / "run")
-    rest, whole = Simulation.resume(tmp_path / "run"), Simulation(network, params)
+    rest, whole = Simulation.resume(tmp_path / "run", device=device), Simulation(network, params, device=device)
     rest.run(steps=100)
     whole.run(steps=200)
     assert len(whole.history.collisions) > 0
     np.testing.assert_array_equal(rest.network.points(), whole.network.points())
 
 
-def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path):
+def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path, device):
     def start():
-        return Simulation(random_tree(7, sources=8, size=8000.0, width=25.0), MeanderParams(spacing=20.0))
+        return Simulation(
+            random_tree(7, sources=8, size=8000.0, width=25.0), MeanderParams(spacing=20.0), device=device
+        )
 
     whole, again = start(), start()
     whole.run(steps=300, record_every=50)
     again.run(steps=150, record_every=50, store=tmp_path / "run")
-    rest = Simulation.resume(tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run", device=device)
     history = rest.run(steps=150, record_every=50)
     assert history.stop_reason is StopReason.COMPLETED
     assert len(whole.history.collisions) == len(history.collisions) > 5

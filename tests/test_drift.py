@@ -28,8 +28,8 @@ def fork(lower=6000.0):
     ],
     ids=["migration", "paths"],
 )
-def test_a_junction_wanders_at_its_speed(params, rate, capture):
-    sim = wr.Simulation(fork(), params, check=not capture, capture=capture)
+def test_a_junction_wanders_at_its_speed(params, rate, capture, device):
+    sim = wr.Simulation(fork(), params, check=not capture, capture=capture, device=device)
     node = sim.network.channel_to[0]
     before = sim.network.node_xy.copy()
     sim.run(steps=200)
@@ -43,28 +43,29 @@ def test_a_junction_wanders_at_its_speed(params, rate, capture):
     np.testing.assert_allclose(ends, [expected[node]] * 3, atol=ROUNDING, rtol=0.0)
 
 
-def test_without_drift_junctions_stay():
-    sim = wr.Simulation(fork(), wr.MeanderParams(spacing=SPACING))
+def test_without_drift_junctions_stay(device):
+    sim = wr.Simulation(fork(), wr.MeanderParams(spacing=SPACING), device=device)
     before = sim.network.node_xy.copy()
     sim.run(steps=50)
     np.testing.assert_array_equal(sim.network.node_xy, before)
 
 
-def test_a_junction_stops_before_the_next_one():
+def test_a_junction_stops_before_the_next_one(device):
     params = wr.MeanderParams(
         spacing=SPACING, junction_drift=1.0, local_weight=0.0, upstream_weight=0.0, collision_distance=0.0
     )
-    sim = wr.Simulation(fork(lower=1500.0), params)
+    sim = wr.Simulation(fork(lower=1500.0), params, device=device)
     sim.run(steps=300)
     length = sim.network.channel_lengths()[2]
     assert 10.0 * 1.4 * WIDTH - 2.0 * SPACING < length <= 10.0 * 1.4 * WIDTH
 
 
-def test_on_steep_ground_junctions_stay():
+def test_on_steep_ground_junctions_stay(device):
     sim = wr.Simulation(
         fork(),
         wr.MeanderParams(spacing=SPACING, junction_drift=0.5),
         terrain=wr.Terrain(np.add.outer(np.arange(120) * 20.0, np.zeros(90)), 100.0, origin=(-4500.0, 4000.0)),
+        device=device,
     )
     before = sim.network.node_xy.copy()
     sim.run(steps=20)
@@ -72,16 +73,18 @@ def test_on_steep_ground_junctions_stay():
 
 
 @pytest.mark.parametrize("kind", [wr.MeanderParams, wr.PathMeander])
-def test_trees_keep_together_while_junctions_wander_and_channels_join(kind, tmp_path):
+def test_trees_keep_together_while_junctions_wander_and_channels_join(kind, tmp_path, device):
     """The graph stays a forest, and a run that goes on from a record is the same to the bit."""
     collisions = 0
     for seed in range(6):
         network = random_tree(seed, sources=8, size=8000.0, width=25.0)
         params = kind(spacing=20.0, junction_drift=0.2, time_step=0.5)
-        sim = wr.Simulation(network, params)
+        sim = wr.Simulation(network, params, device=device)
         first = sim.network.node_xy.copy()
         sim.run(steps=40, record_every=40)
-        again = wr.Simulation.resume(sim.history.save(tmp_path / f"{seed}.npz") or tmp_path / f"{seed}.npz")
+        again = wr.Simulation.resume(
+            sim.history.save(tmp_path / f"{seed}.npz") or tmp_path / f"{seed}.npz", device=device
+        )
         for run in (sim, again):
             run.run(steps=40, record_every=40)
         assert_forest(sim.network)

@@ -93,19 +93,19 @@ def small(**options):
     return Simulation(RiverNetwork.from_polylines([line], width=50.0), MeanderParams(friction=0.012), **options)
 
 
-def test_a_new_kind_is_recorded_stored_read_and_resumed(tmp_path):
+def test_a_new_kind_is_recorded_stored_read_and_resumed(tmp_path, device):
     """Of a class that stands in this file alone."""
 
     def rain(sim):
         sim.history.events.append(flood(sim.step_count, time=sim.time))
 
-    whole = small()
+    whole = small(device=device)
     whole.run(steps=300, record_every=40, callbacks=[rain])
-    half = small()
+    half = small(device=device)
     half.run(steps=170, record_every=40, callbacks=[rain], store=tmp_path / "run")
     half.history.events.append(flood(999))  # lost with the killed run
     half.history.flush()
-    rest = Simulation.resume(tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run", device=device)
     assert len(rest.history.events.of(GravelFlood)) == 170
     rest.run(steps=130, record_every=40, callbacks=[rain])
     rest.history.save(tmp_path / "run.npz")

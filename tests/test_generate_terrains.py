@@ -29,8 +29,8 @@ def pits(terrain):
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.3, math.pi / 2, math.pi, 4.0])
-def test_a_plain_falls_as_asked(direction):
-    t = tilted_plain((30, 40), 25.0, 0.02, direction)
+def test_a_plain_falls_as_asked(direction, device):
+    t = tilted_plain((30, 40), 25.0, 0.02, direction, device=device)
     assert t.shape == (30, 40) and t.bounds == (0.0, 0.0, 1000.0, 750.0)
     gradient = t.gradient([(0.0, 0.0), (500.0, 333.0), (1000.0, 750.0)])
     expected = [-0.02 * math.cos(direction), -0.02 * math.sin(direction)]
@@ -38,8 +38,8 @@ def test_a_plain_falls_as_asked(direction):
     assert t.to_numpy().min() == 0.0
 
 
-def test_a_cone_has_its_slope_and_its_symmetry():
-    t = cone((61, 81), 10.0, 0.25)
+def test_a_cone_has_its_slope_and_its_symmetry(device):
+    t = cone((61, 81), 10.0, 0.25, device=device)
     height = t.to_numpy()
     np.testing.assert_allclose(height, height[::-1], rtol=1e-13)
     np.testing.assert_allclose(height, height[:, ::-1], rtol=1e-13)
@@ -109,14 +109,14 @@ def test_fluvial_land_drains_and_follows_the_stream_power_law(seed):
     assert concavity == pytest.approx(0.45, abs=0.05)
 
 
-def test_divides_of_fluvial_land_are_no_cliffs():
+def test_divides_of_fluvial_land_are_no_cliffs(device):
     """Slopes on both sides of a divide become alike as it moves, so that no cell is much steeper than hillslopes."""
-    slope = fluvial_terrain((120, 120), 50.0, 1000.0, seed=3).slope()
+    slope = fluvial_terrain((120, 120), 50.0, 1000.0, seed=3, device=device).slope()
     assert np.percentile(slope, 99.9) < 2.0 * np.percentile(slope, 90)
 
 
-def test_the_mountain_front_has_its_three_zones():
-    t, line, zones = mountain_front(seed=0), mountain_front_line(seed=0), mountain_front_zones()
+def test_the_mountain_front_has_its_three_zones(device):
+    t, line, zones = mountain_front(seed=0, device=device), mountain_front_line(seed=0), mountain_front_zones()
     assert t.bounds == (0.0, 0.0, 35_000.0, 20_000.0) and t.cell_size == 50.0
     assert line[0, 0] > line[-1, 0], "the river does not run west"
     slope = np.hypot(*t.gradient(line).T)
@@ -244,7 +244,16 @@ def test_land_that_cannot_fit_is_refused_before_it_is_made():
             make((10**6, 10**6), 1.0, 100.0, 0)
 
 
-def test_terrains_go_to_the_device_asked_for():
-    assert isinstance(cone((5, 5), 1.0, 0.1, device="cpu"), Terrain)
+def test_terrains_go_to_the_device_asked_for(device):
+    made = [
+        tilted_plain((5, 5), 1.0, 0.1, device=device),
+        cone((5, 5), 1.0, 0.1, device=device),
+        fractal_terrain((5, 5), 1.0, 1.0, 0, device=device),
+        fluvial_terrain((5, 5), 1.0, 1.0, 0, device=device),
+        intermontane_basin(400.0, device=device),
+        mountain_front(250.0, device=device),
+    ]
+    for terrain in made:
+        assert isinstance(terrain, Terrain) and terrain.height.device.alias == device
     with pytest.raises(ValueError, match="is not on this machine"):
         cone((5, 5), 1.0, 0.1, device="cuda:77")

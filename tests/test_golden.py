@@ -153,12 +153,12 @@ def print_gaps(what, gaps):
 
 
 @pytest.mark.parametrize("name", ["sine", "kinoshita"])
-def test_curvatures_meet_as_the_spacing_falls(name):
+def test_curvatures_meet_as_the_spacing_falls(name, device):
     case, gaps, own = golden(f"a_curvature_{name}"), [], []
     for times in REFINEMENTS:
         xy, exact = refined(case, times)
         inner, size = slice(10 * times, -10 * times), abs(exact).max()
-        ours = phases.curvature_of(xy)
+        ours = phases.curvature_of(xy, device=device)
         gaps.append(abs(peer_curvature(*xy.T) - ours)[inner].max() / size)
         own.append(abs(ours - exact)[inner].max() / size)
     orders = print_gaps(f"{name}: peer - ours, of the largest curvature", gaps)
@@ -168,18 +168,18 @@ def test_curvatures_meet_as_the_spacing_falls(name):
     assert all(o < 0.05 * g for o, g in zip(own, gaps, strict=True))  # the gap is theirs
 
 
-def test_curvatures_of_a_circle_are_the_same():
+def test_curvatures_of_a_circle_are_the_same(device):
     case = golden("a_curvature_circle")
     xy, _ = refined(case, 1)
-    ours, theirs = phases.curvature_of(xy)[5:-5], peer_curvature(*xy.T)[5:-5]
+    ours, theirs = phases.curvature_of(xy, device=device)[5:-5], peer_curvature(*xy.T)[5:-5]
     print(f"circle: {ours.mean():.9f} and {theirs.mean():.9f} 1/m")
     assert ours == pytest.approx(0.002, rel=CIRCLE) and theirs == pytest.approx(0.002, rel=CIRCLE)
 
 
-def test_peers_do_not_see_a_zigzag():
+def test_peers_do_not_see_a_zigzag(device):
     x = 25.0 * np.arange(200)
     y = 0.1 * (-1.0) ** np.arange(200)
-    theirs, ours = peer_curvature(x, y)[5:-5], phases.curvature_of(np.column_stack([x, y]))[5:-5]
+    theirs, ours = peer_curvature(x, y)[5:-5], phases.curvature_of(np.column_stack([x, y]), device=device)[5:-5]
     print(f"zigzag of 0.1 m at 25 m: curvature {abs(theirs).max():.1e} and {abs(ours).max():.1e} 1/m")
     assert abs(theirs).max() < 1e-18
     # The second difference, 4 A / h^2, and a third more from the fourth-order correction.
@@ -187,7 +187,7 @@ def test_peers_do_not_see_a_zigzag():
 
 
 @pytest.mark.parametrize("name", ["sine", "kinoshita"])
-def test_rates_meet_as_the_spacing_falls(name):
+def test_rates_meet_as_the_spacing_falls(name, device):
     case = golden(f"b_rate_{name}")
     alpha, width, depth = float(case["alpha"]), float(case["W"]), float(case["D"])
     params = wr.MeanderParams(
@@ -196,7 +196,7 @@ def test_rates_meet_as_the_spacing_falls(name):
     below, all_of_it = [], []
     for times in REFINEMENTS:
         xy, _ = refined(case, times)
-        ours = phases.rate_of(xy, width, params, depth=depth)
+        ours = phases.rate_of(xy, width, params, depth=depth, device=device)
         gaps = peer_gaps(*xy.T)
         local, s = params.migration_rate * width * peer_curvature(*xy.T), np.cumsum(gaps)
         inner = np.arange(len(s)) >= 10 * times
@@ -217,7 +217,7 @@ def test_rates_meet_as_the_spacing_falls(name):
 
 
 @pytest.mark.parametrize("name", ["kinoshita", "kinoshita_sloped", "jitter_clamped", "noisy"])
-def test_one_move(name):
+def test_one_move(name, device):
     case = golden(f"c_migrate_{name}")
     xy, years = np.column_stack([case["x"], case["y"]]), float(case["dt"]) / YEAR
     params = wr.MeanderParams(
@@ -229,8 +229,10 @@ def test_one_move(name):
     theirs, moves = peer_move(case)
     moves &= np.cumsum(peer_gaps(*xy.T)) > HEAD * case["D"] / (2.0 * case["Cf"])
     instant = 1e-4  # yr, without an implicit share
-    ours = (phases.moved(xy, float(case["W"]), params, instant, depth=float(case["D"])) - xy) * (years / instant)
-    implicit = phases.moved(xy, float(case["W"]), params, years, depth=float(case["D"])) - xy
+    ours = (phases.moved(xy, float(case["W"]), params, instant, depth=float(case["D"]), device=device) - xy) * (
+        years / instant
+    )
+    implicit = phases.moved(xy, float(case["W"]), params, years, depth=float(case["D"]), device=device) - xy
     size, apart = np.hypot(*theirs[moves].T), np.hypot(*(ours - theirs)[moves].T)
     rms, most = np.sqrt((apart**2).mean() / (size**2).mean()), apart.max() / size.max()
     alike = np.corrcoef(ours[moves].ravel(), theirs[moves].ravel())[0, 1]
@@ -248,11 +250,11 @@ def test_one_move(name):
 
 
 @pytest.mark.parametrize("name", [*RESAMPLED, "kinoshita_jitter"])
-def test_resampling(name):
+def test_resampling(name, device):
     case = golden(f"d_resample_{name}")
     xy, there = np.column_stack([case["x"], case["y"]]), np.column_stack([case["x_new"], case["y_new"]])
     spacing = float(case["deltas"])
-    here = phases.resampled(xy, 100.0, wr.MeanderParams(spacing=spacing))
+    here = phases.resampled(xy, 100.0, wr.MeanderParams(spacing=spacing), device=device)
     smooth = CubicSpline(np.arange(len(there)), there)(np.linspace(0, len(there) - 1, 32 * (len(there) - 1) + 1))
     sideways = abs(wr.metrics.migration(here, smooth))
     chords = wr.metrics.arc_length(xy)[-1]
@@ -272,13 +274,13 @@ def test_resampling(name):
 
 
 @pytest.mark.parametrize("name", ["one_neck", "one_neck_open", "two_necks", "straight"])
-def test_cutoffs_are_the_same(name):
+def test_cutoffs_are_the_same(name, device):
     """The same necks and the same loops: the first point with a neck, joined to the first point that it reaches."""
     case = golden(f"e_cutoff_{name}")
     distance, spacing = float(case["crdist"]), float(case["deltas"])
     # They leave out neighbours by index: more than (crdist + 20 deltas) / deltas apart.
     params = wr.MeanderParams(spacing=spacing, cutoff_min_arc=(distance + 20.0 * spacing) / distance)
-    channel, loops = phases.cut(np.column_stack([case["x"], case["y"]]), distance, params, spacing)
+    channel, loops = phases.cut(np.column_stack([case["x"], case["y"]]), distance, params, spacing, device=device)
     there = np.column_stack([case["x_new"], case["y_new"]])
     sizes = [len(loop) for loop in loops]
     print(f"{name}: {len(loops)} loops of {sizes} points; their necks {case['ind1']}, {case['ind2']}")
@@ -309,15 +311,15 @@ def cpp_params(case):
     )
 
 
-def test_cpp_stages():
+def test_cpp_stages(device):
     case = golden("cpp_noisy_W50")
     width, depth = float(case["W"]), float(case["depth"])
     for step in case["steps"]:
         xy = case[f"step{step}_points_before"]
         curvature, rate = case[f"step{step}_curvature_before"], case[f"step{step}_rate"] * YEAR
         inner = slice(20, -20)
-        bend = np.corrcoef(phases.curvature_of(xy)[inner], curvature[inner])[0, 1]
-        ours = phases.rate_of(xy, width, cpp_params(case), depth=depth)
+        bend = np.corrcoef(phases.curvature_of(xy, device=device)[inner], curvature[inner])[0, 1]
+        ours = phases.rate_of(xy, width, cpp_params(case), depth=depth, device=device)
         alike = np.corrcoef(ours[inner], rate[inner])[0, 1]
         size = np.sqrt((ours[inner] ** 2).mean() / (rate[inner] ** 2).mean())
         print(f"step {step}: correlation of curvature {bend:.4f}, of rate {alike:.4f}; our rate {size:.2f} of theirs")
@@ -328,11 +330,13 @@ def test_cpp_stages():
             assert bend > 0.5
 
 
-def test_cpp_statistics():
+def test_cpp_statistics(device):
     """Their noise grows into shorter bends, sooner: the wave that grows fastest on their grid is shorter and faster."""
     case = golden("cpp_noisy_W50")
     width, depth, params = float(case["W"]), float(case["depth"]), cpp_params(case)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([case["points_start"]], width=width, depth=depth), params)
+    sim = wr.Simulation(
+        wr.RiverNetwork.from_polylines([case["points_start"]], width=width, depth=depth), params, device=device
+    )
     bent, waves = {}, {}
 
     def look(sim):

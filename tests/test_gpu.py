@@ -19,7 +19,7 @@ import pytest
 import warp as wp
 from gpu_report import Report
 
-from warpriver.meander import buffers
+from warpriver.engine import state as buffers
 
 
 def sections(**seconds):

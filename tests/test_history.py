@@ -19,13 +19,14 @@ def network():
     return RiverNetwork.from_polylines([line + [5e5, -1.6e6]], width=50.0, crs="EPSG:32620")
 
 
-def run(steps=500, **options):
-    return Simulation(network(), MeanderParams(friction=0.012), seed=9).run(steps=steps, record_every=25, **options)
+def run(steps=500, *, device, **options):
+    sim = Simulation(network(), MeanderParams(friction=0.012), seed=9, device=device)
+    return sim.run(steps=steps, record_every=25, **options)
 
 
 @pytest.fixture(scope="module")
-def history():
-    return run()
+def history(device):
+    return run(device=device)
 
 
 def assert_same(a, b):
@@ -64,9 +65,9 @@ def test_a_folder_gives_everything_back(history, tmp_path):
     assert_same(History.load(tmp_path / "saved"), history)
 
 
-def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch):
+def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch, device):
     monkeypatch.setattr("warpriver.history.SEGMENT_BYTES", 20_000)
-    streamed = run(store=tmp_path / "run")
+    streamed = run(store=tmp_path / "run", device=device)
     assert len(list((tmp_path / "run").glob("segment_*.npz"))) > 3
     assert not any(isinstance(r, tuple) is False for r in streamed._records), "records on disk are not kept in memory"
     assert_same(streamed, history)
@@ -75,10 +76,10 @@ def test_a_streamed_run_is_the_run_in_memory(history, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("moment", ["in the segment", "before the index", "in the index"])
-def test_a_killed_run_is_readable_up_to_its_last_segment(history, tmp_path, monkeypatch, moment):
+def test_a_killed_run_is_readable_up_to_its_last_segment(history, tmp_path, monkeypatch, moment, device):
     monkeypatch.setattr("warpriver.history.SEGMENT_BYTES", 20_000)
     folder = tmp_path / "run"
-    run(store=folder)
+    run(store=folder, device=device)
     last, index = sorted(folder.glob("segment_*.npz"))[-1], folder / "segments.jsonl"
     lines = index.read_text().splitlines(keepends=True)
     if moment == "in the segment":  # a part of it is there under another name
@@ -89,7 +90,7 @@ def test_a_killed_run_is_readable_up_to_its_last_segment(history, tmp_path, monk
     assert 0 < len(part) < len(history)
     np.testing.assert_array_equal(part.times, history.times[: len(part)])
     # Going on from there comes to the same as the run that was not killed.
-    rest = Simulation.resume(folder).run(steps=500 - int(part.steps[-1]), record_every=25)
+    rest = Simulation.resume(folder, device=device).run(steps=500 - int(part.steps[-1]), record_every=25)
     assert_same(rest, history)
     assert_same(History.load(folder), history)
 
@@ -128,14 +129,14 @@ def test_a_full_disk_stops_the_run_with_a_reason_and_loses_nothing(tmp_path):
 def test_a_folder_that_holds_something_is_not_written_into(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(FileExistsError, match="not empty"):
-        run(steps=5, store=tmp_path)
+        run(steps=5, store=tmp_path, device="cpu")
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 def test_a_folder_that_cannot_be_made_is_an_error_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
-        run(steps=5, store=tmp_path / "file" / "run")
+        run(steps=5, store=tmp_path / "file" / "run", device="cpu")
 
 
 def test_what_is_not_a_run_is_refused(tmp_path, history):
@@ -169,7 +170,7 @@ def test_a_run_of_another_format_is_refused(tmp_path, history, old):
 
 
 def test_any_changed_bit_of_the_header_is_noticed(tmp_path):
-    history = run(steps=1, store=tmp_path / "run")
+    history = run(steps=1, store=tmp_path / "run", device="cpu")
     path = tmp_path / "run" / "run.json"
     good = path.read_bytes()
     told = (history.params, history.seed, history.origin.tolist(), history.crs, history.dtype, history.stop_reason)
@@ -192,10 +193,10 @@ def test_any_changed_bit_of_the_header_is_noticed(tmp_path):
 
 
 @pytest.fixture
-def stored(tmp_path, monkeypatch):
+def stored(tmp_path, monkeypatch, device):
     """A run of several segments, with the number of records in each."""
     monkeypatch.setattr("warpriver.history.SEGMENT_BYTES", 20_000)
-    run(store=tmp_path / "run")
+    run(store=tmp_path / "run", device=device)
     lines = (tmp_path / "run" / "segments.jsonl").read_text().splitlines()
     counts = [len(json.loads(line)["steps"]) for line in lines]
     assert len(counts) > 3
@@ -302,16 +303,16 @@ def test_an_index_that_cannot_grow_stays_as_it_was(stored):
     assert len(History.load(folder)) == sum(counts) + 1
 
 
-def test_events_that_a_resumed_run_has_not_met_yet_do_not_count(tmp_path):
+def test_events_that_a_resumed_run_has_not_met_yet_do_not_count(tmp_path, device):
     """A run was killed after more events had been stored than its last record knows of."""
-    sim = Simulation(network(), MeanderParams(friction=0.012))
+    sim = Simulation(network(), MeanderParams(friction=0.012), device=device)
     sim.run(steps=300, record_every=100, store=tmp_path / "run")
     known = len(sim.history.events)
     while len(sim.history.events) < known + 3:
         sim.step()
     sim.history.flush()
-    whole = Simulation(network(), MeanderParams(friction=0.012)).run(steps=450, record_every=150)
-    rest = Simulation.resume(tmp_path / "run")
+    whole = Simulation(network(), MeanderParams(friction=0.012), device=device).run(steps=450, record_every=150)
+    rest = Simulation.resume(tmp_path / "run", device=device)
     assert len(rest.history.events) == known
     rest.run(steps=10)
     found = History.load(tmp_path / "run")
@@ -360,16 +361,15 @@ def test_a_record_that_makes_no_sense_is_not_gone_on_from(history, name, change)
         Simulation.resume(other)
 
 
-def test_a_record_costs_the_same_however_many_wait(tmp_path, monkeypatch):
+def test_a_record_costs_the_same_however_many_wait(tmp_path, monkeypatch, device):
     """Counting the bytes of all that waits, at every record, made a run of many records quadratic."""
     sized = []
     whole = Record.nbytes.fget
     monkeypatch.setattr(Record, "nbytes", property(lambda self: sized.append(1) or whole(self)))
     monkeypatch.setattr("warpriver.history.SEGMENT_SECONDS", 1e9)
     line = generate.noisy_line(2000.0, 40.0, 10.0, 7)
-    history = Simulation(RiverNetwork.from_polylines([line], width=50.0)).run(
-        steps=200, record_every=1, store=tmp_path / "run"
-    )
+    sim = Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device)
+    history = sim.run(steps=200, record_every=1, store=tmp_path / "run")
     assert len(history) == 201 and len(sized) <= 200
     assert len(History.load(tmp_path / "run")) == 201
 
@@ -377,7 +377,7 @@ def test_a_record_costs_the_same_however_many_wait(tmp_path, monkeypatch):
 # ---- copies
 
 
-def test_histories_are_pickled_and_copied(history, stored):
+def test_histories_are_pickled_and_copied(history, stored, device):
     for source in (history, History.load(stored[0])):
         for other in (pickle.loads(pickle.dumps(source)), copy.deepcopy(source)):
             assert_same(other, history)
@@ -386,8 +386,8 @@ def test_histories_are_pickled_and_copied(history, stored):
                 assert other.record(k).channels == history.record(k).channels
             other.append(other.record(-1))
             assert len(other) == len(source) + 1
-    again = pickle.loads(pickle.dumps(Simulation.resume(stored[0]).history))
-    assert Simulation.resume(again).step_count == 500
+    again = pickle.loads(pickle.dumps(Simulation.resume(stored[0], device=device).history))
+    assert Simulation.resume(again, device=device).step_count == 500
 
 
 def test_an_empty_history_cannot_be_resumed():

@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 import reference_hydrology as reference
-import warp as wp
 from data_folder import data_folder
 
 from warpriver import hydrology, network
@@ -61,8 +60,8 @@ def real_heights(name):
 
 @pytest.mark.parametrize("edges", ["open", "closed", ("closed", "open", "periodic", "periodic")])
 @pytest.mark.parametrize("change", [hydrology.fill_depressions, hydrology.carve_depressions])
-def test_no_pit_is_left_and_doing_it_again_changes_nothing(change, edges):
-    terrain = Terrain(fractal(96), 10.0)
+def test_no_pit_is_left_and_doing_it_again_changes_nothing(change, edges, device):
+    terrain = Terrain(fractal(96), 10.0, device=device)
     once = change(terrain, edges=edges)
     flow = hydrology.route(once, edges=edges)
     cells = cells_module.pad_terrain(once, edges, "outlet", 0)
@@ -71,8 +70,8 @@ def test_no_pit_is_left_and_doing_it_again_changes_nothing(change, edges):
     assert np.array_equal(change(once, edges=edges).to_numpy(), once.to_numpy())
 
 
-def test_filling_never_lowers_and_carving_never_rises_above_it():
-    terrain = Terrain(fractal(96, seed=1), 10.0)
+def test_filling_never_lowers_and_carving_never_rises_above_it(device):
+    terrain = Terrain(fractal(96, seed=1), 10.0, device=device)
     height, filled = terrain.to_numpy(), hydrology.fill_depressions(terrain).to_numpy()
     carved = hydrology.carve_depressions(terrain).to_numpy()
     assert (filled >= height).all() and (carved <= filled).all() and (carved < height).any()
@@ -81,8 +80,8 @@ def test_filling_never_lowers_and_carving_never_rises_above_it():
     assert np.array_equal(terrain.to_numpy(), height), "the terrain given is not changed"
 
 
-def test_limits_leave_deep_pits_to_be_filled():
-    terrain = Terrain(fractal(96, seed=2), 10.0)
+def test_limits_leave_deep_pits_to_be_filled(device):
+    terrain = Terrain(fractal(96, seed=2), 10.0, device=device)
     height, filled = terrain.to_numpy(), hydrology.fill_depressions(terrain).to_numpy()
     shallow = hydrology.carve_depressions(terrain, max_depth=0.5).to_numpy()
     short = hydrology.carve_depressions(terrain, max_length=25.0).to_numpy()
@@ -93,8 +92,8 @@ def test_limits_leave_deep_pits_to_be_filled():
     assert np.array_equal(hydrology.carve_depressions(terrain, max_length=0.0).to_numpy(), filled)
 
 
-def test_without_epsilon_depressions_become_flats():
-    terrain = Terrain(fractal(64), 10.0)
+def test_without_epsilon_depressions_become_flats(device):
+    terrain = Terrain(fractal(64), 10.0, device=device)
     flat = hydrology.fill_depressions(terrain, epsilon=False).to_numpy()
     filled = hydrology.fill_depressions(terrain).to_numpy()
     assert (filled >= flat).all() and (filled - flat).max() < 1e-9
@@ -102,11 +101,11 @@ def test_without_epsilon_depressions_become_flats():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_public_functions_equal_the_reference(seed):
+def test_public_functions_equal_the_reference(seed, device):
     rng = np.random.default_rng(seed)
     height, edges = reference.random_heights(rng, 30), reference.random_rules(rng)
     for nodata in ("outlet", "wall"):
-        terrain, raster = Terrain(height, 5.0), reference.Raster(height, edges, nodata)
+        terrain, raster = Terrain(height, 5.0, device=device), reference.Raster(height, edges, nodata)
         rules = {"edges": edges, "nodata": nodata}
         filled = hydrology.fill_depressions(terrain, **rules).to_numpy()
         assert np.array_equal(filled, reference.fill(raster), equal_nan=True)
@@ -122,10 +121,10 @@ def test_public_functions_equal_the_reference(seed):
 
 
 @pytest.mark.parametrize("method", ["d8", "mfd"])
-def test_all_area_arrives_at_base_level(method):
+def test_all_area_arrives_at_base_level(method, device):
     height = fractal(128)
     height[30:50, 40:60] = NAN
-    terrain = hydrology.fill_depressions(Terrain(height, 30.0))
+    terrain = hydrology.fill_depressions(Terrain(height, 30.0, device=device))
     area, base = hydrology.drainage_area(terrain, method=method).numpy(), own(hydrology.route(terrain))
     total = np.isfinite(height).sum() * 30.0**2
     if method == "d8":
@@ -134,36 +133,37 @@ def test_all_area_arrives_at_base_level(method):
     assert np.array_equal(np.isnan(area), np.isnan(height)) and np.nanmin(area) == 900.0
 
 
-def test_pits_keep_their_water_where_nothing_was_filled():
-    terrain = Terrain(fractal(64), 2.0)
+def test_pits_keep_their_water_where_nothing_was_filled(device):
+    terrain = Terrain(fractal(64), 2.0, device=device)
     flow = hydrology.route(terrain)
     assert hydrology.drainage_area(flow).numpy()[own(flow)].sum() == 64 * 64 * 4.0
     assert own(flow)[1:-1, 1:-1].any()
 
 
-def test_tilted_periodic_plane_drains_row_by_row():
+def test_tilted_periodic_plane_drains_row_by_row(device):
     """Each row has the water of all above it; a cell sends .42265 straight on and .28868 to either side."""
     height = np.repeat(np.arange(20.0, 0.0, -1.0)[:, None], 12, axis=1)
     edges = {"north": "closed", "south": "open", "east": "periodic", "west": "periodic"}
     rows = np.arange(1.0, 21.0)[:, None] * np.ones((1, 12))
     for method in ("d8", "mfd"):
-        area = hydrology.drainage_area(Terrain(height, 10.0), method=method, edges=edges).numpy()
+        area = hydrology.drainage_area(Terrain(height, 10.0, device=device), method=method, edges=edges).numpy()
         assert np.allclose(area / 100.0, rows, rtol=1e-13)
     height[0] = 0.0
     height[0, 5] = 20.0  # one spring alone; the rest of its row is dammed off below
     height[0, :5] = height[0, 6:] = NAN
-    area = hydrology.drainage_area(Terrain(height, 1.0), method="mfd", edges=edges, nodata="wall").numpy()
+    terrain = Terrain(height, 1.0, device=device)
+    area = hydrology.drainage_area(terrain, method="mfd", edges=edges, nodata="wall").numpy()
     assert np.allclose(area[1, 4:7] - 1.0, [0.28868, 0.42265, 0.28868], atol=5e-6)
 
 
-def test_cone_has_the_least_scatter_at_exponent_1_1():
+def test_cone_has_the_least_scatter_at_exponent_1_1(device):
     """The specific area of a cone is r/2; over a ring of square cells the mean is off by their shape."""
     y, x = np.mgrid[-110:111, -110:111].astype(np.float64)
     r = np.hypot(x, y)
     ring = np.abs(r - 100.0) < 0.5
     scatter = {}
     for exponent in (1.0, 1.1, 1.2, 1.3, 1.5, 2.0):
-        area = hydrology.drainage_area(Terrain(-r, 1.0), method="mfd", exponent=exponent).numpy()
+        area = hydrology.drainage_area(Terrain(-r, 1.0, device=device), method="mfd", exponent=exponent).numpy()
         ratio = area[ring] / (0.5 * r[ring])
         scatter[exponent] = ratio.std() / ratio.mean()
         if exponent == 1.1:
@@ -190,12 +190,13 @@ def test_random_lattice_has_scheideggers_sources_and_hacks_exponent():
 
 
 @pytest.mark.parametrize("method", ["d8", "mfd"])
-def test_area_does_not_depend_on_how_the_raster_lies(method):
+def test_area_does_not_depend_on_how_the_raster_lies(method, device):
     """Turned and mirrored terrain: the same areas, except where D8 met a tie, of which real numbers have none."""
     height = fractal(48)
-    area = hydrology.drainage_area(hydrology.fill_depressions(Terrain(height, 1.0)), method=method).numpy()
+    filled = hydrology.fill_depressions(Terrain(height, 1.0, device=device))
+    area = hydrology.drainage_area(filled, method=method).numpy()
     for turn in (np.rot90, np.flipud, np.transpose):
-        turned = Terrain(np.ascontiguousarray(turn(height)), 1.0)
+        turned = Terrain(np.ascontiguousarray(turn(height)), 1.0, device=device)
         other = hydrology.drainage_area(hydrology.fill_depressions(turned), method=method)
         same = np.isclose(other, turn(area), rtol=1e-9)
         # Filled ground is full of ties.
@@ -219,40 +220,40 @@ def test_width_is_calibrated_at_100_km2_and_grows_with_the_root_of_area():
     assert np.isclose(hydrology.channel_width(1e8, coefficient=1e-3), 10.0)
 
 
-def test_stream_power_is_root_of_area_times_slope():
+def test_stream_power_is_root_of_area_times_slope(device):
     """On a plane that falls by 1 in 50 to the south, down columns of 10 m cells."""
     height = np.repeat(np.arange(8.0, 0.0, -1.0)[:, None], 5, axis=1) * 0.2
     edges = {"north": "closed", "south": "open", "east": "closed", "west": "closed"}
-    power = hydrology.stream_power(Terrain(height, 10.0), edges=edges)
+    power = hydrology.stream_power(Terrain(height, 10.0, device=device), edges=edges)
     expected = np.sqrt(100.0 * np.arange(1.0, 9.0)) * 0.02
     expected[-1] = 0.0  # an outlet has no slope
     assert np.allclose(power, expected[:, None], rtol=1e-12)
-    flow = hydrology.route(Terrain(height, 10.0), edges=edges)
+    flow = hydrology.route(Terrain(height, 10.0, device=device), edges=edges)
     area = np.full((8, 5), 4.0)
     assert np.allclose(hydrology.stream_power(flow, area, m=1.0, n=2.0).numpy()[:-1], 4.0 * 0.02**2, rtol=1e-12)
 
 
-def test_flow_length_runs_both_ways():
+def test_flow_length_runs_both_ways(device):
     height = np.repeat(np.arange(6.0)[:, None], 4, axis=1) + np.zeros((1, 4))
     edges = {"north": "open", "south": "closed", "east": "closed", "west": "closed"}
-    flow = hydrology.route(Terrain(height, 5.0), edges=edges)
+    flow = hydrology.route(Terrain(height, 5.0, device=device), edges=edges)
     assert np.allclose(hydrology.flow_length(flow).numpy()[:, 1], 5.0 * np.arange(6.0))
     assert np.allclose(hydrology.flow_length(flow, downstream=False).numpy()[:, 1], 5.0 * np.arange(5.0, -1.0, -1.0))
 
 
-def test_hand_is_the_height_above_the_channel_a_cell_drains_to():
+def test_hand_is_the_height_above_the_channel_a_cell_drains_to(device):
     """A valley along a column; its west bank drains to it, its east bank over the map's edge."""
     height = np.array([[7.0, 4.0, 9.0, 8.0], [6.0, 3.0, 9.5, 8.0], [5.0, 2.0, 9.0, 8.0]])
     edges = {"north": "closed", "south": "open", "east": "open", "west": "closed"}
     channel = np.zeros((3, 4), bool)
     channel[:, 1] = True
-    above = hydrology.hand(Terrain(height, 30.0), channel, edges=edges).numpy()
+    above = hydrology.hand(Terrain(height, 30.0, device=device), channel, edges=edges).numpy()
     assert np.array_equal(above[:2, :3], [[3.0, 0.0, 5.0], [3.0, 0.0, 6.5]])
     assert np.isnan(above[:, 3]).all()
 
 
-def test_a_flow_is_asked_many_times_and_routed_once(monkeypatch):
-    flow = hydrology.route(hydrology.fill_depressions(Terrain(fractal(32), 10.0)))
+def test_a_flow_is_asked_many_times_and_routed_once(monkeypatch, device):
+    flow = hydrology.route(hydrology.fill_depressions(Terrain(fractal(32), 10.0, device=device)))
     area = hydrology.drainage_area(flow)
     monkeypatch.setattr(hydrology.routing, "route", None)
     assert flow.order is flow.order and len(flow.order) == 32 * 32
@@ -261,7 +262,6 @@ def test_a_flow_is_asked_many_times_and_routed_once(monkeypatch):
     assert "32 x 32" in repr(flow)
 
 
-@pytest.mark.parametrize("device", [device.alias for device in wp.get_devices()])
 def test_results_lie_where_the_terrain_lies_and_routing_says_where_it_runs(device, caplog):
     cells_module._say_where.cache_clear()
     terrain = Terrain(fractal(24), 10.0, origin=(500.0, 900.0), crs="EPSG:32611", device=device)
@@ -280,10 +280,10 @@ def test_results_lie_where_the_terrain_lies_and_routing_says_where_it_runs(devic
 
 
 @pytest.mark.parametrize("name", RASTERS)
-def test_real_terrain_is_drained_whole(name):
+def test_real_terrain_is_drained_whole(name, device):
     height, cell_size = real_heights(name)
     for change in (hydrology.fill_depressions, hydrology.carve_depressions):
-        terrain = change(Terrain(height, cell_size))
+        terrain = change(Terrain(height, cell_size, device=device))
         flow = hydrology.route(terrain)
         d8, mfd = hydrology.drainage_area(flow).numpy(), hydrology.drainage_area(terrain, method="mfd").numpy()
         cells = np.isfinite(height).sum()
@@ -315,56 +315,57 @@ def _course(flow, area):
 # ---- bad input and edges of the domain
 
 
-def test_level_ground_drains_after_filling():
+def test_level_ground_drains_after_filling(device):
     for value in (0.0, -7.25, 4000.0):
-        terrain = hydrology.fill_depressions(Terrain(np.full((40, 30), value), 1.0))
+        terrain = hydrology.fill_depressions(Terrain(np.full((40, 30), value), 1.0, device=device))
         flow = hydrology.route(terrain)
         assert own(flow).sum() == 2 * 30 + 2 * 38
         assert hydrology.drainage_area(flow).numpy()[own(flow)].sum() == 1200.0
         assert np.array_equal(
-            hydrology.carve_depressions(Terrain(np.full((40, 30), value), 1.0)).to_numpy(), terrain.to_numpy()
+            hydrology.carve_depressions(Terrain(np.full((40, 30), value), 1.0, device=device)).to_numpy(),
+            terrain.to_numpy(),
         )
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("change", [hydrology.fill_depressions, hydrology.carve_depressions])
 @pytest.mark.parametrize("relief", [0.0, 5e-324, 1e-300, 1.0, 1e300])
-def test_no_relief_is_too_small_or_too_large(change, relief):
+def test_no_relief_is_too_small_or_too_large(change, relief, device):
     """Heights wait in buckets by their share of the relief, which may be nothing, or not even a normal number."""
     height = relief * np.random.default_rng(0).random((25, 30))
     height[12, 12] = 0.0
-    result = change(Terrain(height, 10.0))
+    result = change(Terrain(height, 10.0, device=device))
     flow = hydrology.route(result)
     assert hydrology.drainage_area(flow).numpy()[own(flow)].sum() == 25 * 30 * 100.0
     assert not own(flow)[1:-1, 1:-1].any()
 
 
-def test_terrain_closed_all_around_drains_to_its_lowest_cell(caplog):
+def test_terrain_closed_all_around_drains_to_its_lowest_cell(caplog, device):
     height = fractal(24)
     height[11, 7] = height.min() - 1.0
     with caplog.at_level(logging.INFO, "warpriver"):
-        filled = hydrology.fill_depressions(Terrain(height, 1.0), edges="closed")
+        filled = hydrology.fill_depressions(Terrain(height, 1.0, device=device), edges="closed")
     assert "no outlet" in caplog.text
     flow = hydrology.route(filled, edges="closed")
     assert np.argwhere(own(flow)).tolist() == [[11, 7]]
     assert hydrology.drainage_area(flow).numpy()[11, 7] == 24 * 24
 
 
-def test_islands_behind_walls_drain_each_to_its_lowest_cell():
+def test_islands_behind_walls_drain_each_to_its_lowest_cell(device):
     height = np.full((5, 7), NAN)
     height[1, 1:3], height[3, 4:6] = [5.0, 4.0], [1.0, 2.0]
-    flow = hydrology.route(Terrain(height, 1.0), nodata="wall")
+    flow = hydrology.route(Terrain(height, 1.0, device=device), nodata="wall")
     assert np.argwhere(own(flow)).tolist() == [[1, 2], [3, 4]]
-    as_outlets = hydrology.route(Terrain(height, 1.0), nodata="outlet")
+    as_outlets = hydrology.route(Terrain(height, 1.0, device=device), nodata="outlet")
     assert own(as_outlets).sum() == 4 and (as_outlets.receiver.numpy() < 0).sum() == 31
 
 
-def test_a_pit_at_the_edge_is_an_outlet_if_open_and_filled_if_closed():
+def test_a_pit_at_the_edge_is_an_outlet_if_open_and_filled_if_closed(device):
     height = np.full((5, 5), 9.0)
     height[0, 2], height[4, 2] = 1.0, 5.0
     edges = {"north": "closed", "south": "open", "east": "closed", "west": "closed"}
-    assert hydrology.fill_depressions(Terrain(height, 1.0)).to_numpy()[0, 2] == 1.0
-    filled = hydrology.fill_depressions(Terrain(height, 1.0), edges=edges).to_numpy()
+    assert hydrology.fill_depressions(Terrain(height, 1.0, device=device)).to_numpy()[0, 2] == 1.0
+    filled = hydrology.fill_depressions(Terrain(height, 1.0, device=device), edges=edges).to_numpy()
     assert 9.0 < filled[0, 2] < 9.001
 
 

@@ -11,12 +11,13 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = sorted((ROOT / "kernels").glob("*.py"))
 LONGEST_BODY, MOST_ARGUMENTS = 60, 16
 GROUPS = ["# network", "# terrain", "# params", "# in", "# out"]
-ATOMICS = {"atomic_add", "atomic_min", "atomic_max", "atomic_or", "atomic_exch"}
-# The greatest of some numbers is the same in any order, whatever they are; a sum of them is rounded differently.
-ORDERLESS = {"atomic_min", "atomic_max"}
-INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64", "wp.uint64")) + (
+ATOMICS = {"atomic_add", "atomic_sub", "atomic_min", "atomic_max", "atomic_or", "atomic_exch"}
+# Pairs are combined component by component; ``bits`` are the integers that real numbers from 0 on are compared as.
+INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64", "wp.uint64", "wp.vec2i", "bits")) + (
     "wp.array2d[wp.uint64]",
 )
+# A kernel that a factory makes for several types gets a name of its own for each.
+FACTORY_DECORATORS = ["named"]
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 
 
@@ -125,9 +126,11 @@ def broken_kernel(function, lines):
         yield f"{len(function.args.args)} arguments, {MOST_ARGUMENTS} at most; bundle the scalars in a struct"
     if "_" not in function.name:
         yield "name is not verb_object"
-    (decorator,) = (ast.unparse(d) for d in function.decorator_list)
+    decorator, *others = (ast.unparse(d) for d in function.decorator_list)
     if decorator != "wp.kernel(module=name, enable_backward=False)":
         yield f"decorator is {decorator}"
+    if others not in ([], FACTORY_DECORATORS):
+        yield f"further decorators {others}"
     first, last = function.args.args[0].lineno - 2, function.args.args[-1].lineno
     found = [line.strip() for line in lines[first:last] if line.strip().startswith("#")]
     if found != [group for group in GROUPS if group in found]:
@@ -158,7 +161,10 @@ def broken_literals(function):
 
 
 def broken_atomics(function):
-    """Nothing is combined atomically in a way that depends on the order of arrival: only integers are added up."""
+    """Nothing is combined atomically in a way that depends on the order of arrival: only integers are combined.
+
+    The greatest of some real numbers does not depend on it either, but is found in a loop on a GPU.
+    """
     kinds = {a.arg: ast.unparse(a.annotation) for a in function.args.args if a.annotation}
     for node in ast.walk(function):
         if isinstance(node, ast.Call) and "atomic" in ast.unparse(node.func):
@@ -166,9 +172,7 @@ def broken_atomics(function):
             target = ast.unparse(node.args[0])
             if called not in ATOMICS:
                 yield f"line {node.lineno}: {called}"
-            if kinds.get(target) not in INTEGERS and not (
-                called in ORDERLESS and kinds.get(target) == "wp.array[scalar]"
-            ):
+            if kinds.get(target) not in INTEGERS:
                 yield f"line {node.lineno}: {called} on {target}, which holds no integers"
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from reference_leheny import Ground
 from trees import assert_forest
 
@@ -68,9 +69,9 @@ def figures(eroded):
 
 
 @pytest.fixture(scope="module")
-def ensembles():
+def ensembles(device):
     """Five seeds of the page's grid, 300 x 200, for each case of the table."""
-    plane = erosion_plane()
+    plane = erosion_plane(device=device)
     made = {}
     for neighbors in (8, 4):
         params = wr.LehenyParams(neighbors=neighbors)
@@ -124,9 +125,9 @@ def test_the_table_is_reproduced(ensembles):
         assert low - off <= exponent <= high + off, case
 
 
-def test_laws_are_those_of_streams_followed_cell_by_cell():
+def test_laws_are_those_of_streams_followed_cell_by_cell(device):
     """Orders, areas and lengths from the definitions, cell after cell downstream, on a small plane."""
-    eroded = wr.erode(erosion_plane((110, 90), 10.0), events=4000, seed=1)
+    eroded = wr.erode(erosion_plane((110, 90), 10.0, device=device), events=4000, seed=1)
     flow = eroded.flow()
     receiver, area = flow.receiver.numpy().ravel(), drainage_area(flow).numpy().ravel()
     course, order, arrived = np.zeros(area.size), np.zeros(area.size, int), [[] for _ in area]
@@ -211,10 +212,10 @@ def test_scheidegger_lattice_checks_the_statistics():
 
 
 @pytest.mark.parametrize("neighbors", [8, 4])
-def test_serial_equals_the_reference_event_by_event(neighbors):
+def test_serial_equals_the_reference_event_by_event(neighbors, device):
     """A plane of 14 x 11 cells, recorded after every event: heights are those of the twin to the bit."""
     params = wr.LehenyParams(neighbors=neighbors, slide_threshold=60.0)
-    start = erosion_plane((14, 11))
+    start = erosion_plane((14, 11), device=device)
     eroded = wr.erode(start, params, events=150, seed=4, record_every=1)
     twin = ground_of(start)
     twin.four, twin.threshold, twin.quantum = neighbors == 4, 60.0, 2.0 ** (3 - QUANTUM_BITS["float64"])
@@ -227,17 +228,17 @@ def test_serial_equals_the_reference_event_by_event(neighbors):
     assert twin.slides > 20
 
 
-def test_same_seed_same_bits_and_another_seed_another_land():
-    plane = erosion_plane((40, 50))
+def test_same_seed_same_bits_and_another_seed_another_land(device):
+    plane = erosion_plane((40, 50), device=device)
     for batch in (1, 32):
         a, b, c = (wr.erode(plane, events=700, seed=s, batch=batch).to_numpy() for s in (3, 3, 4))
         assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
 @pytest.mark.parametrize("batch", [1, 32])
-def test_records_change_nothing_and_erosion_goes_on(batch):
+def test_records_change_nothing_and_erosion_goes_on(batch, device):
     """Any schedule of records, and any division into two runs at a batch's end, give the same bits."""
-    plane, params = erosion_plane((40, 50)), wr.LehenyParams(slide_threshold=100.0)
+    plane, params = erosion_plane((40, 50), device=device), wr.LehenyParams(slide_threshold=100.0)
     whole = wr.erode(plane, params, events=3000, seed=5, batch=batch)
     recorded = wr.erode(plane, params, events=3000, seed=5, batch=batch, record_every=500)
     first = wr.erode(plane, params, events=1600, seed=5, batch=batch)
@@ -254,8 +255,10 @@ def test_records_change_nothing_and_erosion_goes_on(batch):
     assert (np.diff([s.volume_removed for s in recorded.snapshots]) > 0).all()
 
 
-def test_a_copy_keeps_its_edges_and_its_account():
-    eroded = wr.erode(erosion_plane((20, 30)), wr.LehenyParams(depth=5.0), events=100, seed=1, record_every=50)
+def test_a_copy_keeps_its_edges_and_its_account(device):
+    eroded = wr.erode(
+        erosion_plane((20, 30), device=device), wr.LehenyParams(depth=5.0), events=100, seed=1, record_every=50
+    )
     for other in (eroded.copy(), eroded.to("cpu")):
         assert np.array_equal(other.to_numpy(), eroded.to_numpy()) and other.height.ptr != eroded.height.ptr
         assert (other.edges, other.params, other.snapshots) == (eroded.edges, eroded.params, ())
@@ -263,17 +266,59 @@ def test_a_copy_keeps_its_edges_and_its_account():
         assert repr(other) == repr(eroded) and "100 events" in repr(other)
 
 
-def test_ensembles_are_single_runs_side_by_side():
-    starts = [erosion_plane((30, 40)), wr.Terrain(erosion_plane((30, 40)).to_numpy() * 2.0, 1.0)]
+@pytest.mark.parametrize(("batch", "where"), [(1, "cpu"), (32, None)])
+def test_the_serial_mode_is_that_of_the_cpu_wherever_the_terrain_lies(batch, where, device, monkeypatch):
+    """It launches nothing elsewhere, and its result lies with the terrain; batches are done there."""
+    launched, launch = set(), wp.launch
+
+    def noted(*args, **options):
+        launched.add(wp.get_device(options["device"]).alias)
+        launch(*args, **options)
+
+    monkeypatch.setattr(wp, "launch", noted)
+    plane = erosion_plane((30, 40), device=device)
+    eroded = wr.erode(plane, events=300, seed=3, batch=batch, record_every=100)
+    assert launched == {where or device}
+    for made in (eroded, *eroded.snapshots):
+        assert made.device == made.height.device == plane.device
+    if batch == 1:
+        host = wr.erode(erosion_plane((30, 40)), events=300, seed=3)
+        assert np.array_equal(eroded.to_numpy(), host.to_numpy()) and eroded.slides == host.slides
+
+
+def test_sweeps_and_batches_allocate_nothing(device, monkeypatch):
+    """The same number of arrays is made for 5 batches and for 100, of hundreds of sweeps."""
+    made, init = [], wp.array.__init__
+
+    def counted(self, *args, **options):
+        made.append(1)
+        init(self, *args, **options)
+
+    plane, params, counts = erosion_plane((40, 50), device=device), wr.LehenyParams(slide_threshold=60.0), []
+    for events in (50, 1000):
+        made.clear()
+        monkeypatch.setattr(wp.array, "__init__", counted)
+        assert (wr.erode(plane, params, events=events, seed=1, batch=10).slides > 1000) == (events == 1000)
+        monkeypatch.undo()
+        counts.append(len(made))
+    assert counts[0] == counts[1] > 0
+
+
+def test_ensembles_are_single_runs_side_by_side(device):
+    starts = [
+        erosion_plane((30, 40), device=device),
+        wr.Terrain(erosion_plane((30, 40)).to_numpy() * 2.0, 1.0, device=device),
+    ]
     edges = starts[0].edges
     made = wr.erode_ensemble(starts, events=400, seeds=[7, 2], edges=edges)
     for start, seed, found in zip(starts, (7, 2), made, strict=True):
+        # Exponentials of a GPU are rounded otherwise: one draw in 1e15 could fall between the two.
         alone = wr.erode(start, events=400, seed=seed, edges=edges)
         assert np.array_equal(alone.to_numpy(), found.to_numpy())
         assert (alone.visits, alone.slides, alone.volume_removed) == (found.visits, found.slides, found.volume_removed)
 
 
-def test_batches_agree_with_serial_as_they_grow(ensembles):
+def test_batches_agree_with_serial_as_they_grow(ensembles, device):
     """Batches of 16, 128 and 512 units of rain: laws as in the serial mode, within the scatter of seeds.
 
     A batch digs ways that have run together deeper at once; slides, which depend on single deep cells, then come later:
@@ -284,7 +329,7 @@ def test_batches_agree_with_serial_as_they_grow(ensembles):
     print()
     print("serial   ", " ".join(f"{v:9.4g}" for v in serial.mean(axis=0)))
     for batch in (16, 128, 512):
-        made = [wr.erode(erosion_plane(), events=10_000, seed=s, batch=batch) for s in range(1, 4)]
+        made = [wr.erode(erosion_plane(device=device), events=10_000, seed=s, batch=batch) for s in range(1, 4)]
         assert all(pit_count(e) == 0 for e in made)
         found = np.array([figures(e) for e in made])
         print(f"batch {batch:4}", " ".join(f"{v:9.4g}" for v in found.mean(axis=0)))
@@ -296,8 +341,8 @@ def test_batches_agree_with_serial_as_they_grow(ensembles):
 
 
 @pytest.mark.parametrize("batch", [1, 64])
-def test_float32_holds_the_promises_too(batch):
-    plane = erosion_plane((100, 120))
+def test_float32_holds_the_promises_too(batch, device):
+    plane = erosion_plane((100, 120), device=device)
     single = wr.erode(plane, events=6000, seed=1, dtype="float32", batch=batch)
     double = wr.erode(plane, events=6000, seed=1, batch=batch)
     assert pit_count(single) == 0 and np.isfinite(single.to_numpy()).all()
@@ -306,9 +351,9 @@ def test_float32_holds_the_promises_too(batch):
     assert single.volume_removed == pytest.approx(double.volume_removed, rel=0.1)
 
 
-def test_heights_have_one_unit():
+def test_heights_have_one_unit(device):
     """E / u, D u, M u on a start of u times the height: u times the result; exactly so for a power of two."""
-    plane, half = erosion_plane((50, 60)), erosion_plane((50, 60), slope=0.5)
+    plane, half = erosion_plane((50, 60), device=device), erosion_plane((50, 60), slope=0.5, device=device)
     whole = wr.erode(plane, events=2000, seed=3)
     scaled = wr.erode(half, wr.LehenyParams().scaled(0.5), events=2000, seed=3)
     assert np.array_equal(scaled.to_numpy(), 0.5 * whole.to_numpy())
@@ -328,12 +373,12 @@ MIXES = [
 @pytest.mark.parametrize("batch", [1, 16])
 @pytest.mark.parametrize("neighbors", [8, 4])
 @pytest.mark.parametrize("edges", MIXES)
-def test_any_height_field_with_any_edges(edges, neighbors, batch):
+def test_any_height_field_with_any_edges(edges, neighbors, batch, device):
     """Fractal land with gaps, filled: rain leaves at the outlets alone and no pit comes up."""
-    land = wr.generate.fractal_terrain((37, 41), 10.0, 300.0, 3)
+    land = wr.generate.fractal_terrain((37, 41), 10.0, 300.0, 3, device=device)
     height = land.to_numpy()
     height[10:13, 20:24] = np.nan
-    land = wr.Terrain(height, 10.0)
+    land = wr.Terrain(height, 10.0, device=device)
     params = wr.LehenyParams(depth=1.0, slide_threshold=60.0, neighbors=neighbors)
     start = wr.erode(land, params, events=0, edges=edges, fill=True)
     eroded = wr.erode(start, params, events=800, seed=2, batch=batch, record_every=800)
@@ -347,9 +392,9 @@ def test_any_height_field_with_any_edges(edges, neighbors, batch):
     assert drainage_area(flow).numpy()[stays].sum() == np.isfinite(height).sum() * 100.0
 
 
-def test_filling_is_that_of_the_flood_but_for_its_slope():
+def test_filling_is_that_of_the_flood_but_for_its_slope(device):
     """Where nothing slides: at most the least slope per cell of way above the filled terrain of the hydrology."""
-    land = wr.generate.fractal_terrain((60, 70), 10.0, 300.0, 5)
+    land = wr.generate.fractal_terrain((60, 70), 10.0, 300.0, 5, device=device)
     steep = wr.LehenyParams(slide_threshold=1e6, depth=1.0)
     filled = wr.erode(land, steep, events=0, fill=True).to_numpy()
     flood = wr.hydrology.fill_depressions(land).to_numpy()
@@ -359,9 +404,9 @@ def test_filling_is_that_of_the_flood_but_for_its_slope():
     assert (four - flood).min() > -1e-6 and (four - flood).max() > 1.0
 
 
-def test_the_peak_drains_to_all_sides():
+def test_the_peak_drains_to_all_sides(device):
     """A star of rivers: each quarter of the land gets its part of the water, and the corners hold no pits."""
-    peak = erosion_peak((101, 101))
+    peak = erosion_peak((101, 101), device=device)
     eroded = wr.erode(peak, events=5000, seed=1)
     assert pit_count(eroded) == 0
     area = drainage_area(eroded.flow()).numpy()
@@ -369,8 +414,8 @@ def test_the_peak_drains_to_all_sides():
     assert all(0.18 < side / 101**2 < 0.34 for side in sides), sides
 
 
-def test_only_the_south_of_the_plane_is_open():
-    eroded = wr.erode(erosion_plane((30, 40)), events=500, seed=1)
+def test_only_the_south_of_the_plane_is_open(device):
+    eroded = wr.erode(erosion_plane((30, 40), device=device), events=500, seed=1)
     flow = eroded.flow()
     stays = flow.receiver.numpy() == np.arange(1200).reshape(30, 40)
     assert stays[-1].all() and not stays[:-1].any()
@@ -380,10 +425,10 @@ def test_only_the_south_of_the_plane_is_open():
 # ---- the network
 
 
-def test_the_plane_is_one_tie_that_is_broken_by_chance():
+def test_the_plane_is_one_tie_that_is_broken_by_chance(device):
     """Before any rain, four neighbours straight downhill; with ties by hash no two maps of seeds are alike."""
-    plane = erosion_plane((30, 40))
-    diagonal = wr.Terrain(np.add.outer(np.arange(30.0)[::-1], np.arange(40.0)), 1.0)
+    plane = erosion_plane((30, 40), device=device)
+    diagonal = wr.Terrain(np.add.outer(np.arange(30.0)[::-1], np.arange(40.0)), 1.0, device=device)
     flows = [route(diagonal, neighbors=4, ties="hash", seed=s).receiver.numpy() for s in (1, 1, 2)]
     assert np.array_equal(flows[0], flows[1]) and (flows[0] != flows[2]).mean() > 0.3
     assert route(diagonal, neighbors=4).receiver.numpy()[5, 5] == 6 * 40 + 5
@@ -391,18 +436,23 @@ def test_the_plane_is_one_tie_that_is_broken_by_chance():
 
 
 @pytest.mark.parametrize("threshold", [30, 300])
-def test_rivers_are_a_connected_graph_that_goes_on_living(threshold):
+def test_rivers_are_a_connected_graph_that_goes_on_living(threshold, device):
     """From each mouth upstream in one piece, also across the joined sides, and then two years of meandering."""
-    eroded = wr.erode(erosion_plane((120, 150), 50.0, 0.02), events=4000, seed=2, edges=erosion_plane().edges)
+    eroded = wr.erode(
+        erosion_plane((120, 150), 50.0, 0.02, device=device),
+        events=4000,
+        seed=2,
+        edges=erosion_plane().edges,
+    )
     network = wr.extract_network(
-        eroded, flow=eroded.flow(), min_drainage_area=threshold * 2500.0, unroll=True, varying=False
+        eroded, flow=eroded.flow(), min_drainage_area=threshold * 2500.0, unroll=True, varying=False, device=device
     )
     assert_forest(network)
     mouth = ~np.isin(network.channel_to, network.channel_from)
     assert np.allclose(network.node_xy[network.channel_to[mouth]][:, 1], 25.0)
     area = drainage_area(eroded.flow()).numpy()
     assert mouth.sum() <= (area[-1] >= threshold * 2500.0).sum()
-    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), seed=0)
+    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), seed=0, device=device)
     history = sim.run(years=2)
     assert history.stop_reason is wr.StopReason.COMPLETED
     assert_forest(sim.network)

@@ -6,12 +6,12 @@ import reference_paths as twin
 import reference_rings as rings
 from phases import crossings
 from scipy.optimize import brentq
-from test_paths import SPACING, deal_in_chunks, prepare, take
-from test_rings import circle, noisy_ring, ring_network
+from test_paths import SPACING, assert_same, prepare, reserve, take, taken
+from test_rings import assert_as_alone, circle, noisy_ring, ring_network
 
 import warpriver as wr
 from warpriver import PathMeander, RiverNetwork, Simulation, metrics
-from warpriver.meander import buffers as step_buffers
+from warpriver.engine import state as engine
 
 WIDTH = 60.0
 
@@ -26,12 +26,12 @@ def mean_radius(xy):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
 @pytest.mark.parametrize("blur", [1.5, 20.0])
-def test_a_circle_follows_the_closed_form_of_its_radius(turn, blur, dtype):
+def test_a_circle_follows_the_closed_form_of_its_radius(turn, blur, dtype, device):
     """The blurred push is k w / R / (1 + (b w / R)^2) everywhere, and the smoothing takes nothing: (R^2 - R0^2) / 2 +
     (b w)^2 ln(R / R0) = k w t. A step goes by the rate at its beginning: R is off by 1e-5 of it here.
     """
     radius, params = 1000.0, PathMeander(time_step=0.05, spacing=25.0, blur_length=blur)
-    sim = Simulation(ring_network(circle(251, radius, turn), 50.0, dtype=dtype), params, check=True)
+    sim = Simulation(ring_network(circle(251, radius, turn), 50.0, dtype=dtype), params, check=True, device=device)
     sim.run(steps=400, record_every=400)
     xy = sim.network.polylines()[0]
     found, reach = np.hypot(*(xy - xy.mean(axis=0)).T), blur * 50.0
@@ -46,11 +46,11 @@ def test_a_circle_follows_the_closed_form_of_its_radius(turn, blur, dtype):
     assert np.hypot(*xy.mean(axis=0)) <= 0.05, "and where it is"
 
 
-def test_smoothing_keeps_the_area_over_a_thousand_steps():
+def test_smoothing_keeps_the_area_over_a_thousand_steps(device):
     """Within 1 %, while the bumps of a noisy ring go; diffusion alone would take 2 pi S k w a year, a fifth of it."""
     radius, years, strength = 1000.0, 58.0, 0.5
     params = PathMeander(spacing=25.0, time_step=years / 1000, smoothing=strength, blur_length=1e6)
-    sim = Simulation(ring_network(noisy_ring(radius, 25.0, noise=15.0), WIDTH), params)
+    sim = Simulation(ring_network(noisy_ring(radius, 25.0, noise=15.0), WIDTH), params, device=device)
     before = sim.network.polylines()[0]
     sim.run(steps=1000, record_every=1000)
     after = sim.network.polylines()[0]
@@ -61,10 +61,10 @@ def test_smoothing_keeps_the_area_over_a_thousand_steps():
     assert deviation[1] < 0.5 * deviation[0], "it smooths"
 
 
-def test_small_rings_do_not_die():
+def test_small_rings_do_not_die(device):
     """A ring of one width across grows like any other."""
     params = PathMeander(spacing=20.0, time_step=0.1)
-    sim = Simulation(ring_network(circle(8, 0.5 * WIDTH), WIDTH), params)
+    sim = Simulation(ring_network(circle(8, 0.5 * WIDTH), WIDTH), params, device=device)
     sim.run(steps=300, record_every=300)
     assert 0.5 * WIDTH < mean_radius(sim.network.polylines()[0]) < 10.0 * WIDTH
 
@@ -73,7 +73,7 @@ def test_small_rings_do_not_die():
 
 
 @pytest.mark.parametrize("policy", ["longer", "marked"])
-def test_200_noisy_rings_against_scipy(policy):
+def test_200_noisy_rings_against_scipy(policy, device):
     """All rings of one network at once: the route is as short as that of a search on two laps, to 1e-12."""
     rng = np.random.default_rng(7)
     lines = []
@@ -84,13 +84,13 @@ def test_200_noisy_rings_against_scipy(policy):
         xy = radius[:, None] * circle(count, 1.0) + rng.normal(0.0, 0.02, (count, 2))
         lines.append(xy * SPACING / rings.segments(xy).mean() + [3000.0 * (k % 20), 3000.0 * (k // 20)])
     params = PathMeander(search_radius=2.0, cutoff_min_arc=4.0, ring_policy=policy)
-    state = prepare(lines, params, closed=True)
-    state.buffers._allocate_links(100_000)
+    state = prepare(lines, params, closed=True, device=device)
+    reserve(state)
     take(state)
-    buffers, longer = state.buffers, policy == "longer"
-    assert buffers.read_status()[0] == 0
-    start, neck = state.network.starts(), buffers.point_neck.numpy()
-    links = np.stack([a.numpy()[: buffers.link_count] for a in (buffers.link_from, buffers.link_to)], axis=1)
+    found, longer = state.found, policy == "longer"
+    assert state.inner.read_status()[0] == 0
+    start, neck = state.network.starts(), found.point_neck.numpy()
+    links = np.stack([a.numpy()[: found.count(state.inner)] for a in (found.link_from, found.link_to)], axis=1)
     most, with_shortcuts, taken = 0.0, 0, 0
     for k, (xy, first) in enumerate(zip(lines, start[:-1], strict=True)):
         n = len(xy)
@@ -115,30 +115,29 @@ def test_the_same_route_every_time(policy, monkeypatch):
     """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
     lines = [noisy_ring(150.0, SPACING, noise=12.0, seed=k, middle=(900.0 * k, 0.0)) for k in range(30)]
     params = PathMeander(search_radius=2.0, ring_policy=policy)
-    necks = []
+    results = []
     for slab, chunk in ((10**6, 0), (200, 0), (10**6, 4096), (10**6, 32), (10**6, 7)):
-        monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
-        state = prepare(lines, params, closed=True)
-        if chunk > 0:
-            deal_in_chunks(state, chunk)
-        state.buffers._allocate_links(100_000)
+        monkeypatch.setattr(engine, "SLAB_POINTS", slab)
+        monkeypatch.setattr(engine, "CPU_CHUNK", chunk)
+        state = prepare(lines, params, closed=True, device="cpu")
+        assert state.inner.whole.work.chunk == chunk
+        reserve(state)
         take(state)
-        assert state.buffers.read_status()[0] == 0
-        necks.append(state.buffers.point_neck.numpy())
-    assert (necks[0] >= 0).sum() > 20
-    assert all((neck == necks[0]).all() for neck in necks[1:])
+        results.append(taken(state))
+    assert (results[0][0] >= 0).sum() > 20
+    assert_same(results)
 
 
 # ---- long runs
 
 
 @pytest.mark.parametrize("policy", ["longer", "marked"])
-def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
+def test_a_noisy_ring_meanders_for_two_thousand_steps(policy, device):
     """580 years: no NaN, no crossing that stays; where the longer part goes on, its mean radius stays within 0.75 and
     1.4 of the start's (0.92 and 1.22 are found). Its lakes are closed, simple loops.
     """
     shapely = pytest.importorskip("shapely")
-    sim = Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, ring_policy=policy))
+    sim = Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, ring_policy=policy), device=device)
     radii, sinuosities, crossed = [], [], []
     for _ in range(400):
         sim.run(steps=5, record_every=2000)
@@ -160,7 +159,7 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
 
 @pytest.mark.parametrize("policy", ["longer", "marked", "both"])
 @pytest.mark.parametrize("shape", ["an eight", "twice round", "a band"])
-def test_rings_that_cross_or_touch_themselves_come_apart(shape, policy):
+def test_rings_that_cross_or_touch_themselves_come_apart(shape, policy, device):
     """At once, and for good; no policy leaves a point of them undefined."""
     angle = 2.0 * np.pi * np.arange(240) / 240
     xy = {
@@ -168,7 +167,7 @@ def test_rings_that_cross_or_touch_themselves_come_apart(shape, policy):
         "twice round": (1000.0 + 40.0 * np.cos(angle))[:, None] * circle(120, 1.0)[np.arange(240) % 120],
         "a band": np.stack([2000.0 * np.cos(angle), 30.0 * np.sin(angle)], axis=1),
     }[shape]
-    sim = Simulation(ring_network(xy, WIDTH), PathMeander(spacing=30.0, ring_policy=policy), check=True)
+    sim = Simulation(ring_network(xy, WIDTH), PathMeander(spacing=30.0, ring_policy=policy), check=True, device=device)
     for steps in (1, 1, 1, 47):
         sim.run(steps=steps)
         for ring in sim.network.polylines(close=True):
@@ -176,8 +175,10 @@ def test_rings_that_cross_or_touch_themselves_come_apart(shape, policy):
     assert len(sim.history.cutoffs) + len(sim.history.splits) > 0
 
 
-def test_both_parts_go_on():
-    sim = Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, ring_policy="both"), check=True)
+def test_both_parts_go_on(device):
+    sim = Simulation(
+        ring_network(noisy_ring()), PathMeander(spacing=40.0, ring_policy="both"), check=True, device=device
+    )
     sim.run(steps=150)
     network, splits = sim.network, sim.history.splits
     assert network.channel_closed.all() and not sim.history.cutoffs
@@ -186,12 +187,12 @@ def test_both_parts_go_on():
     assert np.isfinite(network.points()).all() and (np.diff(network.starts()) >= 8).all()
 
 
-def test_the_marked_point_goes_on_wherever_necks_close():
+def test_the_marked_point_goes_on_wherever_necks_close(device):
     """It moves no farther than its own push takes it in each step."""
     xy = noisy_ring(radius=800.0)
     for mark in (0, 31, 64, 97):
         network = RiverNetwork.from_polylines([xy], WIDTH, closed=True, marks=mark)
-        sim = Simulation(network, PathMeander(spacing=40.0, ring_policy="marked"))
+        sim = Simulation(network, PathMeander(spacing=40.0, ring_policy="marked"), device=device)
         before = sim.network.polylines()[0][0]
         for _ in range(600):
             sim.step()
@@ -204,34 +205,30 @@ def test_the_marked_point_goes_on_wherever_necks_close():
 # ---- with lines, threads, histories
 
 
-def test_open_and_closed_channels_in_one_run():
-    """The lines do as they do alone, to the bit, and so does the ring, whatever the threads."""
+def test_open_and_closed_channels_in_one_run(device):
+    """The lines do as they do alone, and so does the ring, whatever the threads."""
     lines = [wr.generate.noisy_line(6000.0, 40.0, 60.0, k) + [-3000.0, 5000.0 + 2500.0 * k] for k in range(2)]
     ring, origin, params = noisy_ring(radius=1500.0), np.zeros(2), PathMeander(spacing=40.0)
     mixed = RiverNetwork.from_polylines([lines[0], ring, lines[1]], WIDTH, closed=[False, True, False], origin=origin)
-    both, threaded = (Simulation(mixed, params, threads=k) for k in (1, 2))
-    alone = Simulation(RiverNetwork.from_polylines(lines, WIDTH, origin=origin), params)
-    single = Simulation(ring_network(ring, origin=origin), params)
-    for sim in (both, threaded, alone, single):
-        sim.run(steps=400)
+    both, threaded = (Simulation(mixed, params, threads=k, device=device) for k in (1, 2))
+    alone = Simulation(RiverNetwork.from_polylines(lines, WIDTH, origin=origin), params, device=device)
+    single = Simulation(ring_network(ring, origin=origin), params, device=device)
+    assert_as_alone(both, alone, single, 400, device)
+    threaded.run(steps=400)
     np.testing.assert_array_equal(both.network.points(), threaded.network.points())
     parts = both.network.polylines()
-    expected = (*alone.network.polylines(), *single.network.polylines())
-    for part, other in zip((parts[0], parts[2], parts[1]), expected, strict=True):
-        np.testing.assert_array_equal(part, other)
-    assert {c.channel for c in both.history.cutoffs} == {0, 1, 2} and not both.history.collisions
     ends = [parts[0][[0, -1]], parts[2][[0, -1]]]
     np.testing.assert_array_equal(ends, [line[[0, -1]] for line in lines])
 
 
 @pytest.mark.parametrize("policy", ["longer", "both"])
-def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
+def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
     params = PathMeander(spacing=40.0, ring_policy=policy)
-    whole = Simulation(ring_network(noisy_ring()), params)
+    whole = Simulation(ring_network(noisy_ring()), params, device=device)
     whole.run(steps=160)
-    half = Simulation(ring_network(noisy_ring()), params)
+    half = Simulation(ring_network(noisy_ring()), params, device=device)
     half.run(steps=90, store=tmp_path / "run")
-    rest = Simulation.resume(tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run", device=device)
     rest.run(steps=70)
     np.testing.assert_array_equal(rest.network.points(), whole.network.points())
     for name in ("cutoffs", "splits"):
@@ -240,8 +237,11 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
     assert len(whole.history.cutoffs) + len(whole.history.splits) > 20
 
 
-def test_a_step_may_smooth_by_taubins_passes():
-    sims = [Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, taubin_passes=n)) for n in (0, 2)]
+def test_a_step_may_smooth_by_taubins_passes(device):
+    sims = [
+        Simulation(ring_network(noisy_ring()), PathMeander(spacing=40.0, taubin_passes=n), device=device)
+        for n in (0, 2)
+    ]
     for sim in sims:
         sim.run(steps=20)
     rough, smooth = (np.abs(np.diff(metrics.curvature(s.network.polylines()[0], closed=True))).mean() for s in sims)

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 import reference_paths as twin
 import warp as wp
-from phases import crossings
+from insides import shortcuts_of
+from phases import any_step, crossings
 
 import warpriver as wr
 from warpriver.cli import main
-from warpriver.engine.stages import Share, run_stages
+from warpriver.engine import state as engine
 from warpriver.engine.substeps import schedule_channels
-from warpriver.kernels.polyline import FAULT_SHORTCUTS_FULL
-from warpriver.meander import buffers as step_buffers
-from warpriver.meander.buffers import StepChannels
-from warpriver.meander.paths import path_law, push, push_limits
-from warpriver.meander.routes import take_shortcuts
-from warpriver.meander.shortcuts import PathBuffers
+from warpriver.kernels.polyline import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT, FAULT_SHORTCUTS_FULL
+from warpriver.meander.resampling import Resample
+from warpriver.shortest_path.push import Push, push_limits
+from warpriver.shortest_path.route import TakeShortcuts
 
 CURVES, SPACING, WIDTH = 200, 10.0, 12.0
 # Sums of some hundred lengths, in another order.
@@ -33,61 +32,51 @@ def wandering_line(rng, count, curl=0.6):
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
 
 
-def prepare(lines, params, *, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
-    """A network whose points stay as they are, its channels as a step sees them and its buffers."""
-    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed)
-    wide, even = network.channel_width, np.full(len(lines), spacing)
-    count = network.point_count
-    buffers = PathBuffers(network, count, count, 4 * count)
-    wp.copy(buffers.point_moved, network.point_xy, count=count)
-    channels = StepChannels(network, len(lines), mobile=False)
-    channels.fill(
-        network,
-        form=np.stack([wide, network.channel_depth, wide, even], axis=1),
-        spacing=even,
-        # Any step counts as stable: it is done as it is asked for.
-        limit=np.stack([np.full(len(lines), np.inf), np.full(len(lines), np.inf), wide], axis=1),
-        nodes=np.zeros((len(lines), 2)),
-    )
-    channels.parts.fill_(1)
-    channels.step.fill_(1.0)
-    channels.deal_out(network, buffers, anew=True)
-    return SimpleNamespace(network=network, channels=channels, buffers=buffers, params=params)
-
-
-def launch(state, stages):
-    """Run stages on what :func:`prepare` made."""
-    run_stages(stages, state.channels.whole, state.channels.slabs)
+def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
+    """A network whose points stay as they are, and have moved, in the state of a step, with the phases of the solver."""
+    network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed, device=device)
+    even = np.full(len(lines), spacing)
+    sampler = Resample()
+    push, cutter = Push(), TakeShortcuts(params, sampler.arcs)
+    state = engine.State(network, params.replace(spacing=spacing), None, (push, cutter, sampler), any_step)
+    state.begin()
+    state.allocate_points(network.point_count)
+    wp.copy(state.point_moved, network.point_xy, count=network.point_count)
+    state.assign(state.spacing, even)
+    state.parts.fill_(1)
+    state.assign(state.step, np.ones(len(lines)))
+    state.begin_row()
+    return SimpleNamespace(network=network, inner=state, push=push, cutter=cutter, found=cutter.shortcuts)
 
 
 def take(state):
     """Take the shortcuts of the points as they are."""
-    launch(state, take_shortcuts(state.network, state.channels, state.buffers, state.params))
+    state.inner.run(state.cutter.stages(state.inner))
 
 
 def pushed_points(state, time_step):
     """Points after one push of so many years, (n, 2)."""
-    law = path_law(state.params, state.network.dtype)
-    move = push(state.network, state.channels, state.buffers, None, law)
-    schedule_channels(state.network, state.channels, state.buffers, time_step, state.channels.substep)
-    launch(state, move)
-    return state.buffers.point_moved.numpy() + state.network.origin
+    inner = state.inner
+    inner.params = inner.params.replace(time_step=time_step)
+    schedule_channels(inner, inner.substep)
+    inner.run(state.push.stages(inner))
+    return inner.point_moved.numpy() + state.network.origin
 
 
 def cut(lines, params, **options):
     """Take the shortcuts of lines as they are: by channel, all pairs joined and the pairs on the shortest path."""
     state = prepare(lines, params, **options)
-    b = state.buffers
+    found, inner = state.found, state.inner
     while True:
-        b.status.zero_()
+        inner.begin_row()
         take(state)
-        if b.read_status()[0] != FAULT_SHORTCUTS_FULL:
+        if inner.read_status()[FAULT] != FAULT_SHORTCUTS_FULL:
             break
-        b.make_room_for_shortcuts()
-    assert b.read_status()[0] == 0
-    found = b.link_count
-    links = np.stack([b.link_from.numpy()[:found], b.link_to.numpy()[:found]], axis=1)
-    start, neck = state.network.starts(), b.point_neck.numpy()
+        state.cutter.grow(inner, inner.read_status())
+    assert inner.read_status()[FAULT] == 0
+    count = found.count(inner)
+    links = np.stack([found.link_from.numpy()[:count], found.link_to.numpy()[:count]], axis=1)
+    start, neck = state.network.starts(), found.point_neck.numpy()
     by_channel, kept = [], []
     for first, stop in itertools.pairwise(start):
         own = (links[:, 0] >= first) & (links[:, 0] < stop)
@@ -116,10 +105,10 @@ def curves():
 
 
 @pytest.mark.parametrize("cone", [45.0, 90.0])
-def test_200_random_curves_against_scipy(curves, cone):
+def test_200_random_curves_against_scipy(curves, cone, device):
     """All channels of one network at once: same edges as comparing all pairs, and a route as short as Dijkstra's."""
     params = wr.PathMeander(search_radius=2.0, cutoff_min_arc=5.0, cone_angle=cone)
-    links, kept = cut(curves, params)
+    links, kept = cut(curves, params, device=device)
     with_shortcuts, same, most = 0, 0, 0.0
     for xy, edges, shortcuts in zip(curves, links, kept, strict=True):
         all_pairs = twin.find_shortcuts(xy, SPACING, 2.0 * WIDTH, 5.0 * WIDTH, cone)
@@ -135,39 +124,47 @@ def test_200_random_curves_against_scipy(curves, cone):
     assert with_shortcuts > 150 and most <= SAME_LENGTH
 
 
-def deal_in_chunks(state, chunk):
-    """Deal the work of :func:`prepare` out in chunks, as on a GPU, whatever the device."""
-    b, channels = state.buffers, state.channels
-    b.chunk = chunk
-    b.share_count = b.chunk_count = math.ceil(b.point_capacity / chunk)
-    for name in ("chunk_necks", "chunk_linked", "share_links", "share_links_sum"):
-        setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.int32))
-    for name in ("chunk_length", "chunk_offset"):
-        setattr(b, name, wp.zeros(b.chunk_count, dtype=wp.float64))
-    channels.deal_out(state.network, b, anew=True)
-    assert isinstance(channels.whole, Share) and channels.whole.work.chunk == chunk
+def taken(state):
+    """What a search has left: the shortcuts taken, the points, the records of the cuts and the loops."""
+    status, loops = state.inner.read_status(), state.cutter.loops
+    assert status[FAULT] == 0
+    cuts, points = status[CUTS_NEEDED], status[CUT_POINTS_NEEDED]
+    necks, moved = state.found.point_neck.numpy(), state.inner.point_moved.numpy()
+    return necks, moved, loops.cut.numpy()[:cuts], loops.oxbow_xy.numpy()[:points]
+
+
+def reserve(state):
+    """Make room for all shortcuts and loops that there can be."""
+    state.found.reserve(state.inner, 100_000)
+    state.cutter.loops.reserve(state.inner, state.network.point_count, 4 * state.network.point_count)
+
+
+def assert_same(results):
+    """All results are the first one, to the bit."""
+    for result in results[1:]:
+        for array, expected in zip(result, results[0], strict=True):
+            np.testing.assert_array_equal(array, expected)
 
 
 def test_the_same_route_every_time(curves, monkeypatch):
     """How points are dealt out, in slabs of any size or in chunks as on a GPU, changes nothing."""
     params = wr.PathMeander(search_radius=2.0)
-    necks = []
-    for slab, chunk in ((10**6, 0), (5000, 0), (100, 0), (10**6, 4096), (10**6, 32), (10**6, 7)):
-        monkeypatch.setattr(step_buffers, "SLAB_POINTS", slab)
-        state = prepare(curves, params)
-        b = state.buffers
-        if chunk > 0:
-            deal_in_chunks(state, chunk)
-        assert len(state.channels.slabs) == (1 if slab == 10**6 else math.ceil(b.point_capacity / slab))
-        b._allocate_links(100_000)
+    results = []
+    for slab, chunk in ((10**6, 0), (5000, 0), (100, 0), (10**6, 4096), (10**6, 32), (10**6, 7), (10**6, 1)):
+        monkeypatch.setattr(engine, "SLAB_POINTS", slab)
+        monkeypatch.setattr(engine, "CPU_CHUNK", chunk)
+        state = prepare(curves, params, device="cpu")
+        inner = state.inner
+        assert inner.whole.work.chunk == chunk
+        assert len(inner.slabs) == (1 if slab == 10**6 else math.ceil(inner.point_capacity / slab))
+        reserve(state)
         take(state)
-        assert b.read_status()[0] == 0
-        necks.append(b.point_neck.numpy())
-    assert (necks[0] >= 0).sum() > 200
-    assert all((neck == necks[0]).all() for neck in necks[1:])
+        results.append(taken(state))
+    assert (results[0][0] >= 0).sum() > 200
+    assert_same(results)
 
 
-def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart():
+def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart(device):
     """A line comes back to its own first reach at 80 degrees and stops short of it: near, but it does not run along."""
     out = np.stack([np.arange(0.0, 400.0, 10.0), np.zeros(40)], axis=1)
     turn = np.linspace(0.0, 1.5 * np.pi, 40)[1:]
@@ -176,11 +173,11 @@ def test_only_the_cone_keeps_strands_that_meet_at_an_angle_apart():
     xy = np.concatenate([out, back, tip])
     assert 5.0 < tip[-1, 1] < 1.5 * WIDTH, "the tip ends near the first reach"
     for cone, joined in ((45.0, False), (75.0, False), (85.0, True), (90.0, True)):
-        links, kept = cut([xy], wr.PathMeander(cone_angle=cone))
+        links, kept = cut([xy], wr.PathMeander(cone_angle=cone), device=device)
         assert (len(links[0]) > 0) == joined and (len(kept[0]) > 0) == joined, cone
 
 
-def test_strands_that_cross_are_joined_at_any_angle():
+def test_strands_that_cross_are_joined_at_any_angle(device):
     """The same line, its tip drawn through the first reach: no channel can lie so."""
     out = np.stack([np.arange(0.0, 400.0, 10.0), np.zeros(40)], axis=1)
     turn = np.linspace(0.0, 1.5 * np.pi, 40)[1:]
@@ -188,7 +185,7 @@ def test_strands_that_cross_are_joined_at_any_angle():
     tip = back[-1] + np.outer(np.arange(1, 25), [0.3, -9.7])
     xy = np.concatenate([out, back, tip])
     assert len(crossings(xy)) == 1
-    _, kept = cut([xy], wr.PathMeander(cone_angle=10.0))
+    _, kept = cut([xy], wr.PathMeander(cone_angle=10.0), device=device)
     left = np.ones(len(xy), bool)
     for i, j in kept[0]:
         left[i + 1 : j] = False
@@ -198,12 +195,12 @@ def test_strands_that_cross_are_joined_at_any_angle():
 # ---- small waves
 
 
-def growth(params, wave, width, spacing, time_step):
+def growth(params, wave, width, spacing, time_step, *, device):
     """Measured growth rate of a small sine, 1/yr, and its shift downstream, m/yr, over one step."""
     x = spacing * np.arange(round(20 * wave / spacing) + 1)
     q = 2.0 * np.pi / wave
     xy = np.stack([x, 1e-3 * np.sin(q * x)], axis=1)
-    y = pushed_points(prepare([xy], params, width=width, spacing=spacing), time_step)[:, 1]
+    y = pushed_points(prepare([xy], params, width=width, spacing=spacing, device=device), time_step)[:, 1]
     inner = slice(len(x) // 2 - round(wave / spacing), len(x) // 2 + round(wave / spacing))
     basis = np.stack([np.sin(q * x), np.cos(q * x)], axis=1)[inner]
     a, b = np.linalg.lstsq(basis, y[inner], rcond=None)[0]
@@ -217,13 +214,13 @@ def closed_growth(params, wave, width):
 
 
 @pytest.mark.parametrize("wave", [400.0, 700.0, 1100.0, 3000.0])
-def test_growth_of_small_waves_meets_the_closed_form_with_second_order(wave):
+def test_growth_of_small_waves_meets_the_closed_form_with_second_order(wave, device):
     """k w q^2 (1 / (1 + (b w)^2 q^2) - S); a quarter of the error a halving. Small waves stay where they are."""
     params, width = wr.PathMeander(), 100.0
     exact, scale = closed_growth(params, wave, width), closed_growth(params, 1100.0, width)
     errors = []
     for spacing in (50.0, 25.0, 12.5):
-        rate, celerity = growth(params, wave, width, spacing, 1e-4)
+        rate, celerity = growth(params, wave, width, spacing, 1e-4, device=device)
         errors.append(abs(rate - exact))
         assert abs(celerity) < 1e-3
     print(f"\nwave {wave:g} m: exact {exact:+.5f} /yr, errors {', '.join(f'{e:.1e}' for e in errors)}")
@@ -244,23 +241,23 @@ def test_fastest_and_neutral_wave():
     assert waves[np.flatnonzero(rates > 0)[0]] == pytest.approx(2 * np.pi * b / math.sqrt(1 / s - 1), rel=1e-3)
 
 
-def test_long_steps_are_done_in_parts():
+def test_long_steps_are_done_in_parts(device):
     params = wr.PathMeander(time_step=4.0)
     assert push_limits(100.0, 3.0, params) == pytest.approx((100.0 / 60.0, 1.125 * 100.0 / 60.0))
     assert push_limits(100.0, 3.0, params.replace(blur_length=1.0)) == pytest.approx((100.0 / 60.0, 50.0 / 60.0))
     assert np.isinf(push_limits(100.0, 3.0, params.replace(displacement_rate=0.0))).all()
-    sim = run(params, steps=1)
+    sim = run(params, steps=1, device=device)
     assert sim.substeps == 3 and sim.stable_dt == pytest.approx(100.0 / 60.0)
 
 
 # ---- long runs
 
 
-def test_5000_steps():
+def test_5000_steps(device):
     """No NaN, no crossing, ends that do not move at all, statistics that settle, oxbows that are closed and simple."""
     shapely = pytest.importorskip("shapely")
     width, line = 50.0, wr.generate.noisy_line(10_000.0, 50.0, 25.0, 1)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width), wr.PathMeander())
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width), wr.PathMeander(), device=device)
     ends = sim.network.polylines()[0][[0, -1]]
     sinuosity, wavelength, crossed = [], [], 0
     for step in range(1, 5001):
@@ -289,28 +286,32 @@ def test_5000_steps():
         assert ring.is_simple and ring.length >= 5.0 * width
 
 
-def test_checked_phases_and_float32():
+def test_checked_phases_and_float32(device):
     """Every phase keeps its promise; in float32 the statistics stay those of float64 (chaos takes the points)."""
     line = wr.generate.noisy_line(20_000.0, 50.0, 50.0, 3)
     sims = []
     for dtype in ("float64", "float32"):
-        sims.append(wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype))
+        sims.append(
+            wr.Simulation(
+                wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype, device=device
+            )
+        )
         sims[-1].check = dtype == "float32"
         sims[-1].run(steps=900, record_every=75)
     sinuous = [np.mean([wr.metrics.sinuosity(n.polylines()[0]) for n in s.history.networks[6:]]) for s in sims]
     assert sinuous[1] == pytest.approx(sinuous[0], rel=0.2) and len(sims[1].history.cutoffs) > 20
 
 
-def test_room_for_shortcuts_grows():
+def test_room_for_shortcuts_grows(device):
     """Strands side by side from the start: more shortcuts than there is room for, taken at once."""
     legs = [
         np.stack([np.linspace(0.0, 2000.0, 101)[:: 1 if k % 2 == 0 else -1], np.full(101, 30.0 * k)], 1) for k in (0, 1)
     ]
     params = wr.PathMeander(spacing=20.0, search_radius=2.0, displacement_rate=0.0)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([np.concatenate(legs)], width=40.0), params)
-    room = sim.buffers.link_capacity
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([np.concatenate(legs)], width=40.0), params, device=device)
+    room = shortcuts_of(sim).capacity
     sim.step()
-    assert sim.buffers.link_capacity > room
+    assert shortcuts_of(sim).capacity > room
     # From the head across: the whole hairpin goes.
     assert len(sim.history.cutoffs) == 1 and sim.network.channel_lengths()[0] < 100.0
 
@@ -318,19 +319,23 @@ def test_room_for_shortcuts_grows():
 # ---- knobs
 
 
-def test_rate_only_sets_the_clock():
+def test_rate_only_sets_the_clock(device):
     """Twice the rate and half the step is the same run, to the bit."""
-    slow = run(wr.PathMeander(time_step=0.25), steps=600)
-    fast = run(wr.PathMeander(time_step=0.125, displacement_rate=120.0), steps=600)
+    slow = run(wr.PathMeander(time_step=0.25), steps=600, device=device)
+    fast = run(wr.PathMeander(time_step=0.125, displacement_rate=120.0), steps=600, device=device)
     assert (slow.network.points() == fast.network.points()).all() and len(slow.history.cutoffs) > 5
 
 
-def test_everything_scales_with_the_width():
+def test_everything_scales_with_the_width(device):
     """Twice as wide, long and coarse, at twice the rate, is the same river twice as large."""
     line = wr.generate.noisy_line(10_000.0, 32.0, 32.0, 2)
-    small = run(wr.PathMeander(time_step=0.25, spacing=32.0), width=64.0, line=line, steps=600)
+    small = run(wr.PathMeander(time_step=0.25, spacing=32.0), width=64.0, line=line, steps=600, device=device)
     large = run(
-        wr.PathMeander(time_step=0.25, spacing=64.0, displacement_rate=120.0), width=128.0, line=2 * line, steps=600
+        wr.PathMeander(time_step=0.25, spacing=64.0, displacement_rate=120.0),
+        width=128.0,
+        line=2 * line,
+        steps=600,
+        device=device,
     )
     np.testing.assert_allclose(large.network.points(), 2.0 * small.network.points(), rtol=0.0, atol=1e-6)
 
@@ -339,7 +344,7 @@ def bend_length(sim, width=100.0):
     return np.mean([wr.metrics.wavelength(n.polylines()[0], width) for n in sim.history.networks[-30:]])
 
 
-def test_each_knob_does_what_it_says():
+def test_each_knob_does_what_it_says(device):
     """Small sweeps of a grown river, 100 m wide."""
     table = {}
     for knob, values in (
@@ -349,7 +354,7 @@ def test_each_knob_does_what_it_says():
         ("downstream_share", (0.5, 0.9, 1.5)),
     ):
         for value in values:
-            sim = run(wr.PathMeander(**{knob: value}), steps=2000, seed=4)
+            sim = run(wr.PathMeander(**{knob: value}), steps=2000, seed=4, device=device)
             necks = [np.hypot(*(c.xy[-1] - c.xy[-2])) for c in sim.history.cutoffs]
             table[knob, value] = bend_length(sim), np.mean(necks), len(necks)
     for (knob, value), (wave, neck, count) in table.items():
@@ -368,31 +373,35 @@ def test_each_knob_does_what_it_says():
     assert waves["downstream_share", 0.5] == pytest.approx(waves["downstream_share", 1.5], rel=0.2)
 
 
-def test_a_wider_cone_joins_more(curves):
-    counts = [sum(len(p) for p in cut(curves, wr.PathMeander(cone_angle=c))[0]) for c in (10, 30, 60, 90)]
+def test_a_wider_cone_joins_more(curves, device):
+    counts = [
+        sum(len(p) for p in cut(curves, wr.PathMeander(cone_angle=c), device=device)[0]) for c in (10, 30, 60, 90)
+    ]
     assert counts[0] < counts[1] < counts[2] < counts[3]
 
 
-def pushed(xy, params):
+def pushed(xy, params, *, device):
     """Points after one push, (n, 2)."""
-    return pushed_points(prepare([xy], params, width=100.0, spacing=25.0), 0.2)
+    return pushed_points(prepare([xy], params, width=100.0, spacing=25.0, device=device), 0.2)
 
 
-def test_without_the_downstream_share_nothing_tells_the_flow():
+def test_without_the_downstream_share_nothing_tells_the_flow(device):
     """Away from the ends a line pushed upside down moves as the line itself; with a share it does not."""
     line = wr.generate.kinoshita(1200.0, 1.2, 10, 25.0)
     for share, least, most in ((0.0, 0.0, 1e-9), (0.9, 1.0, math.inf)):
         params = wr.PathMeander(downstream_share=share)
-        apart = np.abs(pushed(line, params) - pushed(line[::-1].copy(), params)[::-1])[250:-250].max()
+        apart = np.abs(pushed(line, params, device=device) - pushed(line[::-1].copy(), params, device=device)[::-1])[
+            250:-250
+        ].max()
         assert least <= apart <= most
 
 
-def test_the_downstream_share_carries_grown_bends_downstream():
+def test_the_downstream_share_carries_grown_bends_downstream(device):
     line = wr.generate.sine_generated(1200.0, 1.0, 10, 25.0)
     shifts = {}
     for share in (0.0, 0.9):
         params = wr.PathMeander(spacing=25.0, downstream_share=share, time_step=0.1)
-        there = run(params, line=line, steps=100)
+        there = run(params, line=line, steps=100, device=device)
         apex = [
             np.median(wr.metrics.inflection_points(n.polylines()[0], 100.0).xy[:, 0]) for n in there.history.networks
         ]
@@ -401,11 +410,11 @@ def test_the_downstream_share_carries_grown_bends_downstream():
     assert abs(shifts[0.0]) < 0.5 and shifts[0.9] > 2.0
 
 
-def test_steep_ground_holds_the_channel():
-    ground = wr.generate.tilted_plain((200, 400), 30.0, 0.5)
+def test_steep_ground_holds_the_channel(device):
+    ground = wr.generate.tilted_plain((200, 400), 30.0, 0.5, device=device)
     line = wr.generate.noisy_line(6_000.0, 50.0, 50.0, 0) + [1000.0, 3000.0]
     network = wr.RiverNetwork.from_polylines([line], width=100.0)
-    sim = wr.Simulation(network, wr.PathMeander(), terrain=ground)
+    sim = wr.Simulation(network, wr.PathMeander(), terrain=ground, device=device)
     before = sim.network.points()
     sim.run(steps=50)
     # A channel that cannot move at all rests: its points are not even sampled anew.
@@ -415,7 +424,7 @@ def test_steep_ground_holds_the_channel():
 # ---- in the company of the rest
 
 
-def test_junctions_stay_and_channels_that_touch_are_joined():
+def test_junctions_stay_and_channels_that_touch_are_joined(device):
     """Two tributaries and a trunk: nodes do not move at all; collisions are those of migration."""
     rng = np.random.default_rng(0)
     node = np.array([10_000.0, 0.0])
@@ -425,7 +434,7 @@ def test_junctions_stay_and_channels_that_touch_are_joined():
         line[1:-1] += rng.normal(0.0, 5.0, (198, 2))
         lines.append(line)
     network = wr.RiverNetwork.from_polylines(lines, width=[60.0, 60.0, 100.0])
-    sim = wr.Simulation(network, wr.PathMeander())
+    sim = wr.Simulation(network, wr.PathMeander(), device=device)
     history = sim.run(steps=150, record_every=50)
     assert len(history.collisions) == 0
     for net in history.networks:
@@ -435,12 +444,14 @@ def test_junctions_stay_and_channels_that_touch_are_joined():
     assert len(history.collisions) > 0 and len(history.cutoffs) > 100
 
 
-def test_a_run_goes_on_to_the_bit_from_disk(tmp_path):
-    whole = run(wr.PathMeander(search_radius=1.4), steps=700)
+def test_a_run_goes_on_to_the_bit_from_disk(tmp_path, device):
+    whole = run(wr.PathMeander(search_radius=1.4), steps=700, device=device)
     line = wr.generate.noisy_line(20_000.0, 50.0, 50.0, 0)
-    part = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(search_radius=1.4))
+    part = wr.Simulation(
+        wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(search_radius=1.4), device=device
+    )
     part.run(steps=500, record_every=100, store=tmp_path / "run")
-    again = wr.Simulation.resume(tmp_path / "run")
+    again = wr.Simulation.resume(tmp_path / "run", device=device)
     assert again.params == wr.PathMeander(search_radius=1.4)
     again.run(steps=200)
     assert (again.network.points() == whole.network.points()).all()

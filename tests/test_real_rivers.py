@@ -78,12 +78,12 @@ def test_all_river_lines_are_listed():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", FILES)
-def test_river_runs_for_200_years(name):
+def test_river_runs_for_200_years(name, device):
     network = load(name)
     widths = network.point_widths()[0]
     before = network.polylines()[0]
     spacing = min(SPACING, float(widths.min()))
-    sim = wr.Simulation(network, wr.MeanderParams(spacing=spacing))
+    sim = wr.Simulation(network, wr.MeanderParams(spacing=spacing), device=device)
     highest = [wr.metrics.sinuosity(before)]
 
     def look(sim):
@@ -113,10 +113,10 @@ def years_between(days):
     return (second - first).days / 365.25
 
 
-def compare(before, after, width, years, scaling):
+def compare(before, after, width, years, scaling, *, device):
     """Best fit of the rate law to the migration between two lines, and the lags of both behind curvature."""
     spacing = min(0.5 * width, 100.0)
-    line = phases.resampled(before, width, wr.MeanderParams(spacing=spacing))
+    line = phases.resampled(before, width, wr.MeanderParams(spacing=spacing), device=device)
     seen = wr.metrics.migration(line, after, years=years, max_distance=LARGEST_DISPLACEMENT * width)
     found = np.isfinite(seen)
     fits = []
@@ -125,7 +125,7 @@ def compare(before, after, width, years, scaling):
             migration_rate=1.0, friction=float(friction), sinuosity_scaling=scaling, end_damping=0.0, spacing=spacing
         )
         # The law's rate is positive to the right, a measured displacement to the left.
-        law = -phases.rate_of(line, width, params)
+        law = -phases.rate_of(line, width, params, device=device)
         r = np.corrcoef(law[found], seen[found])[0, 1]
         k = (law[found] @ seen[found]) / (law[found] @ law[found])
         fits.append((r, friction, k, law))
@@ -135,7 +135,7 @@ def compare(before, after, width, years, scaling):
     return r, friction, k, lags, found.mean()
 
 
-def test_rate_law_predicts_how_rivers_moved():
+def test_rate_law_predicts_how_rivers_moved(device):
     """The rate at the first survey, with f from a grid and k by least squares, against the displacement to the second.
 
     Where only the upstream term is scaled by sinuosity, as the paper prints, the shape of the rate changes and not only
@@ -146,9 +146,9 @@ def test_rate_law_predicts_how_rivers_moved():
         first, second = (load(f"centerlines/{river}_{day}.csv.gz") for day in days)
         width, years = float(np.median(first.point_widths()[0])), years_between(days)
         lines = first.polylines()[0], second.polylines()[0]
-        r, friction, k, (lag, law_lag), share = compare(*lines, width, years, "whole")
+        r, friction, k, (lag, law_lag), share = compare(*lines, width, years, "whole", device=device)
         k_local = k * wr.metrics.sinuosity(lines[0]) ** (-2.0 / 3.0)
-        printed = compare(*lines, width, years, "upstream")
+        printed = compare(*lines, width, years, "upstream", device=device)
         print(
             f"{river}: {years:.1f} yr, w {width:.0f} m, {share:.0%} of the points; r {r:.2f} with f {friction:.4f}, k "
             f"{k_local:.1f} m/yr (sinuosity counted in); lag {lag:.2f} w, the law's {law_lag:.2f} w; with "
@@ -162,12 +162,14 @@ def test_rate_law_predicts_how_rivers_moved():
     assert sum(r > GOOD_CORRELATION for r in correlations.values()) >= GOOD_RIVERS
 
 
-def test_rate_law_predicts_how_the_mamore_moved():
+def test_rate_law_predicts_how_the_mamore_moved(device):
     """The same with yearly lines, three years apart: within ten, bends of this river move by their own width."""
     correlations = []
     for span in MAMORE_SPANS:
         first, second = (load(f"mamore_series/mamore_{year}.csv.gz").polylines()[0] for year in span)
-        r, friction, k, (lag, law_lag), share = compare(first, second, MAMORE_WIDTH, span[1] - span[0], "whole")
+        r, friction, k, (lag, law_lag), share = compare(
+            first, second, MAMORE_WIDTH, span[1] - span[0], "whole", device=device
+        )
         print(
             f"Mamore {span[0]} to {span[1]}: {share:.0%} of the points; r {r:.2f} with f {friction:.4f}, k "
             f"{k * wr.metrics.sinuosity(first) ** (-2 / 3):.1f} m/yr; lag {lag:.2f} w, the law's {law_lag:.2f} w"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import reference_rings as twin
+from devices import assert_bits, is_cpu
 
 import warpriver as wr
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics, taubin_smooth
@@ -26,6 +27,11 @@ def ring_network(xy, width=60.0, **options):
     return RiverNetwork.from_polylines([xy], width=width, closed=True, **options)
 
 
+def smoothed(xy, passes, *, device, **options):
+    """A ring after so many pairs of passes on a device."""
+    return taubin_smooth(ring_network(xy, device=device), passes, **options).polylines()[0]
+
+
 def dumbbell(neck=30.0, spacing=20.0, left=200.0, right=300.0):
     """Two circles joined by a neck of two parallel banks, ``neck`` apart: closed, about evenly spaced."""
     half = 0.5 * neck
@@ -44,7 +50,7 @@ def dumbbell(neck=30.0, spacing=20.0, left=200.0, right=300.0):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
 @pytest.mark.parametrize(("gamma", "scaling"), [(2.5, "upstream"), (2.5, "whole"), (1.0, "none"), (0.4, "none")])
-def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dtype):
+def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dtype, device):
     """C = 1/R everywhere, so that its upstream mean is 1/R too: dR/dt = k w (omega + gamma) / R,
     R^2 = R0^2 + 2 k w (omega + gamma) t. It grows for gamma > 1, stays for 1, shrinks below, and stays round.
 
@@ -53,7 +59,7 @@ def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dt
     radius, width, k = 1000.0, 50.0, 60.0
     params = MeanderParams(time_step=0.05, spacing=25.0, migration_rate=k, upstream_weight=gamma,
                            sinuosity_scaling=scaling)  # fmt: skip
-    sim = Simulation(ring_network(circle(251, radius, turn), width, dtype=dtype), params, check=True)
+    sim = Simulation(ring_network(circle(251, radius, turn), width, dtype=dtype), params, check=True, device=device)
     sim.run(steps=400, record_every=400)
     xy = sim.network.polylines()[0]
     found = np.hypot(*(xy - xy.mean(axis=0)).T)
@@ -70,12 +76,12 @@ def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dt
         assert found.mean() == pytest.approx(stepped, rel=1e-7 if scaling == "none" else 3e-6)
 
 
-def test_the_error_of_the_circle_is_that_of_the_step():
+def test_the_error_of_the_circle_is_that_of_the_step(device):
     """It halves with the time step, first order."""
     errors = []
     for parts in (1, 2, 4):
         params = MeanderParams(time_step=0.4 / parts, spacing=10.0)
-        sim = Simulation(ring_network(circle(630, 1000.0), 50.0), params)
+        sim = Simulation(ring_network(circle(630, 1000.0), 50.0), params, device=device)
         sim.run(steps=50 * parts, record_every=1000)
         found = np.hypot(*sim.network.polylines()[0].T).mean()
         errors.append(found - np.sqrt(1000.0**2 + 2.0 * 60.0 * 50.0 * 1.5 * 20.0))
@@ -86,11 +92,13 @@ def test_the_error_of_the_circle_is_that_of_the_step():
 
 
 @pytest.mark.parametrize("policy", ["longer", "marked"])
-def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
+def test_a_noisy_ring_meanders_for_two_thousand_steps(policy, device):
     """580 years: it grows bends and splits; where the longer part goes on, its mean radius stays within 0.6 and 1.35 of
     the start's (0.75 and 1.02 are found); what it loses goes with the loops. The marked part may be a small one.
     """
-    sim = Simulation(ring_network(noisy_ring()), MeanderParams(spacing=40.0, ring_policy=policy), check=False)
+    sim = Simulation(
+        ring_network(noisy_ring()), MeanderParams(spacing=40.0, ring_policy=policy), check=False, device=device
+    )
     means, sizes = [], []
 
     def note(now):
@@ -115,13 +123,13 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy):
 @pytest.mark.parametrize("shift", [0, 17, 40, 71])
 @pytest.mark.parametrize("policy", ["longer", "marked", "both"])
 @pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
-def test_a_split_conserves_points_and_length(kind, policy, shift):
+def test_a_split_conserves_points_and_length(kind, policy, shift, device):
     """The parts together are as long as the ring was and twice the neck, to a spacing each, wherever it begins."""
     xy = np.roll(dumbbell(), shift, axis=0)
     params = kind(spacing=20.0, time_step=1e-6, ring_policy=policy, cutoff_min_arc=3.0)
     if kind is PathMeander:
         params = params.replace(search_radius=1.0)
-    sim = Simulation(ring_network(xy, width=40.0), params, check=True)
+    sim = Simulation(ring_network(xy, width=40.0), params, check=True, device=device)
     before, points = sim.network.channel_lengths()[0], sim.network.point_count
     mark = sim.network.polylines()[0][0]
     sim.step()
@@ -153,7 +161,7 @@ def test_a_split_conserves_points_and_length(kind, policy, shift):
     assert sorted(parts) == pytest.approx([2 * np.pi * 200.0, 2 * np.pi * 300.0], abs=150.0)
 
 
-def test_several_necks_in_a_step_are_cut_in_one_order():
+def test_several_necks_in_a_step_are_cut_in_one_order(device):
     """Three lobes on a ring close at once: all are cut in the first step, in the order of the points, or the next."""
     lobes = []
     for k in range(3):
@@ -165,15 +173,15 @@ def test_several_necks_in_a_step_are_cut_in_one_order():
     runs = []
     for threads in (1, 2):
         params = MeanderParams(spacing=20.0, time_step=1e-6, cutoff_min_arc=3.0)
-        sim = Simulation(ring_network(ring, width=40.0), params, threads=threads)
+        sim = Simulation(ring_network(ring, width=40.0), params, threads=threads, device=device)
         sim.run(steps=3)
         runs.append([c.xy.tobytes() for c in sim.history.cutoffs])
     assert runs[0] == runs[1] and len(runs[0]) >= 2
 
 
-def test_both_parts_go_on_and_split_again():
+def test_both_parts_go_on_and_split_again(device):
     params = MeanderParams(spacing=40.0, ring_policy="both")
-    sim = Simulation(ring_network(noisy_ring()), params)
+    sim = Simulation(ring_network(noisy_ring()), params, device=device)
     sim.run(steps=500)
     network = sim.network
     assert network.channel_count > 20 and not sim.history.cutoffs
@@ -187,31 +195,42 @@ def test_both_parts_go_on_and_split_again():
 # ---- with lines
 
 
-def test_open_and_closed_channels_in_one_run():
-    """The lines do as they do alone, to the bit, and rings join none of them."""
+def assert_as_alone(both, alone, single, steps, device):
+    """Run simulations of a ring between two lines, of the lines and of the ring: the channels do as they do alone.
+
+    To the bit on the CPU. On a GPU sums along a channel are made of chunks, and where they begin depends on the other
+    channels: noisy bends amplify the rounding, to 1e-6 m in 20 steps, so that is when it is looked at.
+    """
+    early = steps if is_cpu(device) else 20
+    for sim in (both, alone, single):
+        sim.run(steps=early)
+    line, ring, other_line = both.network.polylines()
+    expected = (*alone.network.polylines(), *single.network.polylines())
+    for found, other in zip((line, other_line, ring), expected, strict=True):
+        assert_bits(found, other, device, 1e-4)
+    both.run(steps=steps - early)
+    assert {c.channel for c in both.history.cutoffs} == {0, 1, 2} and not both.history.collisions
+    assert both.network.channel_closed.tolist() == [False, True, False]
+
+
+def test_open_and_closed_channels_in_one_run(device):
+    """The lines do as they do alone, and rings join none of them."""
     lines = [wr.generate.noisy_line(6000.0, 40.0, 60.0, k) + [-3000.0, 5000.0 + 2500.0 * k] for k in range(2)]
     ring = noisy_ring(radius=1500.0)
     origin = np.zeros(2)
     params = MeanderParams(spacing=40.0)
     both = Simulation(RiverNetwork.from_polylines([lines[0], ring, lines[1]], 60.0, closed=[False, True, False],
-                                                  origin=origin), params)  # fmt: skip
-    alone = Simulation(RiverNetwork.from_polylines(lines, 60.0, origin=origin), params)
-    single = Simulation(ring_network(ring, origin=origin), params)
-    for sim in (both, alone, single):
-        sim.run(steps=600)
-    parts = both.network.polylines()
-    for part, other in zip((parts[0], parts[2], parts[1]), (*alone.network.polylines(), *single.network.polylines()),
-                           strict=True):  # fmt: skip
-        np.testing.assert_array_equal(part, other)
-    assert {c.channel for c in both.history.cutoffs} == {0, 1, 2} and not both.history.collisions
-    assert both.network.channel_closed.tolist() == [False, True, False]
+                                                  origin=origin), params, device=device)  # fmt: skip
+    alone = Simulation(RiverNetwork.from_polylines(lines, 60.0, origin=origin), params, device=device)
+    single = Simulation(ring_network(ring, origin=origin), params, device=device)
+    assert_as_alone(both, alone, single, 600, device)
 
 
-def test_a_ring_across_a_line_joins_nothing():
+def test_a_ring_across_a_line_joins_nothing(device):
     line = np.stack([np.linspace(-3000.0, 3000.0, 120), np.full(120, 10.0)], axis=1)
     network = RiverNetwork.from_polylines([line, circle(200, 1200.0), line + [0.0, 4000.0]], 60.0,
                                           closed=[False, True, False])  # fmt: skip
-    sim = Simulation(network, MeanderParams())
+    sim = Simulation(network, MeanderParams(), device=device)
     sim.run(steps=30)
     assert sim.network.channel_count == 3 and not sim.history.collisions
 
@@ -220,13 +239,13 @@ def test_a_ring_across_a_line_joins_nothing():
 
 
 @pytest.mark.parametrize("policy", ["longer", "both"])
-def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
+def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
     params = MeanderParams(spacing=40.0, ring_policy=policy)
-    whole = Simulation(ring_network(noisy_ring()), params)
+    whole = Simulation(ring_network(noisy_ring()), params, device=device)
     whole.run(steps=330)
-    half = Simulation(ring_network(noisy_ring()), params)
+    half = Simulation(ring_network(noisy_ring()), params, device=device)
     half.run(steps=170, store=tmp_path / "run")
-    rest = Simulation.resume(tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run", device=device)
     assert rest.network.channel_closed.all()
     rest.run(steps=160)
     np.testing.assert_array_equal(rest.network.points(), whole.network.points())
@@ -243,13 +262,13 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy):
     assert (f"{len(whole.history.splits)} splits" in repr(again)) == (policy == "both")
     # What came after the last record is done again.
     whole.history.events.extend(whole.history.events[:1])
-    assert len(Simulation.resume(whole.history).history.events) == len(again.events) > 0
+    assert len(Simulation.resume(whole.history, device=device).history.events) == len(again.events) > 0
     assert len(whole.history.cutoffs) > 0 or whole.network.channel_count > 1
 
 
-def test_a_run_without_rings_has_no_splits(tmp_path):
-    sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0))
-    assert not sim.history.record(-1).channels.closed.any() and sim.channels.closed is None
+def test_a_run_without_rings_has_no_splits(tmp_path, device):
+    sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0), device=device)
+    assert not sim.history.record(-1).channels.closed.any() and sim.stepper.state.closed is None
     sim.history.save(tmp_path / "run.npz")
     again = wr.History.load(tmp_path / "run.npz")
     assert again.splits == [] and again.record(-1).events_before == 0 and "split" not in repr(again)
@@ -259,12 +278,12 @@ def test_a_run_without_rings_has_no_splits(tmp_path):
 # ---- smoothing
 
 
-def test_taubin_keeps_the_area_of_a_ring_over_a_thousand_passes():
+def test_taubin_keeps_the_area_of_a_ring_over_a_thousand_passes(device):
     """Within 1 %, and its length but for the noise that goes; plain smoothing by the same strength loses half of it."""
     rng = np.random.default_rng(0)
     smooth = circle(300, 1000.0)
     rough = smooth + rng.normal(0.0, 2.0, smooth.shape)
-    after = taubin_smooth(rough, 1000, closed=True)
+    after = smoothed(rough, 1000, device=device)
     assert twin.area(after) == pytest.approx(twin.area(rough), rel=1e-2)
     assert twin.segments(after).sum() == pytest.approx(twin.segments(smooth).sum(), rel=1e-2)
     assert np.abs(np.hypot(*after.T) - np.hypot(*after.T).mean()).max() < 2.0
@@ -276,31 +295,32 @@ def test_taubin_keeps_the_area_of_a_ring_over_a_thousand_passes():
 
 
 @pytest.mark.parametrize("count", [8, 9, 40, 1000])
-def test_taubin_leaves_a_circle_as_it_is(count):
+def test_taubin_leaves_a_circle_as_it_is(count, device):
     """Its one wave is the edge of the pass band, whatever the number of points."""
     xy = circle(count, 500.0)
-    np.testing.assert_allclose(taubin_smooth(xy, 1000, closed=True), xy, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(smoothed(xy, 1000, device=device), xy, rtol=0.0, atol=1e-8)
 
 
-def test_taubin_takes_out_the_shortest_wave_and_holds_ends():
+def test_taubin_takes_out_the_shortest_wave_and_holds_ends(device):
     xy = np.stack([50.0 * np.arange(101), 5.0 * (-1.0) ** np.arange(101)], axis=1)
     after = taubin_smooth(xy, 30)
     assert (after[[0, -1]] == xy[[0, -1]]).all()
     assert np.abs(after[20:-20, 1]).max() < 0.1
-    network = RiverNetwork.from_polylines([xy, circle(40, 300.0) + [0.0, 2000.0]], 20.0, closed=[False, True])
-    smoothed = taubin_smooth(network, 30)
-    np.testing.assert_allclose(smoothed.polylines()[0], taubin_smooth(network.polylines()[0], 30), rtol=0.0, atol=1e-10)
-    assert smoothed.channel_closed.tolist() == [False, True]
-    band = taubin_smooth(circle(40, 300.0), 10, pass_band=0.1, closed=True)
+    lines = [xy, circle(40, 300.0) + [0.0, 2000.0]]
+    both = taubin_smooth(RiverNetwork.from_polylines(lines, 20.0, closed=[False, True], device=device), 30)
+    assert both.point_xy.device.alias == device and both.channel_closed.tolist() == [False, True]
+    for line, ring, found in zip(lines, (False, True), both.polylines(), strict=True):
+        np.testing.assert_allclose(found, taubin_smooth(line, 30, closed=ring), rtol=0.0, atol=1e-10)
+    band = smoothed(circle(40, 300.0), 10, pass_band=0.1, device=device)
     k = 1.0 - np.cos(2.0 * np.pi / 40)
     growth = (1.0 - 0.5 * k) * (1.0 - k / (0.1 - 2.0))
     assert np.hypot(*band.T) == pytest.approx(300.0 * growth**10, rel=1e-12)
 
 
-def test_a_step_may_smooth():
+def test_a_step_may_smooth(device):
     """A pass a step keeps a circle on its closed form and changes a noisy ring; threads do not matter."""
     params = MeanderParams(time_step=0.05, spacing=25.0, taubin_passes=1)
-    sim = Simulation(ring_network(circle(251, 1000.0), 50.0), params, check=True)
+    sim = Simulation(ring_network(circle(251, 1000.0), 50.0), params, check=True, device=device)
     sim.run(steps=100)
     found = np.hypot(*sim.network.polylines()[0].T)
     assert found == pytest.approx(np.sqrt(1e6 + 2.0 * 60.0 * 50.0 * 1.5 * 5.0), rel=2e-5)
@@ -308,7 +328,7 @@ def test_a_step_may_smooth():
     for passes, threads in ((0, 1), (2, 1), (2, 2)):
         lines = [noisy_ring(middle=(0.0, 9000.0 * k), seed=k) for k in range(3)]
         network = RiverNetwork.from_polylines(lines, 60.0, closed=True)
-        other = Simulation(network, MeanderParams(spacing=40.0, taubin_passes=passes), threads=threads)
+        other = Simulation(network, MeanderParams(spacing=40.0, taubin_passes=passes), threads=threads, device=device)
         other.run(steps=50)
         runs[passes, threads] = other.network.points()
     np.testing.assert_array_equal(runs[2, 1], runs[2, 2])
@@ -382,7 +402,7 @@ RING = circle(60, 500.0)
 # ---- the marked point
 
 
-def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path):
+def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path, device):
     """In the network, in files and through a run whose first neck cuts the other part off."""
     xy = dumbbell()
     width = np.linspace(38.0, 42.0, len(xy))
@@ -394,7 +414,7 @@ def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path):
     wr.write_network(network, tmp_path / "ring.geojson")
     np.testing.assert_allclose(wr.read_network(tmp_path / "ring.geojson").polylines()[0][0], xy[mark], atol=1e-9)
     params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy="marked", cutoff_min_arc=3.0)
-    sim = Simulation(network, params)
+    sim = Simulation(network, params, device=device)
     history = sim.run(steps=2, record_every=1, store=tmp_path / "run")
     assert len(history.cutoffs) == 1 and sim.network.channel_lengths()[0] < 1600.0, "the lesser one goes on"
     for kept in wr.History.load(tmp_path / "run").networks:
@@ -492,10 +512,10 @@ def test_the_command_line_tells_splits(tmp_path, capsys, solver):
     assert wr.read_network(out / "channels.csv").channel_closed.tolist() == [True, True]
 
 
-def test_a_belt_tells_splits(tmp_path):
+def test_a_belt_tells_splits(tmp_path, device):
     pytest.importorskip("matplotlib")
     params = MeanderParams(spacing=20.0, time_step=0.01, ring_policy="both", cutoff_min_arc=3.0)
-    history = Simulation(ring_network(dumbbell(), width=40.0), params).run(steps=2, record_every=1)
+    history = Simulation(ring_network(dumbbell(), width=40.0), params, device=device).run(steps=2, record_every=1)
     figure = wr.viz.draw_belt(history, tmp_path / "belt.png")
     words = [text.get_text() for axes in figure.axes for text in axes.texts] + [t.get_text() for t in figure.texts]
     told = f"{len(history.splits)} split"

@@ -6,24 +6,33 @@ import roofline
 import warp as wp
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver.engine import state as buffers
 
 
 def launched(monkeypatch, sim):
     """Names of the kernels of a step, by phase, in order."""
     names, launch = [], wp.launch
-    for stage in sim._stages():
+    for stage in sim.stepper.stages():
         monkeypatch.setattr(
             wp, "launch", lambda k, *a, _p=stage.phase, **o: (names.append((_p, k)), launch(k, *a, **o))
         )
-        sim._run([stage])
+        sim.stepper.state.run([stage])
     monkeypatch.setattr(wp, "launch", launch)
     return list(dict.fromkeys((phase, kernel.key.rpartition("__")[2]) for phase, kernel in names))
 
 
-def test_the_table_holds_the_kernels_of_a_step_in_order(monkeypatch):
-    lines = [generate.noisy_line(3000.0, 50.0, 50.0, k) + [0.0, 3000.0 * k] for k in range(2)]
-    sim = Simulation(RiverNetwork.from_polylines(lines, width=50.0), MeanderParams())
-    assert launched(monkeypatch, sim) == [(x.phase, x.kernel) for x in roofline.STEP]
+@pytest.mark.parametrize(("chunk", "division"), [(0, "slabs"), (int(roofline.CHUNK_POINTS), "chunks")])
+def test_the_table_holds_the_kernels_of_a_step_in_order(monkeypatch, chunk, division):
+    """Of as many channels and chunks as running sums need to be done in groups."""
+    monkeypatch.setattr(buffers, "CPU_CHUNK", chunk)
+    lines = [generate.noisy_line(3000.0, 50.0, 50.0, k) + [0.0, 3000.0 * k] for k in range(70)]
+    sim = Simulation(RiverNetwork.from_polylines(lines, width=50.0, device="cpu"), MeanderParams())
+    expected = [(x.phase, x.kernel) for x in roofline.STEP if x.only in ("", division)]
+    assert launched(monkeypatch, sim) == expected
+
+
+def test_chunks_are_those_of_a_gpu():
+    assert roofline.CHUNK_POINTS == buffers.CUDA_CHUNK
 
 
 @pytest.mark.parametrize("launch", roofline.STEP, ids=lambda x: x.kernel)
@@ -39,7 +48,7 @@ def test_the_table_has_each_array_of_a_kernel_once_and_as_it_is_used(launch):
         if m.per != "event":
             assert m.read + m.written > 0.0, m
         if m.argument.startswith("channel_"):
-            assert m.per in ("channel", "ring"), m
+            assert m.per in ("channel", "ring", "event"), m
         if m.argument.startswith("point_"):
             assert m.per != "channel" or m.argument in ("point_arc", "point_moved"), m
 
@@ -53,6 +62,14 @@ def test_bytes_of_kernels_counted_by_hand():
     assert roofline.bytes_per_point(by_name["move_points"], **endless) == (24.0, 16.0)
     assert roofline.bytes_per_point(by_name["move_points"], varying=True, terrain=True, **endless) == (72.0, 32.0)
     assert roofline.bytes_per_point(by_name["insert_points"], **endless) == (20.0, 24.0)
+    # Buckets of two fields: set to 0, four of them a point, and both changed by the point.
+    assert roofline.bytes_per_point(by_name["insert_points"], chunk_points=32.0, **endless) == (24.0, 44.0)
+    # A chunk has its mark and its cuts, two integers each, from which the marks' running sums and places are made.
+    _, written = roofline.bytes_per_point(by_name["find_necks"], chunk_points=32.0, **endless)
+    assert written == 4.0 + 16.0 / 32.0
+    sums = [roofline.bytes_per_point(by_name[x], chunk_points=32.0) for x in ("sum_marks", "scan_marks", "list_marks")]
+    assert sums == [(8.0 / 32.0, 0.0), (8.0 / 32.0, 8.0 / 32.0), (8.0 / 32.0, 4.0 / 32.0)]
+    assert roofline.argument_sizes(by_name["select_cuts"], "float64")["marks.place"] == 4
     assert roofline.bytes_per_point(by_name["measure_arcs"], "float32", **endless) == (8.0, 8.0)
     assert roofline.bytes_per_point(by_name["resample_points"], **endless) == (24.0, 16.0)
     # A channel's width, depth, widest and spacing, its start, its even spacing and its step.

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import test_stages
 import warp as wp
+from insides import loops_of, tighten
 
+from warpriver.engine import scans
+from warpriver.engine import state as buffers
 from warpriver.kernels.polyline import (
     CUT_POINTS_NEEDED,
     CUTS_NEEDED,
@@ -15,7 +18,6 @@ from warpriver.kernels.polyline import (
     FAULT_OXBOWS_FULL,
     STATUS_SIZE,
 )
-from warpriver.meander import buffers, scans
 
 # Launches and memsets of one sub-step of networks of some hundred points, each a node of a recording; before scans of
 # our own there were 39 to 51, of which those of the library's scans allocated.
@@ -44,14 +46,14 @@ def count_nodes(sim, monkeypatch):
         counts["memset"] += 1
         return zero(self)
 
-    stages = sim._stages()
+    stages = sim.stepper.stages()
     with monkeypatch.context() as patch:
         patch.setattr(wp, "launch", counted)
         patch.setattr(wp.array, "zero_", zeroed)
         patch.setattr(wp.array, "__init__", refuse)
         patch.setattr(wp.utils, "array_scan", refuse)
         for stage in stages:
-            stage.run(sim.channels.whole)
+            stage.run(sim.stepper.state.whole)
     return counts
 
 
@@ -69,7 +71,7 @@ def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch)
     sim = test_stages.plain(capture=False, threads=1)
     small = sum(count_nodes(sim, monkeypatch).values())
     monkeypatch.setattr(scans, "SERIAL", 4)
-    sim._allocate(sim.network.point_count, 64, 4096)
+    tighten(sim, 64, 4096)
     large = count_nodes(sim, monkeypatch)
     scanned = sum(count for key, count in large.items() if "scan_" in key)
     assert sum(count for key, count in large.items() if "sum_" in key) <= 2 * scanned
@@ -79,7 +81,7 @@ def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch)
 def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
     """The status block, whose size does not depend on the network; all else is read after an event alone."""
     sim = test_stages.plain(threads=1)
-    sim._in_a_row = buffers.SUBSTEPS_IN_A_ROW
+    sim.stepper.row_limit = buffers.SUBSTEPS_IN_A_ROW
     sim.run(steps=40, record_every=10_000)
     read, numpy = [], wp.array.numpy
 
@@ -89,10 +91,10 @@ def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
         return values
 
     monkeypatch.setattr(wp.array, "numpy", counted)
-    status = sim._launch(buffers.SUBSTEPS_IN_A_ROW, buffers.SUBSTEPS_IN_A_ROW)
+    status = sim.stepper._launch(buffers.SUBSTEPS_IN_A_ROW, buffers.SUBSTEPS_IN_A_ROW)
     assert status[DONE] == buffers.SUBSTEPS_IN_A_ROW
     assert read == []
-    assert 4 * len(sim.buffers.status.array) < 256
+    assert 4 * len(sim.stepper.state.status.array) < 256
 
 
 def test_a_row_that_cuts_reads_back_what_it_cut(chunked, monkeypatch):
@@ -106,21 +108,21 @@ def test_a_row_that_cuts_reads_back_what_it_cut(chunked, monkeypatch):
         assert sim.step_count < 250
     loops = [len(cutoff.xy) for cutoff in sim.history.cutoffs]
     assert sorted(read) == sorted([len(loops), sum(loops)])
-    assert sum(loops) < sim.buffers.oxbow_capacity
+    assert sum(loops) < loops_of(sim).oxbow_capacity
 
 
 def test_a_full_row_keeps_its_recordings(chunked):
     """Where all sub-steps of a row together cut more than fits, but none alone does, nothing is made anew."""
     sim = test_stages.tree(threads=1)
-    sim._in_a_row = 8
+    sim.stepper.row_limit = 8
     sim.run(steps=20, record_every=10_000)
-    before, replays = sim.buffers, sim._replays
+    state, loops, replays = sim.stepper.state, loops_of(sim), sim.stepper._replays
+    edition, points = state.edition, state.point_moved
     status = np.zeros(STATUS_SIZE, np.int32)
     status[[FAULT, CUTS_NEEDED, CUT_POINTS_NEEDED]] = FAULT_OXBOWS_FULL, 1, 8
-    sim._make_room(status.tolist())
-    assert sim.buffers is before and sim._replays is replays and replays
-    status[CUTS_NEEDED] = sim.buffers.cut_capacity + 1
-    points = sim.buffers.point_moved
-    sim._make_room(status.tolist())
-    assert sim.buffers is before and sim.buffers.point_moved is points, "points are not copied for want of cutoffs"
-    assert sim.buffers.cut_capacity == 2 * int(status[CUTS_NEEDED]) and sim._replays == {}
+    sim.stepper._make_room(status.tolist())
+    assert state.edition == edition and sim.stepper._replays is replays and replays
+    status[CUTS_NEEDED] = loops.cut_capacity + 1
+    sim.stepper._make_room(status.tolist())
+    assert state.edition > edition and state.point_moved is points, "points are not copied for want of cutoffs"
+    assert loops.cut_capacity == 2 * int(status[CUTS_NEEDED])

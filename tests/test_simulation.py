@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import warp as wp
+from insides import loops_of, tighten
 from trees import random_tree
 
 from warpriver import Every, History, MeanderParams, PathMeander, RiverNetwork, Simulation, StopReason, generate
@@ -27,9 +28,9 @@ def states_equal(a, b):
 
 
 @pytest.fixture(scope="module")
-def long_run():
+def long_run(device):
     """300 years of one channel, with cutoffs, every phase checked."""
-    sim = Simulation(wandering(), check=True)
+    sim = Simulation(wandering(), check=True, device=device)
     return sim, sim.run(years=300, record_every=50)
 
 
@@ -63,8 +64,8 @@ def test_points_are_evenly_spaced(long_run):
         assert step.max() < 1.3 * sim.params.spacing
 
 
-def test_same_seed_same_bits():
-    one, two = (Simulation(wandering(seed=3)) for _ in range(2))
+def test_same_seed_same_bits(device):
+    one, two = (Simulation(wandering(seed=3), device=device) for _ in range(2))
     one.run(steps=700)
     two.run(steps=700)
     assert states_equal(one, two)
@@ -73,34 +74,38 @@ def test_same_seed_same_bits():
 
 
 @pytest.mark.parametrize("options", [{"capture": False}, {"check": True}])
-def test_replayed_plain_and_checked_steps_are_equal_to_the_bit(options):
-    replayed, other = Simulation(wandering(channels=3)), Simulation(wandering(channels=3), **options)
+def test_replayed_plain_and_checked_steps_are_equal_to_the_bit(options, device):
+    replayed, other = (
+        Simulation(wandering(channels=3), device=device),
+        Simulation(wandering(channels=3), **options, device=device),
+    )
     replayed.run(steps=600, record_every=1000)
     other.run(steps=600, record_every=1000)
     assert len(replayed.history.cutoffs) > 0
     assert states_equal(replayed, other)
 
 
-def test_growing_buffers_changes_nothing():
-    roomy, tight = Simulation(wandering(channels=2)), Simulation(wandering(channels=2))
-    tight._allocate(tight.network.point_count, 1, 8)
+def test_growing_buffers_changes_nothing(device):
+    roomy, tight = Simulation(wandering(channels=2), device=device), Simulation(wandering(channels=2), device=device)
+    tighten(tight, points=8)
     for sim in (roomy, tight):
         sim.run(steps=700, record_every=1000)
     assert len(roomy.history.cutoffs) > 1
-    assert tight.buffers.oxbow_capacity > 8 and tight.buffers.point_capacity > tight.history.networks[0].point_count
+    capacity = tight.stepper.state.point_capacity
+    assert loops_of(tight).oxbow_capacity > 8 and capacity > tight.history.networks[0].point_count
     assert states_equal(roomy, tight)
 
 
 @pytest.mark.parametrize("where", ["folder", "file", "memory"])
-def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where):
-    whole = Simulation(wandering(seed=5))
+def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where, device):
+    whole = Simulation(wandering(seed=5), device=device)
     whole.run(steps=600, record_every=7)
-    half = Simulation(wandering(seed=5))
+    half = Simulation(wandering(seed=5), device=device)
     history = half.run(steps=300, record_every=7, store=tmp_path / "run" if where == "folder" else None)
     if where == "file":
         history.save(tmp_path / "run.npz")
     source = {"folder": tmp_path / "run", "file": tmp_path / "run.npz", "memory": history}[where]
-    again = Simulation.resume(source)
+    again = Simulation.resume(source, device=device)
     assert again.step_count == 300
     again.run(steps=300, record_every=7)
     assert states_equal(whole, again)
@@ -111,10 +116,10 @@ def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where):
     assert set(whole.history.steps) <= set(again.history.steps) | {300}
 
 
-def test_width_that_varies_is_carried_along():
+def test_width_that_varies_is_carried_along(device):
     line = generate.noisy_line(12_000.0, 50.0, 50.0, 1)
     width = np.linspace(60.0, 120.0, len(line))
-    sim = Simulation(RiverNetwork.from_polylines([line], width=[width]), check=True)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=[width]), check=True, device=device)
     sim.run(steps=500)
     now = sim.network.point_widths()[0]
     assert len(now) == sim.network.point_count
@@ -124,20 +129,23 @@ def test_width_that_varies_is_carried_along():
         assert all(60.0 < c.width < 120.0 for c in sim.history.cutoffs)
 
 
-def test_a_constant_width_given_per_point_is_the_same_channel():
+def test_a_constant_width_given_per_point_is_the_same_channel(device):
     line = generate.noisy_line(12_000.0, 50.0, 50.0, 2)
     width = np.full(len(line), 50.0)
     width[-1] += 1e-9  # enough to be carried per point
-    plain = Simulation(RiverNetwork.from_polylines([line], width=50.0))
-    varied = Simulation(RiverNetwork.from_polylines([line], width=[width]))
+    plain = Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device)
+    varied = Simulation(RiverNetwork.from_polylines([line], width=[width]), device=device)
     for sim in (plain, varied):
         sim.run(steps=50)
     # A relative change of 2e-11 at one end grows with the bends, e-fold in some 8 years here.
     np.testing.assert_allclose(varied.network.polylines()[0], plain.network.polylines()[0], atol=1e-6)
 
 
-def test_float32_follows_float64():
-    double, single = Simulation(wandering(seed=1)), Simulation(wandering(seed=1), dtype="float32")
+def test_float32_follows_float64(device):
+    double, single = (
+        Simulation(wandering(seed=1), device=device),
+        Simulation(wandering(seed=1), dtype="float32", device=device),
+    )
     for sim in (double, single):
         sim.run(steps=20)
     # float32 curvature errs by 4e-5 of 1/w near the origin; 20 steps of 17 m at most carry it on.
@@ -146,9 +154,10 @@ def test_float32_follows_float64():
     assert single.network.channel_lengths()[0] > 1.5 * 12_000
 
 
-def test_steps_asked_for_at_once_are_those_of_as_many_calls():
+def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
     """With sub-steps and cutoffs among them; nothing is recorded but events."""
-    one_by_one, at_once = (Simulation(wandering(width=60.0), MeanderParams(time_step=1.0)) for _ in range(2))
+    params = MeanderParams(time_step=1.0)
+    one_by_one, at_once = (Simulation(wandering(width=60.0), params, device=device) for _ in range(2))
     for _ in range(150):
         one_by_one.step()
     at_once.step(1)
@@ -161,39 +170,41 @@ def test_steps_asked_for_at_once_are_those_of_as_many_calls():
 
 
 @pytest.mark.parametrize("count", [0, -3, 1.5, np.nan, np.inf])
-def test_a_number_of_steps_that_is_none_is_refused(count):
-    sim = Simulation(wandering())
+def test_a_number_of_steps_that_is_none_is_refused(count, device):
+    sim = Simulation(wandering(), device=device)
     with pytest.raises(ValueError, match=r"count is .*; give a whole number of time steps, 1 or more"):
         sim.step(count)
     assert sim.step_count == 0
 
 
-def test_the_network_given_is_left_alone():
+def test_the_network_given_is_left_alone(device):
     network = wandering()
     before = network.polylines()[0]
-    Simulation(network).run(steps=50)
+    Simulation(network, device=device).run(steps=50)
     np.testing.assert_array_equal(network.polylines()[0], before)
 
 
-def test_a_figure_of_eight_is_allowed_and_cut_at_its_crossing():
+def test_a_figure_of_eight_is_allowed_and_cut_at_its_crossing(device):
     t = np.linspace(0.0, 1.0, 200)
     loop = np.stack([3000.0 * t, np.zeros(200)], axis=1)
     angle = np.linspace(0.0, 2.0 * np.pi, 120)[1:]
     circle = np.stack([3000.0 + 600.0 * np.sin(angle), 600.0 - 600.0 * np.cos(angle)], axis=1)
     tail = np.stack([3000.0 + 3000.0 * t[5:], np.zeros(195)], axis=1)
-    sim = Simulation(RiverNetwork.from_polylines([np.concatenate([loop, circle, tail])], width=60.0))
+    sim = Simulation(RiverNetwork.from_polylines([np.concatenate([loop, circle, tail])], width=60.0), device=device)
     sim.step()
     assert len(sim.history.cutoffs) == 1
     assert len(sim.history.cutoffs[0].xy) == pytest.approx(2 * np.pi * 600.0 / 50.0, rel=0.1)
 
 
-def test_long_steps_are_done_in_parts():
-    sim = Simulation(wandering(width=60.0), MeanderParams(time_step=2.0))
+def test_long_steps_are_done_in_parts(device):
+    sim = Simulation(wandering(width=60.0), MeanderParams(time_step=2.0), device=device)
     sim.step()
     assert 1 < sim.substeps <= int(np.ceil(2.0 / sim.stable_dt))
     assert sim.time == 2.0
     narrow = generate.noisy_line(600.0, 2.0, 1.0, 0)
-    sim = Simulation(RiverNetwork.from_polylines([narrow], width=2.0), MeanderParams(spacing=2.0), check=True)
+    sim = Simulation(
+        RiverNetwork.from_polylines([narrow], width=2.0), MeanderParams(spacing=2.0), check=True, device=device
+    )
     assert sim.run(years=20).stop_reason is StopReason.COMPLETED
 
 
@@ -214,8 +225,8 @@ def test_a_ring_is_refused():
         Simulation(RiverNetwork.from_polylines([ring], width=50.0))
 
 
-def test_schedules():
-    sim = Simulation(wandering())
+def test_schedules(device):
+    sim = Simulation(wandering(), device=device)
     seen = []
     history = sim.run(
         steps=40, record_every=Every(years=2.0), callbacks=[(Every(steps=10), lambda s: seen.append(s.step_count))]
@@ -230,8 +241,8 @@ def test_schedules():
             Every(**bad)
 
 
-def test_a_callback_may_stop_the_run():
-    sim = Simulation(wandering())
+def test_a_callback_may_stop_the_run(device):
+    sim = Simulation(wandering(), device=device)
     history = sim.run(steps=100, callbacks=[lambda s: s.step_count == 13])
     assert history.stop_reason is StopReason.CALLBACK and history.steps[-1] == 13
     assert sim.run(steps=2).stop_reason is StopReason.COMPLETED and sim.step_count == 15
@@ -243,19 +254,20 @@ def test_run_says_what_it_needs(bad):
         Simulation(wandering()).run(**bad)
 
 
-def test_zero_years_record_the_start():
-    history = Simulation(wandering()).run(years=0)
+def test_zero_years_record_the_start(device):
+    history = Simulation(wandering(), device=device).run(years=0)
     assert len(history) == 1 and history.stop_reason is StopReason.COMPLETED
 
 
-def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before():
-    sim = Simulation(wandering())
+def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before(device):
+    sim = Simulation(wandering(), device=device)
     sim.run(steps=5)
     before = sim.network.polylines()[0]
-    sim.buffers.point_moved.zero_()
-    poison = sim.channels.form.numpy().copy()
+    state = sim.stepper.state
+    state.point_moved.zero_()
+    poison = state.form.numpy().copy()
     poison[0, 1] = np.nan  # a depth of NaN makes every rate NaN
-    sim.channels.form.assign(poison)
+    state.form.assign(poison)
     history = sim.run(steps=5)
     assert history.stop_reason is StopReason.NOT_FINITE and "report" in history.stop_reason.advice
     assert sim.step_count == 5
@@ -264,8 +276,8 @@ def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before():
         sim.step()
 
 
-def test_a_broken_phase_is_found(monkeypatch):
-    sim = Simulation(wandering(), check=True)
+def test_a_broken_phase_is_found(monkeypatch, device):
+    sim = Simulation(wandering(), check=True, device=device)
     real = checks._check_resampled
 
     def shifted(network, spacing):
@@ -280,10 +292,10 @@ def test_a_broken_phase_is_found(monkeypatch):
     assert sim.history.stop_reason is StopReason.CHECK_FAILED
 
 
-def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path):
+def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path, device):
     assert threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT)
-    sim = Simulation(wandering())
+    sim = Simulation(wandering(), device=device)
 
     def interrupt(s):
         if s.step_count == 37:
@@ -296,29 +308,29 @@ def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path):
     reopened = History.load(tmp_path / "run")
     assert reopened.stop_reason is StopReason.INTERRUPTED
     assert reopened.steps.tolist() == [0, 10, 20, 30, 37]
-    rest = Simulation.resume(tmp_path / "run")
+    rest = Simulation.resume(tmp_path / "run", device=device)
     rest.run(steps=63)
-    whole = Simulation(wandering())
+    whole = Simulation(wandering(), device=device)
     whole.run(steps=100)
     assert states_equal(rest, whole)
 
 
-def test_a_run_emits_no_warning():
+def test_a_run_emits_no_warning(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulation(wandering()).run(steps=50)
+        Simulation(wandering(), device=device).run(steps=50)
 
 
-def test_repr_says_where_the_run_stands(long_run):
+def test_repr_says_where_the_run_stands(long_run, device):
     text = repr(long_run[0])
-    for word in ("300", "step", "cpu", "float64", "stable up to", "spacing 50 m", "cutoffs", "completed"):
+    for word in ("300", "step", device, "float64", "stable up to", "spacing 50 m", "cutoffs", "completed"):
         assert word in text
 
 
-def test_memory_grows_with_the_points():
-    sims = [Simulation(wandering(length=length)) for length in (20_000.0, 200_000.0)]
+def test_memory_grows_with_the_points(device):
+    sims = [Simulation(wandering(length=length), device=device) for length in (20_000.0, 200_000.0)]
     per_point = [
-        (s.buffers.nbytes + s.network.point_xy.shape[0] * wp.types.type_size_in_bytes(s.network.point_xy.dtype))
+        (s.stepper.state.nbytes + len(s.network.point_xy) * wp.types.type_size_in_bytes(s.network.point_xy.dtype))
         / s.network.point_count
         for s in sims
     ]
@@ -326,13 +338,13 @@ def test_memory_grows_with_the_points():
     assert max(per_point) < 400.0 and per_point[1] <= per_point[0]
 
 
-def test_an_error_of_a_callback_is_its_callers_affair(tmp_path):
+def test_an_error_of_a_callback_is_its_callers_affair(tmp_path, device):
     """Only a history that cannot be stored ends a run quietly."""
 
     def write(sim):
         (tmp_path / "no" / "such" / "folder").write_text("x")
 
-    sim = Simulation(wandering(width=60.0))
+    sim = Simulation(wandering(width=60.0), device=device)
     with pytest.raises(FileNotFoundError):
         sim.run(steps=5, callbacks=[write])
     assert sim.history.stop_reason is None and sim.step_count == 1
@@ -341,26 +353,27 @@ def test_an_error_of_a_callback_is_its_callers_affair(tmp_path):
 # ---- copies
 
 
-def drifting():
+def drifting(device):
     network = random_tree(7, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0, junction_drift=0.5), threads=2)
+    return Simulation(network, MeanderParams(spacing=20.0, junction_drift=0.5), device=device, threads=2)
 
 
-def paths():
+def paths(device):
     line = generate.noisy_line(6000.0, 40.0, 40.0, 3)
-    return Simulation(RiverNetwork.from_polylines([line], width=50.0), PathMeander(spacing=40.0), dtype="float32")
+    network = RiverNetwork.from_polylines([line], width=50.0)
+    return Simulation(network, PathMeander(spacing=40.0), device=device, dtype="float32")
 
 
-def checked():
+def checked(device):
     line = generate.noisy_line(6000.0, 40.0, 40.0, 3)
-    return Simulation(RiverNetwork.from_polylines([line], width=50.0), check=True)
+    return Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device, check=True)
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda sim: pickle.loads(pickle.dumps(sim))], ids=["copy", "pickle"])
 @pytest.mark.parametrize(("model", "steps"), [(drifting, 60), (paths, 300), (checked, 12)])
-def test_a_copy_goes_on_to_the_same_bits(model, steps, copied):
+def test_a_copy_goes_on_to_the_same_bits(model, steps, copied, device):
     """From between two records, with all that has happened; the one that was copied is none the wiser."""
-    sim, untouched = model(), model()
+    sim, untouched = model(device), model(device)
     sim.run(steps=steps // 2 - 3, record_every=10)
     for _ in range(3):
         sim.step()
@@ -382,8 +395,8 @@ def test_a_copy_goes_on_to_the_same_bits(model, steps, copied):
     np.testing.assert_array_equal(other.history.steps, sim.history.steps)
 
 
-def test_a_copy_of_a_stored_run_is_stored_nowhere(tmp_path):
-    sim = checked()
+def test_a_copy_of_a_stored_run_is_stored_nowhere(tmp_path, device):
+    sim = checked(device)
     sim.run(steps=5, record_every=1, store=tmp_path / "run")
     other = pickle.loads(pickle.dumps(sim))
     assert other.history.path is None and len(other.history) == 6

@@ -6,60 +6,62 @@ from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, generate
 SPACING = 25.0
 
 
-def across(slope, threshold=0.15, years=1.0, **terrain):
+def across(slope, threshold=0.15, years=1.0, *, device, **terrain):
     """Displacement over a while of a sine-generated channel on a plain of that slope."""
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
-    ground = generate.tilted_plain((120, 320), 25.0, slope)
+    ground = generate.tilted_plain((120, 320), 25.0, slope, device=device)
     network = RiverNetwork.from_polylines([line + [1000.0, 1500.0]], width=80.0)
     params = MeanderParams(spacing=SPACING, slope_threshold=threshold, time_step=0.05, cutoff_distance=0.0)
-    sim = Simulation(network, params, terrain=ground)
+    sim = Simulation(network, params, terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=years)
     return metrics.migration(before, sim.network.polylines()[0])
 
 
-def test_the_rate_falls_with_the_slope_as_a_smoothstep():
+def test_the_rate_falls_with_the_slope_as_a_smoothstep(device):
     """On a plane the slope is the same everywhere, so every step is shorter by the same factor g."""
     # One step only, so that the courses are still the same: 0.05 yr.
-    flat = across(0.0, years=0.05)
+    flat = across(0.0, years=0.05, device=device)
     moving = np.abs(flat) > 0.01 * np.nanmax(np.abs(flat))
     for slope in (0.03, 0.075, 0.12):
         t = slope / 0.15
         # The foot on the other line is found at points 25 m apart: a hundredth of a step.
-        ratio = np.nanmedian(across(slope, years=0.05)[moving] / flat[moving])
+        ratio = np.nanmedian(across(slope, years=0.05, device=device)[moving] / flat[moving])
         assert ratio == pytest.approx(1.0 - t * t * (3.0 - 2.0 * t), abs=0.01)
 
 
 @pytest.mark.parametrize("slope", [0.15, 0.16, 1.0])
-def test_nothing_moves_where_it_is_too_steep(slope):
+def test_nothing_moves_where_it_is_too_steep(slope, device):
     # Resampling alone moves points along the line, by less than a micrometre across it.
-    assert np.nanmax(np.abs(across(slope))) < 1e-6
+    assert np.nanmax(np.abs(across(slope, device=device))) < 1e-6
 
 
-def test_a_channel_is_held_off_the_terrain_and_where_there_is_no_data():
+def test_a_channel_is_held_off_the_terrain_and_where_there_is_no_data(device):
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
     height = np.zeros((120, 240))
     height[:, 120:150] = np.nan
-    ground = Terrain(height, 25.0, origin=(0.0, 1500.0))
-    sim = Simulation(RiverNetwork.from_polylines([line], width=80.0), MeanderParams(spacing=SPACING), terrain=ground)
+    ground = Terrain(height, 25.0, origin=(0.0, 1500.0), device=device)
+    sim = Simulation(
+        RiverNetwork.from_polylines([line], width=80.0), MeanderParams(spacing=SPACING), terrain=ground, device=device
+    )
     before = sim.network.polylines()[0]
     sim.run(years=5)
     moved = np.abs(metrics.migration(before, sim.network.polylines()[0]))
     gap = (before[:, 0] > 3050.0) & (before[:, 0] < 3700.0)
     assert np.nanmax(moved[gap]) < 1.0 < np.nanmax(moved[~gap])
     beyond = RiverNetwork.from_polylines([line + [3000.0, 0.0]], width=80.0)
-    sim = Simulation(beyond, MeanderParams(spacing=SPACING), terrain=ground)
+    sim = Simulation(beyond, MeanderParams(spacing=SPACING), terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=5)
     outside = before[:, 0] > 6100.0
     assert np.nanmax(np.abs(metrics.migration(before, sim.network.polylines()[0])[outside])) < 1.0
 
 
-def test_brushing_the_terrain_is_felt_at_the_next_step():
+def test_brushing_the_terrain_is_felt_at_the_next_step(device):
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
-    ground = generate.tilted_plain((120, 320), 25.0, 0.3)
+    ground = generate.tilted_plain((120, 320), 25.0, 0.3, device=device)
     network = RiverNetwork.from_polylines([line + [1000.0, 1500.0]], width=80.0)
-    sim = Simulation(network, MeanderParams(spacing=SPACING), terrain=ground)
+    sim = Simulation(network, MeanderParams(spacing=SPACING), terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=2)
     np.testing.assert_allclose(sim.network.polylines()[0], before, atol=1e-6)
@@ -70,11 +72,11 @@ def test_brushing_the_terrain_is_felt_at_the_next_step():
     assert np.nanmax(moved[near]) > 5.0 > 10 * np.nanmax(moved[before[:, 0] < 2000.0])
 
 
-def test_figure_27_meanders_on_the_plain_and_stays_straight_on_the_front():
+def test_figure_27_meanders_on_the_plain_and_stays_straight_on_the_front(device):
     """Plain, mountain front and valley in one run of 300 years [Paris2023, Fig. 27]."""
-    ground = generate.mountain_front(cell_size=100.0, seed=1)
+    ground = generate.mountain_front(cell_size=100.0, seed=1, device=device)
     line = generate.mountain_front_line(spacing=50.0, seed=1)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), terrain=ground)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), terrain=ground, device=device)
     sim.run(years=300)
     now = sim.network.polylines()[0]
     sinuosity = {}

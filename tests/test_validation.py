@@ -63,7 +63,7 @@ WAVES = 24
 ZONE = (0.5, 0.75)
 
 
-def step_factor(width, wavelength, points, time_step, steps=4):
+def step_factor(width, wavelength, points, time_step, steps=4, *, device):
     """What one step of ``time_step`` yr multiplies a small wave by (complex), from a least-squares fit.
 
     The mean of so few steps that the wave cannot have gone half its length: the root would take another branch.
@@ -79,7 +79,7 @@ def step_factor(width, wavelength, points, time_step, steps=4):
         a, b = np.linalg.lstsq(np.column_stack([np.cos(q * x), np.sin(q * x)]), y, rcond=None)[0]
         return a - 1j * b
 
-    end = phases.march(start, width, params, time_step, steps)
+    end = phases.march(start, width, params, time_step, steps, device=device)
     return (amplitude(end) / amplitude(start)) ** (1.0 / steps)
 
 
@@ -88,20 +88,22 @@ def longest_explicit(width, spacing):
     return 0.99 * float(explicit_dt(width, wr.MeanderParams(spacing=spacing)))
 
 
-def space_error(width, wavelength, points):
+def space_error(width, wavelength, points, *, device):
     """Complex error of the rate without that of the time step: explicit Euler multiplies by 1 + s dt exactly."""
     dt = longest_explicit(width, wavelength / points)
-    return (step_factor(width, wavelength, points, dt) - 1.0) / dt - theory(width, 2.0 * np.pi / wavelength)
+    return (step_factor(width, wavelength, points, dt, device=device) - 1.0) / dt - theory(
+        width, 2.0 * np.pi / wavelength
+    )
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("alpha_wavelength", [FASTEST, NEUTRAL, SHORTER, LONGER])
-def test_small_waves_grow_and_travel_as_in_theory(width, alpha_wavelength):
+def test_small_waves_grow_and_travel_as_in_theory(width, alpha_wavelength, device):
     wavelength = alpha_wavelength / memory(width)
     q = 2.0 * np.pi / wavelength
     exact, scale = theory(width, q), RATE * width * q**2
     points = max(16, int(np.ceil(wavelength / width)))  # the spacing may not exceed the width
-    errors = np.array([space_error(width, wavelength, points * m) for m in (1, 2, 4)])
+    errors = np.array([space_error(width, wavelength, points * m, device=device) for m in (1, 2, 4)])
     # The growth of the neutral wave is 0: errors of growth are told by the size of its two parts, k w q^2.
     growth, travel = abs(errors.real) / scale, abs(errors.imag / exact.imag)
     orders = np.log2(np.stack([growth[:-1] / growth[1:], travel[:-1] / travel[1:]]))
@@ -125,10 +127,10 @@ def test_fastest_and_neutral_wave_lie_where_theory_has_them():
 
 
 @pytest.mark.parametrize("spacing", SHORT_WAVE_ERROR)
-def test_short_wave_decays_where_public_codes_let_it_grow(spacing):
+def test_short_wave_decays_where_public_codes_let_it_grow(spacing, device):
     width, q = 50.0, 2.0 * np.pi / SHORT_WAVE
     exact, dt = theory(width, q), longest_explicit(width, spacing)
-    rate = (step_factor(width, SHORT_WAVE, SHORT_WAVE / spacing, dt) - 1.0) / dt
+    rate = (step_factor(width, SHORT_WAVE, SHORT_WAVE / spacing, dt, device=device) - 1.0) / dt
     decay = np.exp(-memory(width) * spacing)
     peer = RATE * width * (np.sin(q * spacing) / spacing) ** 2
     peer *= -1.0 + GAMMA * (1.0 - decay) / (1.0 - decay * np.exp(-1j * q * spacing))
@@ -138,7 +140,7 @@ def test_short_wave_decays_where_public_codes_let_it_grow(spacing):
 
 
 @pytest.mark.parametrize("kind", STEP_ORDER)
-def test_time_step_is_first_order(kind):
+def test_time_step_is_first_order(kind, device):
     width, points = 50.0, 64  # so fine that the error of space is 4e-6 of the rate
     wavelength = FASTEST / memory(width)
     exact = theory(width, 2.0 * np.pi / wavelength)
@@ -150,7 +152,7 @@ def test_time_step_is_first_order(kind):
         dt = first / 2**halving
         implicit = dt > longest_explicit(width, wavelength / points)
         assert implicit == (kind == "implicit")
-        errors.append(abs(np.log(step_factor(width, wavelength, points, dt)) / dt - exact))
+        errors.append(abs(np.log(step_factor(width, wavelength, points, dt, device=device)) / dt - exact))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     print(f"{kind} from {first:.4f} yr: relative errors {np.array(errors) / abs(exact)}, orders {orders.round(3)}")
     low, high = STEP_ORDER[kind]
@@ -183,23 +185,23 @@ def distance_rms(xy, reference):
 
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
-def test_bends_converge_with_the_spacing(scaling):
+def test_bends_converge_with_the_spacing(scaling, device):
     # So short that the finest spacing, too, has no implicit share, and the same for all.
     steps, years = 2428, 4.0
     assert years / steps < longest_explicit(100.0, 6.25)
     lines = []
     for spacing in (50.0, 25.0, 12.5, 6.25):
         params = wr.MeanderParams(spacing=spacing, sinuosity_scaling=scaling, cutoff_distance=0.0)
-        lines.append(phases.march(bend_train(spacing), 100.0, params, years / steps, steps))
+        lines.append(phases.march(bend_train(spacing), 100.0, params, years / steps, steps, device=device))
     rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
     print(f"{scaling}: rms distance {rms.round(4)} m at 50, 25, 12.5 m; falls by {(rms[:-1] / rms[1:]).round(2)}")
     assert (rms[:-1] / rms[1:] > BEND_GAIN).all()
 
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
-def test_bends_converge_with_the_time_step(scaling):
+def test_bends_converge_with_the_time_step(scaling, device):
     params = wr.MeanderParams(spacing=25.0, sinuosity_scaling=scaling, cutoff_distance=0.0)
-    lines = [phases.march(bend_train(25.0), 100.0, params, 8.0 / n, n) for n in (16, 32, 64, 128, 2048)]
+    lines = [phases.march(bend_train(25.0), 100.0, params, 8.0 / n, n, device=device) for n in (16, 32, 64, 128, 2048)]
     rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
     gain = rms[:-1] / rms[1:]
     print(f"{scaling}: rms distance {rms.round(3)} m at 1/2, 1/4, 1/8, 1/16 yr; falls by {gain.round(2)}")
@@ -231,14 +233,14 @@ def never_part(patch):
     patch.setitem(solvers.SOLVERS, wr.MeanderParams, whole)
 
 
-def impulse_response(width, spacing, time_step, monkeypatch):
+def impulse_response(width, spacing, time_step, monkeypatch, *, device):
     """Wave numbers and the complex factors by which one unbroken step multiplies each wave of the grid."""
     never_part(monkeypatch)
     count = 1024
     xy = np.column_stack([spacing * np.arange(count + 1), np.zeros(count + 1)])
     xy[count // 4, 1] = 1e-4
     params = wr.MeanderParams(spacing=spacing, time_step=time_step, end_damping=0.0, cutoff_distance=0.0)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=width), params, capture=False)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=width), params, capture=False, device=device)
     before = np.fft.rfft(sim.network.polylines()[0][:, 1])
     sim.step()
     assert sim.substeps == 1
@@ -248,15 +250,15 @@ def impulse_response(width, spacing, time_step, monkeypatch):
 
 @pytest.mark.parametrize("width", [20.0, *WIDTHS, 500.0])
 @pytest.mark.parametrize("part", [1.0, 0.25])
-def test_small_waves_behave_in_steps_of_stable_dt(width, part, monkeypatch):
+def test_small_waves_behave_in_steps_of_stable_dt(width, part, monkeypatch, device):
     spacing, honest = part * width, float(stable_dt(width, bankfull_depth(width), DEFAULT))
 
     def short_waves_decay(time_step):
-        q, factor = impulse_response(width, spacing, time_step, monkeypatch)
+        q, factor = impulse_response(width, spacing, time_step, monkeypatch, device=device)
         short = q > 4.0 * np.pi * memory(width) / NEUTRAL
         return not short.any() or abs(factor[short]).max() < 1.0
 
-    q, factor = impulse_response(width, spacing, honest, monkeypatch)
+    q, factor = impulse_response(width, spacing, honest, monkeypatch, device=device)
     worst = (np.log(abs(factor)) / honest).max() / theory(width, q).real.max()
     low, high = 1.0, 128.0
     while high / low > 1.05:
@@ -271,13 +273,13 @@ def test_small_waves_behave_in_steps_of_stable_dt(width, part, monkeypatch):
     assert low > SMALL_WAVE_MARGIN
 
 
-def crossing_share(width, multiple, monkeypatch):
+def crossing_share(width, multiple, monkeypatch, *, device):
     """Share of states of 300 yr that cross themselves, in whole steps of so many ``stable_dt``; and the sinuosity."""
     spacing = 0.25 * width
     honest = float(stable_dt(width, bankfull_depth(width), DEFAULT))
     with monkeypatch.context() as patch:
         never_part(patch)
-        sim = noisy_run(width, wr.MeanderParams(spacing=spacing, time_step=multiple * honest), 6, 150.0)
+        sim = noisy_run(width, wr.MeanderParams(spacing=spacing, time_step=multiple * honest), 6, 150.0, device=device)
     crossing, bent = [], []
 
     def look(sim):
@@ -292,20 +294,20 @@ def crossing_share(width, multiple, monkeypatch):
     return float(np.mean(crossing)), max(bent)
 
 
-def noisy_run(width, params, channels, length):
+def noisy_run(width, params, channels, length, *, device):
     """Simulation of channels that are straight but for a noise of a twentieth of the width; length in widths."""
     lines = []
     for seed in range(channels):
         line = wr.generate.noisy_line(length * width, params.spacing, width / 20.0, seed)
         line[:, 1] += 400.0 * width * seed
         lines.append(line)
-    return wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=width), params)
+    return wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=width), params, device=device)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_tight_bends_behave_in_steps_of_stable_dt_and_not_far_above(width, monkeypatch):
-    share, bent = crossing_share(width, 1.0, monkeypatch)
-    beyond, _ = crossing_share(width, 4.0, monkeypatch)
+def test_tight_bends_behave_in_steps_of_stable_dt_and_not_far_above(width, monkeypatch, device):
+    share, bent = crossing_share(width, 1.0, monkeypatch, device=device)
+    beyond, _ = crossing_share(width, 4.0, monkeypatch, device=device)
     print(
         f"w {width:g} m: states that cross themselves {share:.1%} in steps of stable_dt (sinuosity up to {bent:.2f}), "
         f"{beyond:.1%} in steps of 4 stable_dt"
@@ -316,8 +318,8 @@ def test_tight_bends_behave_in_steps_of_stable_dt_and_not_far_above(width, monke
 
 
 @pytest.mark.parametrize("time_step", [0.1, 1.0, 10.0])
-def test_long_steps_are_done_in_honest_sub_steps(time_step):
-    sim = noisy_run(100.0, wr.MeanderParams(spacing=50.0, time_step=time_step), 3, 200.0)
+def test_long_steps_are_done_in_honest_sub_steps(time_step, device):
+    sim = noisy_run(100.0, wr.MeanderParams(spacing=50.0, time_step=time_step), 3, 200.0, device=device)
     farthest = []
 
     def travel(sim):
@@ -360,19 +362,19 @@ def necked_line():
     return np.round(xy * 1024.0) / 1024.0
 
 
-def after_steps(xy, dtype="float64", steps=20, **changes):
+def after_steps(xy, dtype="float64", steps=20, *, device, **changes):
     """Line and cutoffs after some steps of the default length."""
     params = wr.MeanderParams(**({"spacing": 50.0} | changes))
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=100.0, dtype=dtype), params)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=100.0, dtype=dtype), params, device=device)
     history = sim.run(steps=steps)
     return sim.network.polylines()[0], history.cutoffs
 
 
 @pytest.mark.parametrize("degrees", [0.0, 33.0, 90.0])
-def test_straight_reach_stays_where_it_is(degrees):
+def test_straight_reach_stays_where_it_is(degrees, device):
     angle = np.deg2rad(degrees)
     along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-    xy, cutoffs = after_steps(np.outer(np.linspace(0.0, 15_000.0, 301), along), steps=100)
+    xy, cutoffs = after_steps(np.outer(np.linspace(0.0, 15_000.0, 301), along), steps=100, device=device)
     drift = abs(xy @ across).max()
     print(f"straight at {degrees:g} degrees: {drift:.1e} m off after 100 steps")
     assert drift < STRAIGHT_DRIFT and not cutoffs
@@ -380,24 +382,24 @@ def test_straight_reach_stays_where_it_is(degrees):
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0])
-def test_circle_moves_outwards_by_k_w_over_r(turn):
+def test_circle_moves_outwards_by_k_w_over_r(turn, device):
     radius, width = 1000.0, 50.0
     angle = np.linspace(0.0, 0.75 * np.pi, 95)
     arc = radius * np.column_stack([np.sin(angle), turn * (1.0 - np.cos(angle))])
     params = wr.MeanderParams(upstream_weight=0.0, sinuosity_scaling="none")
     # The local weight is -1: the local term alone moves a left turn to the left, towards its centre.
     expected = -RATE * width / radius * turn
-    rate = phases.rate_of(arc, width, params)[3:-3]
+    rate = phases.rate_of(arc, width, params, device=device)[3:-3]
     worst = abs(rate / expected - 1.0).max()
     print(f"circle: rate {rate.mean():+.6f} m/yr, expected {expected:+.6f}; worst error {worst:.1e}")
     assert rate == pytest.approx(expected, rel=CIRCLE_ERROR)
     assert wr.metrics.curvature(arc) == pytest.approx(turn / radius, rel=CIRCLE_ERROR)
     # With both terms, far down the arc, the rate is (gamma - 1) k w / R to the right: the bend widens.
-    both = phases.rate_of(arc, width, wr.MeanderParams(sinuosity_scaling="none"))[-10]
+    both = phases.rate_of(arc, width, wr.MeanderParams(sinuosity_scaling="none"), device=device)[-10]
     assert both == pytest.approx((GAMMA - 1.0) * RATE * width / radius * turn, rel=1e-6)
 
 
-def test_curvature_of_bends_is_fourth_order():
+def test_curvature_of_bends_is_fourth_order(device):
     wavelength, bend = 1226.0, 1.2
     from scipy.special import j0
 
@@ -407,7 +409,7 @@ def test_curvature_of_bends_is_fourth_order():
         xy = wr.generate.sine_generated(wavelength, bend, 6, arc / count)
         s = arc / count * np.arange(len(xy))
         exact = bend * 2.0 * np.pi / arc * np.cos(2.0 * np.pi * s / arc)
-        error.append(abs(phases.curvature_of(xy) - exact)[10:-10].max() / abs(exact).max())
+        error.append(abs(phases.curvature_of(xy, device=device) - exact)[10:-10].max() / abs(exact).max())
     orders = np.log2(np.array(error[:-1]) / error[1:])
     print(f"curvature of a sine-generated bend at 24, 48, 96 points: errors {error}, orders {orders.round(2)}")
     assert (orders > CURVATURE_ORDER).all()
@@ -415,9 +417,9 @@ def test_curvature_of_bends_is_fourth_order():
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("offset", [(1.0, -7.0), UTM])
-def test_moving_the_map_by_whole_metres_moves_the_result(dtype, offset):
-    here, cutoffs = after_steps(necked_line(), dtype)
-    there, cutoffs_there = after_steps(necked_line() + offset, dtype)
+def test_moving_the_map_by_whole_metres_moves_the_result(dtype, offset, device):
+    here, cutoffs = after_steps(necked_line(), dtype, device=device)
+    there, cutoffs_there = after_steps(necked_line() + offset, dtype, device=device)
     assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
     error = abs(there - offset - here).max()
     error = max(error, *(abs(b.xy - offset - a.xy).max() for a, b in zip(cutoffs, cutoffs_there, strict=True)))
@@ -426,30 +428,30 @@ def test_moving_the_map_by_whole_metres_moves_the_result(dtype, offset):
 
 
 @pytest.mark.parametrize("degrees", [30.0, 90.0, 217.0])
-def test_turning_the_map_turns_the_result(degrees):
+def test_turning_the_map_turns_the_result(degrees, device):
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     turn = np.array([[c, s], [-s, c]])
-    here, cutoffs = after_steps(necked_line())
-    there, cutoffs_there = after_steps(necked_line() @ turn)
+    here, cutoffs = after_steps(necked_line(), device=device)
+    there, cutoffs_there = after_steps(necked_line() @ turn, device=device)
     assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
     error = abs(there - here @ turn).max()
     print(f"turned by {degrees:g} degrees: {error:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
     assert error < TURNED
 
 
-def test_mirror_image_evolves_as_a_mirror_image():
+def test_mirror_image_evolves_as_a_mirror_image(device):
     flip = np.array([1.0, -1.0])
-    here, cutoffs = after_steps(necked_line())
-    there, cutoffs_there = after_steps(necked_line() * flip)
+    here, cutoffs = after_steps(necked_line(), device=device)
+    there, cutoffs_there = after_steps(necked_line() * flip, device=device)
     assert len(cutoffs) == len(cutoffs_there) > 0 and here.shape == there.shape
     error = abs(there * flip - here).max()
     print(f"mirrored: {error:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
     assert error < MIRRORED
 
 
-def test_float32_follows_float64():
-    double, cutoffs = after_steps(necked_line())
-    single, cutoffs32 = after_steps(necked_line(), "float32")
+def test_float32_follows_float64(device):
+    double, cutoffs = after_steps(necked_line(), device=device)
+    single, cutoffs32 = after_steps(necked_line(), "float32", device=device)
     assert len(cutoffs) == len(cutoffs32) and double.shape == single.shape
     apart = abs(double - single).max()
     print(f"float32 and float64: {apart:.1e} m apart after 20 steps and {len(cutoffs)} cutoffs")
@@ -483,10 +485,10 @@ LAG = (1.0, 7.0)
 
 
 @functools.cache
-def grown(width, scaling, years):
+def grown(width, scaling, years, *, device):
     """State every 100 yr of channels that grow from noise, with the lines at the end and the cutoffs."""
     params = wr.MeanderParams(sinuosity_scaling=scaling)
-    sim = noisy_run(width, params, CHANNELS, LENGTH)
+    sim = noisy_run(width, params, CHANNELS, LENGTH, device=device)
     times, lines = [], []
 
     def look(sim):
@@ -505,14 +507,14 @@ def state_at(run, years):
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 @pytest.mark.parametrize("width", WIDTHS)
-def test_wavelength_and_sinuosity_after_400_years(width, scaling):
+def test_wavelength_and_sinuosity_after_400_years(width, scaling, device):
     """Section 8.3 of the paper defines a wavelength as the spacing of two inflection points, half a meander.
 
     With the scaling that it prints (the default), wavelengths by that definition lie within its numbers. The laws
     behind the numbers, though, are for whole meanders of two bends. Scaling the whole rate, as its authors' code does,
     gives wavelengths that lie within them by that meaning; both are printed.
     """
-    run = grown(width, scaling, OLD)
+    run = grown(width, scaling, OLD, device=device)
     lines = state_at(run, YOUNG)
     half = float(np.mean([wr.metrics.wavelength(xy, width, half=True) for xy in lines]))
     bent = float(np.mean([wr.metrics.sinuosity(xy) for xy in lines]))
@@ -528,8 +530,8 @@ def test_wavelength_and_sinuosity_after_400_years(width, scaling):
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 @pytest.mark.parametrize("width", WIDTHS)
-def test_cutoffs_keep_sinuosity_bounded_for_2000_years(width, scaling):
-    run = grown(width, scaling, OLD)
+def test_cutoffs_keep_sinuosity_bounded_for_2000_years(width, scaling, device):
+    run = grown(width, scaling, OLD, device=device)
     late = run.sinuosity[run.times > 999.0]
     print(
         f"{scaling}, w {width:g} m: sinuosity over the last 1,000 yr {late.mean():.2f}, spread of the mean of "
@@ -545,12 +547,12 @@ def test_cutoffs_keep_sinuosity_bounded_for_2000_years(width, scaling):
 
 
 @pytest.mark.parametrize("scaling", UNCUT)
-def test_without_cutoffs_channels_become_much_more_bent(scaling):
+def test_without_cutoffs_channels_become_much_more_bent(scaling, device):
     params = wr.MeanderParams(sinuosity_scaling=scaling, cutoff_distance=0.0)
-    sim = noisy_run(100.0, params, 1, LENGTH)
+    sim = noisy_run(100.0, params, 1, LENGTH, device=device)
     history = sim.run(years=500, record_every=10**6)
     bent = wr.metrics.sinuosity(sim.network.polylines()[0])
-    run = grown(100.0, scaling, OLD)
+    run = grown(100.0, scaling, OLD, device=device)
     cut = run.sinuosity[run.times > 999.0].mean()
     print(
         f"{scaling}: sinuosity {bent:.2f} after 500 yr without cutoffs, {cut:.2f} with; saturates at {SATURATION:.2f}"
@@ -561,9 +563,9 @@ def test_without_cutoffs_channels_become_much_more_bent(scaling):
         assert bent < SATURATION
 
 
-def test_bends_travel_downstream():
+def test_bends_travel_downstream(device):
     width, early, late = 100.0, 30.0, 32.0
-    sim = noisy_run(width, wr.MeanderParams(time_step=0.1), 1, LENGTH)
+    sim = noisy_run(width, wr.MeanderParams(time_step=0.1), 1, LENGTH, device=device)
     offset = {}
     for years in (early, late):
         sim.run(years=years - sim.time, record_every=10**6)
@@ -581,18 +583,18 @@ def test_bends_travel_downstream():
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 @pytest.mark.parametrize("width", WIDTHS)
-def test_migration_lags_curvature(width, scaling):
+def test_migration_lags_curvature(width, scaling, device):
     params = wr.MeanderParams(sinuosity_scaling=scaling)
     lags = []
-    for xy in state_at(grown(width, scaling, OLD), YOUNG):
+    for xy in state_at(grown(width, scaling, OLD, device=device), YOUNG):
         away = slice(round(END * width / 50.0), -round(END * width / 50.0))
-        rate, spacing = phases.rate_of(xy, width, params), wr.metrics.arc_length(xy)[-1] / (len(xy) - 1)
+        rate, spacing = phases.rate_of(xy, width, params, device=device), wr.metrics.arc_length(xy)[-1] / (len(xy) - 1)
         lags.append(wr.metrics.lag(wr.metrics.curvature(xy)[away], -rate[away], spacing, max_lag=8.0 * width) / width)
     print(f"{scaling}, w {width:g} m: migration lags curvature by {np.round(lags, 2)} widths")
     assert LAG[0] < min(lags) and max(lags) < LAG[1]
 
 
-def test_oxbow_lengths_are_lognormal():
+def test_oxbow_lengths_are_lognormal(device):
     """Whole-rate scaling gives meanderpy's lengths; scaling the upstream term alone gives longer loops.
 
     There a sinuosity of 2.6 lowers gamma to 1.3 but not the local term, so bends below 11 / alpha instead of 5 / alpha
@@ -603,7 +605,7 @@ def test_oxbow_lengths_are_lognormal():
     means = {}
     for scaling in ("whole", "upstream"):
         for width in WIDTHS:
-            lengths = wr.metrics.oxbow_lengths(grown(width, scaling, OLD).cutoffs) / width
+            lengths = wr.metrics.oxbow_lengths(grown(width, scaling, OLD, device=device).cutoffs) / width
             fit = wr.metrics.lognormal_fit(lengths)
             z = (np.log(lengths) - np.log(fit.geometric_mean)) / fit.log_sd
             distance = kstest(z, "norm").statistic
@@ -627,7 +629,7 @@ NARROW_ERROR = 0.01
 NARROW, WIDE = 50.0, 1000.0
 
 
-def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout():
+def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout(device):
     """The implicit share of the local term must be that of the width at the point, not of the widest one."""
     wavelength = FASTEST / memory(NARROW)
     h, q, dt = wavelength / 16, 2.0 * np.pi / wavelength, DEFAULT.time_step
@@ -637,7 +639,7 @@ def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout():
     for wide in (NARROW, WIDE):
         width = np.where(x < 40 * wavelength, NARROW, wide)
         params = wr.MeanderParams(spacing=h, end_damping=0.0, cutoff_distance=0.0)
-        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), params)
+        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), params, device=device)
         amplitude = []
         for _ in range(2):
             x1, y1 = sim.network.polylines()[0][15 * 16 : 35 * 16].T
@@ -648,13 +650,13 @@ def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout():
     assert rates[1] == pytest.approx(rates[0], rel=NARROW_ERROR)
 
 
-def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout():
+def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout(device):
     """Neighbours along the channel are told by the width at the point: no loop of 2 km is a neighbour at 50 m width."""
     loops, crossing = {}, {}
     for wide in (NARROW, WIDE):
         line = wr.generate.noisy_line(30_000.0, 50.0, 2.5, 1)
         width = np.interp(line[:, 0], [20_000.0, 22_000.0], [NARROW, wide])
-        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), DEFAULT)
+        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), DEFAULT, device=device)
         states = []
 
         def look(sim, states=states):

@@ -25,8 +25,8 @@ EXPECTED = {
 
 
 @pytest.fixture(scope="module")
-def examples():
-    return {name: wr.synthetic_valley(name) for name in NAMES}
+def examples(device):
+    return {name: wr.synthetic_valley(name, device=device) for name in NAMES}
 
 
 def sampled(valley, name):
@@ -109,12 +109,12 @@ def test_riffles_and_pools_lie_where_the_formulas_put_them(examples, name, riffl
 
 
 @pytest.mark.parametrize("given", ["control", "planform"])
-def test_pools_lie_at_the_outer_bank_of_both_turns(given):
+def test_pools_lie_at_the_outer_bank_of_both_turns(given, device):
     """S3 turns right about x = 105 m and left about 315 m; the deepest place is left there, and right here."""
     controls = dict(wr.synthetic_valley("S3").params.controls)
     if given == "planform":
         controls.pop("curvature")
-    valley = wr.synthetic_valley("S3", controls=controls)
+    valley = wr.synthetic_valley("S3", controls=controls, device=device)
     line = valley.stations.line
     for x, turn in ((105.0, -1.0), (315.0, 1.0)):
         k = int(np.abs(line.xy[:, 0] - x).argmin())
@@ -144,12 +144,12 @@ def test_stationing_by_the_channel_keeps_pools_at_bends():
 
 
 @pytest.mark.parametrize("curvature", [-0.8, -0.3, 0.0, 0.5, 0.9])
-def test_section_area_and_depth_by_the_closed_forms(curvature):
+def test_section_area_and_depth_by_the_closed_forms(curvature, device):
     """Deutsch and Wang: greatest depth exactly h at Y = a; area over width times depth is 4 k / ((k + 1) (2 k + 1))."""
     apex = 0.5 + 0.5 * curvature / 1.2
     side = min(apex, 1.0 - apex)
     k = -math.log(2.0) / math.log(side)
-    valley = wr.synthetic_valley("S1", controls={})
+    valley = wr.synthetic_valley("S1", controls={}, device=device)
     valley.stations.apex[:] = apex
     n = np.linspace(-15.0 + 1e-9, 15.0 - 1e-9, 60_001)
     depth = valley._plane(210.0) - valley.height(np.column_stack([np.full_like(n, 210.0), n]))
@@ -173,17 +173,17 @@ def test_section_area_and_depth_by_the_closed_forms(curvature):
     ],
     ids=["rectangle", "triangle", "trapezoid", "semicircle", "parabola", "quartic"],
 )
-def test_areas_of_other_sections(section, area):
-    valley = wr.synthetic_valley("S1", controls={}, section=section)
+def test_areas_of_other_sections(section, area, device):
+    valley = wr.synthetic_valley("S1", controls={}, section=section, device=device)
     n = np.linspace(-15.0 + 1e-9, 15.0 - 1e-9, 20_001)
     depth = valley._plane(210.0) - valley.height(np.column_stack([np.full_like(n, 210.0), n]))
     assert trapezoid(depth, n) / (30.0 * valley.bankfull_depth) == pytest.approx(area, rel=1e-4)
     assert depth.max() == pytest.approx(valley.bankfull_depth, rel=1e-6)
 
 
-def test_weibull_section_has_its_threads():
+def test_weibull_section_has_its_threads(device):
     threads = ((0.02, 0.2, 2.5, 1.0), (0.55, 0.2, 2.5, 0.6))
-    valley = wr.synthetic_valley("S1", controls={}, section=g.CrossSection("weibull", threads=threads))
+    valley = wr.synthetic_valley("S1", controls={}, section=g.CrossSection("weibull", threads=threads), device=device)
     y = np.linspace(1e-6, 1.0 - 1e-6, 4001)
     place = np.column_stack([np.full_like(y, 210.0), 15.0 * (1.0 - 2.0 * y)])
     depth = (valley._plane(210.0) - valley.height(place)) / valley.bankfull_depth
@@ -271,30 +271,30 @@ def test_the_surface_is_continuous_across_banks_floor_and_sides(examples, name):
 
 
 @pytest.mark.parametrize("name", ["S3", "S5"])
-def test_the_surface_converges_with_the_increments(name):
+def test_the_surface_converges_with_the_increments(name, device):
     """Second order or better in the increment of the stations."""
     rng = np.random.default_rng(1)
-    finest = wr.synthetic_valley(name, increments=12_544)
+    finest = wr.synthetic_valley(name, increments=12_544, device=device)
     west, _, east, _ = finest.bounds
     x = rng.uniform(west + 20.0, east - 20.0, 3000)
     middle = np.interp(x, finest.stations.line.xy[:, 0], finest.stations.line.xy[:, 1])
     places = np.column_stack([x, middle + rng.uniform(-8.0, 8.0, 3000)])
     errors = []
     for count in (98, 196, 392):
-        height = wr.synthetic_valley(name, increments=count).height(places)
+        height = wr.synthetic_valley(name, increments=count, device=device).height(places)
         errors.append(float(np.sqrt(np.mean((height - finest.height(places)) ** 2))))
     orders = [math.log2(a / b) for a, b in itertools.pairwise(errors)]
     assert errors[-1] < 1e-3
     assert min(orders) > 1.8
 
 
-def test_sharp_bends_are_refused_by_station_or_blended():
+def test_sharp_bends_are_refused_by_station_or_blended(device):
     with pytest.raises(ValueError, match=r"S3: at station (118|355)\.\d m the width, 225 m, exceeds twice the radius"):
         wr.synthetic_valley("S3", width=300.0)
     controls = {"centerline": (g.sine(25.0, 4),)}
     with pytest.raises(ValueError, match="exceeds twice the radius of the bend"):
         wr.synthetic_valley("S3", width=60.0, controls=controls)
-    valley = wr.synthetic_valley("S3", width=60.0, controls=controls, sharp_bends="blend")
+    valley = wr.synthetic_valley("S3", width=60.0, controls=controls, sharp_bends="blend", device=device)
     half, curvature = valley.stations.half, valley.stations.line.curvature
     inner = np.where(curvature > 0.0, half[:, 0], half[:, 1])
     assert (np.abs(curvature) * inner).max() < 0.9
@@ -344,8 +344,10 @@ def test_thalweg_and_bank_by_their_equations(examples):
     np.testing.assert_allclose(floor, 0.25 * h + h + h + 0.002 * (420.0 - x) + 1000.0, atol=1e-9)
 
 
-def test_a_steeper_valley_and_terraces():
-    valley = wr.synthetic_valley("S1", valley_slope=0.01, floor_height=1.0, terraces=4, floor_width=100.0)
+def test_a_steeper_valley_and_terraces(device):
+    valley = wr.synthetic_valley(
+        "S1", valley_slope=0.01, floor_height=1.0, terraces=4, floor_width=100.0, device=device
+    )
     np.testing.assert_allclose(valley.lines.table[[0, -1], 4], [1.0 + 0.008 * 420.0, 1.0])
     y = np.linspace(20.0, 80.0, 4001)
     rise = valley.height(np.column_stack([np.full_like(y, 210.0), y])) - valley._plane(210.0)
@@ -378,22 +380,22 @@ def test_stations_of_elements_in_metres_follow_their_controls():
 # ---- given lines, threads, objects
 
 
-def meandered():
+def meandered(*, device):
     """A channel that has meandered, with cutoffs."""
     line = g.noisy_line(6_000.0, 30.0, 60.0, seed=3)
-    simulation = wr.Simulation(wr.RiverNetwork.from_polylines([line + [1e5, 2e6]], width=50.0))
+    simulation = wr.Simulation(wr.RiverNetwork.from_polylines([line + [1e5, 2e6]], width=50.0), device=device)
     simulation.run(years=120)
     return simulation.network
 
 
-def test_a_channel_that_meandered_takes_the_place_of_the_planform():
-    network = meandered()
+def test_a_channel_that_meandered_takes_the_place_of_the_planform(device):
+    network = meandered(device=device)
     given = network.polylines()[0]
     params = wr.ValleyParams(
         line=network, width=50.0, depth=2.5, slope=5e-4, floor_height=2.0, top_height=15.0, increments=1200,
         controls={"thalweg": (g.sine(0.3, 25),), "width": (g.sine(0.1, 25),)},
     )  # fmt: skip
-    valley = wr.synthetic_valley(params, cell_size=15.0)
+    valley = wr.synthetic_valley(params, cell_size=15.0, device=device)
     assert valley.sinuosity == pytest.approx(wr.metrics.sinuosity(given), rel=2e-3)
     from scipy.spatial import cKDTree
 
@@ -411,14 +413,14 @@ def test_a_channel_that_meandered_takes_the_place_of_the_planform():
         wr.synthetic_valley("S1", line=wr.RiverNetwork.from_polylines([given, given + 1e4], width=50.0), controls={})
 
 
-def test_a_valley_turned_on_the_map_is_the_same_valley():
+def test_a_valley_turned_on_the_map_is_the_same_valley(device):
     x = np.linspace(0.0, 420.0, 4001)
     straight = np.column_stack([x, 50.0 * np.sin(2.0 * np.pi * x / 420.0)])
     controls = {k: v for k, v in wr.synthetic_valley("S3").params.controls.items() if k != "centerline"}
     angle = 0.8
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    one = wr.synthetic_valley("S3", line=straight, controls=controls)
-    other = wr.synthetic_valley("S3", line=straight @ turn + [5e5, 4e6], controls=controls)
+    one = wr.synthetic_valley("S3", line=straight, controls=controls, device=device)
+    other = wr.synthetic_valley("S3", line=straight @ turn + [5e5, 4e6], controls=controls, device=device)
     rng = np.random.default_rng(0)
     places = np.column_stack([rng.uniform(10.0, 410.0, 2000), rng.uniform(-180.0, 180.0, 2000)])
     # Absolute coordinates of 4e6 m have 1e-9 m; slopes are below 5 but at the outer bank.
@@ -434,20 +436,20 @@ def test_a_valley_turned_on_the_map_is_the_same_valley():
     )
 
 
-def test_the_bed_falls_along_the_channel_where_it_is_asked_to():
-    network = meandered()
+def test_the_bed_falls_along_the_channel_where_it_is_asked_to(device):
+    network = meandered(device=device)
     fields = dict(line=network.polylines()[0], width=50.0, depth=2.5, slope=1e-3, increments=1500, controls={})
     falls = {}
     for fall in ("valley", "channel"):
-        valley = wr.synthetic_valley("S1", fall=fall, **fields)
+        valley = wr.synthetic_valley("S1", fall=fall, **fields, device=device)
         falls[fall] = -np.diff(valley.breaklines()["thalweg"][:, 2])
     assert falls["valley"].min() < 0.0 < falls["channel"].min()
     assert falls["channel"].sum() == pytest.approx(falls["valley"].sum(), abs=0.1)
 
 
-def test_threads_leave_and_come_back():
+def test_threads_leave_and_come_back(device):
     threads = (g.Thread(0.2, 0.7, 60.0, 0.6, 0.9), g.Thread(0.35, 0.85, -50.0, 0.5, 0.8))
-    valley = wr.synthetic_valley("S1", controls={}, threads=threads, floor_width=80.0)
+    valley = wr.synthetic_valley("S1", controls={}, threads=threads, floor_width=80.0, device=device)
     x = 0.45 * 420.0
     off = 60.0 * math.sin(math.pi * 0.5) ** 2
     h = valley.bankfull_depth
@@ -459,15 +461,16 @@ def test_threads_leave_and_come_back():
     np.testing.assert_allclose(network.channel_width[-2:], [18.0, 15.0])
     # Where channels overlap the deeper one holds.
     y = np.linspace(-15.0, 15.0, 301)
-    alone = wr.synthetic_valley("S1", controls={}, floor_width=80.0)
+    alone = wr.synthetic_valley("S1", controls={}, floor_width=80.0, device=device)
     place = np.column_stack([np.full_like(y, 0.24 * 420.0), y])
     assert (valley.height(place) <= alone.height(place) + 1e-9).all()
 
 
-def test_objects_are_as_many_as_asked_for_and_stay_in_their_field():
+def test_objects_are_as_many_as_asked_for_and_stay_in_their_field(device):
     field = g.ObjectField(density=0.02, smallest=0.8, largest=1.6, seed=11)
     plain, strewn = (
-        wr.synthetic_valley("S1", controls={}, objects=o, section=g.CrossSection("rectangle")) for o in ((), (field,))
+        wr.synthetic_valley("S1", controls={}, objects=o, section=g.CrossSection("rectangle"), device=device)
+        for o in ((), (field,))
     )
     cell = 0.05
     bounds = (50.0, -20.0, 130.0, 20.0)
@@ -480,12 +483,12 @@ def test_objects_are_as_many_as_asked_for_and_stay_in_their_field():
     assert 0.5 < height.max() <= 0.8
     y = bounds[3] - cell * (np.arange(height.shape[0]) + 0.5)
     assert height[np.abs(y) > 15.0].max() == 0.0
-    again = wr.synthetic_valley("S1", controls={}, objects=(field,), section=g.CrossSection("rectangle"))
+    again = wr.synthetic_valley("S1", controls={}, objects=(field,), section=g.CrossSection("rectangle"), device=device)
     np.testing.assert_array_equal(again.raster(cell, bounds).to_numpy(), strewn.raster(cell, bounds).to_numpy())
 
 
-def test_the_same_valley_to_the_bit():
-    first, second = (wr.synthetic_valley("S4").terrain.to_numpy() for _ in range(2))
+def test_the_same_valley_to_the_bit(device):
+    first, second = (wr.synthetic_valley("S4", device=device).terrain.to_numpy() for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
 

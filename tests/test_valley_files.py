@@ -67,10 +67,10 @@ def brook(tmp_path):
     return tmp_path / "brook.toml"
 
 
-def test_a_file_becomes_a_valley(brook):
+def test_a_file_becomes_a_valley(brook, device):
     params = wr.read_valley(brook)
     assert params.name == "brook" and params.length == 200 and params.bankfull_depth == 0.7
-    valley = wr.synthetic_valley(params)
+    valley = wr.synthetic_valley(params, device=device)
     assert valley.covariance.mean_thalweg_width == pytest.approx(-0.5, abs=0.02)
     assert len(valley.threads) == 1 and np.isfinite(valley.terrain.to_numpy()).all()
     width = valley.stations.width[valley.stations.reach]
@@ -103,11 +103,11 @@ def test_every_term_and_table_survives_a_file(tmp_path):
         wr.write_valley(wr.ValleyParams(controls={"width": (lambda u: u,)}), tmp_path / "v.toml")
 
 
-def test_a_line_may_lie_in_a_file_beside_it(tmp_path):
+def test_a_line_may_lie_in_a_file_beside_it(tmp_path, device):
     line = g.valley_line(900.0, 10.0, 40.0, 300.0, seed=1)
     wr.write_network(wr.RiverNetwork.from_polylines([line], width=20.0), tmp_path / "river.csv")
     (tmp_path / "v.toml").write_text('slope = 0.001\ndepth = 1.0\nwidth = 20.0\n[line]\nfile = "river.csv"\n')
-    valley = wr.synthetic_valley(wr.read_valley(tmp_path / "v.toml"))
+    valley = wr.synthetic_valley(wr.read_valley(tmp_path / "v.toml"), device=device)
     assert valley.sinuosity == pytest.approx(wr.metrics.sinuosity(line), rel=1e-3)
     (tmp_path / "v.toml").write_text('[line]\nfile = "river.csv"\nchannel = 3\n')
     with pytest.raises(ValueError, match=r"v\.toml: line\.channel = 3; river\.csv has channels 0 to 0"):
@@ -197,8 +197,8 @@ def test_the_schema_lists_every_key(capsys):
 
 
 @pytest.fixture(scope="module")
-def small():
-    return wr.synthetic_valley("S3", increments=60)
+def small(device):
+    return wr.synthetic_valley("S3", increments=60, device=device)
 
 
 def test_points_are_written(small, tmp_path):

@@ -14,6 +14,7 @@ import time
 
 import numpy as np
 import warp as wp
+from insides import tighten
 from patched_warp import Preamble, fill_fresh_memory
 from test_stages import MODELS
 
@@ -29,7 +30,7 @@ from warpriver import (
     synthetic_valley,
     throughput,
 )
-from warpriver.meander import buffers
+from warpriver.engine import state as buffers
 
 SOURCE = """
 extern "C" { WP_API uint64_t thread_order = 0; }
@@ -124,7 +125,7 @@ def outcome_of(sim):
     found = {
         "points": network.point_xy.numpy()[:points],
         "starts": network.starts(),
-        "spacings": sim.channels.spacing.numpy()[:channels],
+        "spacings": sim.stepper.state.spacing.numpy()[:channels],
         "nodes": network.node_xy,
     }
     if network.point_section is not None:
@@ -146,11 +147,11 @@ def run_model(name, way):
     """One of the models of the tests of stages; scrambled, its sub-steps are done in rows, in buffers that grow."""
     make, steps = MODELS[name]
     sim = make(threads=1)
-    if sim.channels.whole.point_threads < sim.network.point_count // CHUNK:
+    if sim.stepper.state.whole.point_threads < sim.network.point_count // CHUNK:
         raise RuntimeError(f"{name}: points are not dealt out in chunks of {CHUNK}")
     if way == "scrambled":
-        sim._in_a_row = 1 if "in two" in name else 8
-        sim._allocate(sim.network.point_count, 1, 4)
+        sim.stepper.row_limit = 1 if "in two" in name else 8
+        tighten(sim)
     sim.run(steps=steps, record_every=10_000)
     return outcome_of(sim)
 

@@ -38,6 +38,8 @@ def available_memory(device: Any = "cpu") -> int | None:
     """Return the memory in bytes that can be had on a device now, or None where the system does not tell."""
     device = resolve_device(device)
     if device.is_cuda:
+        # What has been freed stays in the pool, and counts as taken, until the device has been waited for.
+        wp.synchronize_device(device)
         return int(device.free_memory)
     known = []
     try:

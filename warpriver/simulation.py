@@ -94,7 +94,8 @@ class Simulation:
                 the line as it was given.
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
-                and where it has no data. It is not copied: brush it between steps and the channels feel it.
+                and where it has no data. It is not copied: brush it between steps and the channels feel it. One on
+                another device is copied, once: then brush the simulation's ``terrain``.
             seed: Seed of random events.
             device: Warp device, by default the network's.
             dtype: "float64" or "float32", by default the network's.
@@ -139,7 +140,7 @@ class Simulation:
 
         Args:
             history: A history, or the path of a saved or streamed run; a streamed one grows when run again.
-            terrain: The ground, as it was.
+            terrain: The ground, as it was; as in the constructor.
             device: Warp device.
             check: As in the constructor.
             capture: As in the constructor.

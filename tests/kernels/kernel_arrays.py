@@ -9,14 +9,25 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import STATUS_SIZE, Work
+from warpriver.kernels.polyline import HALT, STATUS_SIZE, Marks, Work
 
 REALS = {"float64": np.float64, "float32": np.float32}
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 UNWRITTEN = -7
+
+
+class Backwards(int):
+    """Points of a chunk, where each chunk has a launch of its own, the last one first."""
+
+    def __str__(self):
+        return f"{int(self)} backwards"
+
+    __repr__ = __str__
+
+
 # Ways to deal points out to threads: chunks of so many points, or slabs of whole channels, see ``slab_bounds``; slabs
 # that are "apart" have a launch each, the last one first.
-CHUNKS = (1, 2, 7, 64, 4096)
+CHUNKS = (1, 2, 7, 64, 4096, Backwards(7))
 SLABS = ("one slab", "a slab each", "uneven slabs", "a slab each, apart", "uneven slabs, apart")
 DEALS = (*CHUNKS, *SLABS)
 
@@ -38,7 +49,7 @@ def to_device(values, kind, device):
 
 def unwritten(count, kind, device):
     """Device array that holds NaN, or -7 where it holds integers."""
-    integral = kind is wp.int32 or kind is wp.vec4i or kind is wp.vec2i
+    integral = kind in (wp.int32, wp.int64, wp.vec4i, wp.vec2i)
     array = wp.empty(count, dtype=kind, device=device)
     array.fill_(UNWRITTEN if integral else math.nan)
     return array
@@ -47,6 +58,12 @@ def unwritten(count, kind, device):
 def by_fours(array):
     """The same array of integers, as one of vectors of four."""
     return wp.array(ptr=array.ptr, dtype=wp.vec4i, shape=len(array) // 4, device=array.device, copy=False)
+
+
+def bits_of(array):
+    """The same array of real numbers from 0 on, as the integers that the kernels compare them as."""
+    kind = wp.int64 if array.dtype is wp.float64 else wp.int32
+    return wp.array(ptr=array.ptr, dtype=kind, shape=array.shape, device=array.device, copy=False)
 
 
 def chunk_count(capacity, chunk):
@@ -73,12 +90,19 @@ def slab_bounds(deal, channels):
     return [0, channels]
 
 
+def status_of(values, device, row=0):
+    """Status on the device with those values by field, 0 elsewhere, and room for a row of sub-steps."""
+    status = np.zeros(STATUS_SIZE + 2 * row, np.int32)
+    status[list(values)] = list(values.values())
+    return to_device(status, wp.int32, device)
+
+
 def going_on(device):
     """Status of a step of which nothing is done and nothing wrong."""
-    return wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
+    return status_of({}, device)
 
 
-def share_out(deal, channels, capacity, device):
+def share_out(deal, channels, capacity, device, halt=0):
     """Launches that do the work of all channels, dealt out in one of the ways of ``DEALS``.
 
     Args:
@@ -86,11 +110,18 @@ def share_out(deal, channels, capacity, device):
         channels: Number of channels.
         capacity: Room for points, which the chunks cover.
         device: Warp device.
+        halt: Not 0 where the status says halt.
     """
     if isinstance(deal, int):
-        work = Work()
-        work.status, work.chunk = going_on(device), deal
-        return [Part(work, chunk_count(capacity, deal), channels)]
+        threads = chunk_count(capacity, deal)
+        firsts = range(threads)[::-1] if isinstance(deal, Backwards) else [0]
+        parts = []
+        for first in firsts:
+            work = Work()
+            work.status, work.chunk, work.first = status_of({HALT: halt}, device), int(deal), first
+            # Channels are numbered from the first thread on: all of them are of the launch that begins at 0.
+            parts.append(Part(work, threads // len(firsts), channels if first == 0 else 0))
+        return parts
     bounds = slab_bounds(deal, channels)
     slabs = to_device(np.array(bounds, np.int32), wp.int32, device)
     spans = [(0, len(bounds) - 1)]
@@ -99,7 +130,7 @@ def share_out(deal, channels, capacity, device):
     parts = []
     for first, stop in spans:
         work = Work()
-        work.status, work.slab_channel, work.first = going_on(device), slabs, first
+        work.status, work.slab_channel, work.first = status_of({HALT: halt}, device), slabs, first
         parts.append(Part(work, stop - first, stop - first))
     return parts
 
@@ -107,6 +138,32 @@ def share_out(deal, channels, capacity, device):
 def share_count(deal, channels, capacity):
     """Number of chunks or slabs in all."""
     return chunk_count(capacity, deal) if isinstance(deal, int) else len(slab_bounds(deal, channels)) - 1
+
+
+def share_of_points(deal, start):
+    """Chunk or slab that each point belongs to, (count,)."""
+    if isinstance(deal, int):
+        return np.arange(start[-1]) // deal
+    owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    return np.searchsorted(slab_bounds(deal, len(start) - 1)[1:], owner, side="right")
+
+
+def list_of_marks(flags, device):
+    """The marked chunks as the kernels read them, from a flag for each; without flags, for slabs, none."""
+    marks = Marks()
+    if flags is not None:
+        flags = np.asarray(flags) > 0
+        marks.place = to_device(np.concatenate([[0], np.cumsum(flags)]), wp.int32, device)
+        # Beyond the list there is what an earlier step left.
+        marks.chunk = to_device(np.append(np.flatnonzero(flags), np.full((~flags).sum(), UNWRITTEN)), wp.int32, device)
+    return marks
+
+
+def running_marks(marks, device):
+    """Running sum of the first and running maximum of the second numbers, (N, 2), on the device."""
+    marks = np.asarray(marks)
+    both = np.stack([np.cumsum(marks[:, 0]), np.maximum.accumulate(marks[:, 1])], axis=1)
+    return to_device(both, wp.vec2i, device)
 
 
 def vec2_of(scalar):

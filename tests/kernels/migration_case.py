@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import SCALARS, forms, ring_flags, share_out, split, starts_of, to_device, unwritten
+from kernel_arrays import SCALARS, bits_of, forms, ring_flags, share_out, split, starts_of, to_device, unwritten
 
 from warpriver.kernels import migration, schedule
 
@@ -162,7 +162,7 @@ class Case:
             rate,
         ]
         pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        self.launch(self.kernel.move_points, deal, inputs, [out, section, pace])
+        self.launch(self.kernel.move_points, deal, inputs, [out, section, bits_of(pace)])
         if section is not None:
             np.testing.assert_array_equal(section.numpy(), self.section.numpy())
         moved = self._channels(out.numpy().astype(np.float64))
@@ -197,7 +197,7 @@ class Case:
         kernel = schedule.build(self.scalar)
         limits = to_device(np.full((len(self.lines), 3), limit), kernel.vec3, self.device)
         inputs += [limits, to_device([0, 1, planned], wp.int32, self.device)]
-        self.launch(kernel.measure_mobility, deal, inputs, [out])
+        self.launch(kernel.measure_mobility, deal, inputs, [bits_of(out)])
         return out.numpy()
 
     def _channels(self, packed):

@@ -55,6 +55,8 @@ class PackedLines:
         step[list(resting)] = 0.0
         self.rings, self.closed = rings, ring_flags(rings, len(lines), device)
         self.resting, self.step = resting, to_device(step, self.scalar, device)
+        # Not 0 where the status says halt.
+        self.halt = 0
 
     def widths(self):
         """Width at each point by channel."""
@@ -64,7 +66,7 @@ class PackedLines:
 
     def launch(self, kernel, deal, inputs, outputs, *, by_channel=False):
         """Launch a kernel in one of the ways to deal points out; a ``...`` in the inputs stands for the work."""
-        for part in share_out(deal, len(self.lines), self.capacity, self.device):
+        for part in share_out(deal, len(self.lines), self.capacity, self.device, self.halt):
             given = [part.work if value is ... else value for value in inputs]
             threads = part.channel_threads if by_channel else part.threads
             wp.launch(kernel, dim=threads, inputs=given, outputs=outputs, device=self.device)

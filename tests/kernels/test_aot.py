@@ -9,7 +9,7 @@ import ast
 import pytest
 import warp as wp
 from cubin import read_kernels
-from cuda_kernels import FOLDER, SCALARS, TESTED, compile_cubin, kernel_files, kernel_module, plain_name
+from cuda_kernels import FOLDER, SCALARS, TESTED, built_kernels, compile_cubin, kernel_files, kernel_module, plain_name
 
 FILES = kernel_files()
 
@@ -20,9 +20,23 @@ def kernels_in_source(stem):
     return {f.name for f in functions if any(ast.unparse(d).startswith("wp.kernel") for d in f.decorator_list)}
 
 
+def plain_key(kernel):
+    """Name that a kernel was built under, as in its namespace."""
+    return kernel.key.rpartition("__")[2]
+
+
 def test_all_kernel_files_are_found():
     """Else the compile tests would pass over some."""
     assert {path.stem for path in FOLDER.glob("*.py") if kernels_in_source(path.stem)} == set(FILES) != set()
+
+
+@pytest.mark.parametrize("stem", FILES)
+def test_every_kernel_in_the_source_is_built(stem):
+    """A factory makes several of one function, each with a name of its own."""
+    for dtype, scalar in SCALARS.items():
+        built = built_kernels(stem, scalar)
+        assert {kernel.func.__name__ for kernel in built} == kernels_in_source(stem), dtype
+        assert len({plain_key(kernel) for kernel in built}) == len(built), dtype
 
 
 def test_every_architecture_and_both_precisions_are_targets():
@@ -37,7 +51,8 @@ def test_file_compiles_for_a_gpu(stem, dtype, arch):
     module = kernel_module(stem, SCALARS[dtype])
     assert module.name == f"warpriver.kernels.{stem}_{dtype}"
     figures = read_kernels(compile_cubin(module, arch))
-    assert {plain_name(f.name) for f in figures} == kernels_in_source(stem)
+    built = {plain_key(kernel) for kernel in built_kernels(stem, SCALARS[dtype])}
+    assert {plain_name(f.name) for f in figures} == built
     assert {f.arch for f in figures} == {arch}
 
 

@@ -1,21 +1,21 @@
 """Rings in the kernels of a step by shortest paths, among lines, against dense twins and scipy's search."""
 
+import cutoff_case
 import numpy as np
 import pytest
 import reference_paths as twin
 import reference_rings as rings
-import test_kernel_cutoffs as cutting
 import test_kernel_paths as pushing
 import test_kernel_rings as shapes
 import test_kernel_shortcuts as paths
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import DEALS, REALS, SLABS, to_device
+from kernel_arrays import DEALS, REALS, SLABS, Backwards, to_device
 from path_lines import SPACING, varying_sections, wandering_line
 from reference_paths import PathLaw
 
-from warpriver.kernels import resampling, routes
+from warpriver.kernels import routes
 
 
 def mixed(seed=0):
@@ -107,24 +107,18 @@ class RingCase(paths.Case):
             found[c] = twin.ring_shortcuts(self.lines[c], SPACING, radius * mean, min_arc * mean, cone)
         return found
 
-    def arcs(self, deal):
-        """Arc lengths on the device: (by point, offsets of the chunks)."""
-        arc = wp.zeros(self.capacity, dtype=wp.float64, device=self.device)
-        length = wp.zeros(self.chunks(deal), dtype=wp.float64, device=self.device)
-        kernel = resampling.build(self.scalar).measure_arcs
-        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.points], [arc, length])
-        return arc, to_device(np.cumsum(length.numpy()), wp.float64, self.device)
-
     def opened(self, pairs, saving, longer, deal):
         """Heads within their channels, what shortcuts save then, marks at their ends, and the heads on the device."""
-        packed = self.packed_links(pairs, deal)
-        flags = to_device(self.linked_chunks(packed, deal), wp.int32, self.device)
-        save, marks = to_device(saving, wp.float64, self.device), self.zeros(self.capacity)
+        given, save, ends = (
+            self.packed_links(pairs, deal),
+            to_device(saving, wp.float64, self.device),
+            self.zeros(self.capacity),
+        )
         head = self.ints(len(self.lines))
-        inputs = [self.channel_start, self.closed, longer, ..., self.points, *self.arcs(deal)]
-        inputs += [packed["links"], packed["first"], packed["total"], packed["by_channel"], flags, packed["end"]]
-        self.launch(routes.build(self.scalar).open_rings, deal, inputs, [save, marks, head], by_channel=True)
-        return head.numpy() - self.start[:-1], save.numpy(), marks, head
+        inputs = [self.channel_start, self.closed, longer, ..., self.points, *self.arcs(deal), given["links"]]
+        inputs += [given["first"], given["total"], given["by_channel"], given["marks"], given["end"]]
+        self.launch(routes.build(self.scalar).open_rings, deal, inputs, [save, ends, head], by_channel=True)
+        return head.numpy() - self.start[:-1], save.numpy(), ends, head
 
     def routed(self, pairs, saving, longer, deal):
         """Shortcuts on the route by channel."""
@@ -148,10 +142,9 @@ def test_shortcuts_of_rings_are_those_of_all_pairs(device, cone, varied):
     for seed in range(3):
         case = ring_case(seed, device, varied)
         expected = case.twin_shortcuts(1.5, 3.0, cone)
-        for deal in (7, SLABS[0], SLABS[2]):
-            for ordered in cutting.orders(device):
-                for c, pairs in enumerate(case.shortcuts(1.5, 3.0, cone, deal, ordered)):
-                    assert pairs.tolist() == expected[c].tolist(), (seed, deal, c)
+        for deal in (7, Backwards(7), SLABS[0], SLABS[2]):
+            for c, pairs in enumerate(case.shortcuts(1.5, 3.0, cone, deal)):
+                assert pairs.tolist() == expected[c].tolist(), (seed, deal, c)
         total += sum(len(p) for p in expected)
         plain = paths.Case.twin_shortcuts(case, 1.5, 3.0, cone)
         seam += sum(a.tolist() != b.tolist() for a, b in zip(plain, expected, strict=True))
@@ -184,7 +177,7 @@ def test_routes_round_rings_are_as_short_as_scipys(device, longer):
                 forbidden = np.delete(turned[own], which)
                 assert (forbidden < 0.0).all(), "never taken"
                 for (i, j), gain in zip(edges, turned[own][which], strict=True):
-                    around = rings.segments(xy)[np.arange(i, j if j > i else j + len(xy)) % len(xy)].sum()
+                    around = rings.rounded_segments(xy)[np.arange(i, j if j > i else j + len(xy)) % len(xy)].sum()
                     assert gain == pytest.approx(around - np.hypot(*(xy[j] - xy[i])), abs=1e-10)
                 length = twin.shortest_ring(xy, edges, heads[c])
                 assert abs(twin.ring_length(xy, kept[c]) - length) <= 1e-12 * length
@@ -216,23 +209,28 @@ def test_where_no_shortcut_passes_over_the_head_the_route_is_the_shortest_of_all
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(
-    counts=st.lists(st.integers(8, 40), min_size=1, max_size=4),
+    counts=st.lists(st.one_of(st.integers(8, 40), st.integers(8, 200)), min_size=1, max_size=4),
     deal=st.one_of(st.integers(1, 50), st.sampled_from(DEALS)),
     seed=st.integers(0, 2**32 - 1),
-    density=st.floats(0.0, 0.1),
+    density=st.one_of(st.none(), st.floats(0.0, 0.1)),
     longer=st.integers(0, 1),
 )
 def test_any_links_of_rings_with_ties_give_the_twins_route(counts, deal, seed, density, longer):
-    """Whole-number savings, so that ties abound; what is turned saves as little."""
+    """Whole-number savings, so that ties abound; what is turned saves as little. Some of the channels are lines."""
     rng = np.random.default_rng(seed)
     # Points on a line there and back: whole lengths, and chords that are taken off again below.
     lines = [np.stack([SPACING * np.minimum(np.arange(n), n - np.arange(n)), np.zeros(n)], axis=1) for n in counts]
-    case, pairs, given_saving, expected = RingCase(lines, rings=tuple(range(len(counts)))), [], [], []
-    for xy, n in zip(lines, counts, strict=True):
-        links = np.argwhere(np.triu(rng.random((n, n)) < density, 2)).reshape(-1, 2)
+    closed = rng.random(len(counts)) < 0.8
+    case, pairs, given_saving, expected = RingCase(lines, rings=tuple(np.flatnonzero(closed))), [], [], []
+    for c, (xy, n) in enumerate(zip(lines, counts, strict=True)):
+        links = paths.tangled_links(rng, n)
+        if density is not None:
+            links = np.argwhere(np.triu(rng.random((n, n)) < density, 2)).reshape(-1, 2)
         gain = rng.integers(0, 4, len(links)).astype(float)
         saving, head = gain.copy(), 0
-        if len(links):
+        if not closed[c]:
+            expected.append(twin.best_chain(n, links, gain)[0])
+        elif len(links):
             head = twin.ring_head(n, links, longer)
             edges, which = twin.ring_edges(n, links, head, longer)
             turned = ((links - head) % n)[:, 0] > ((links - head) % n)[:, 1]
@@ -243,7 +241,7 @@ def test_any_links_of_rings_with_ties_give_the_twins_route(counts, deal, seed, d
             expected.append([])
         pairs.append(links)
         given_saving.append(saving)
-    if sum(len(p) for p in pairs) == 0:
+    if sum(len(p) for p in pairs) == 0 or not closed.any():
         return
     kept = case.routed(pairs, np.concatenate(given_saving), longer, deal)
     assert [sorted(k) for k in kept] == [sorted(e) for e in expected]
@@ -285,28 +283,13 @@ def test_routes_by_hand(pairs, longer, head, route, deal):
     assert case.routed([links], saving, longer, deal)[0] == route
 
 
-@pytest.mark.parametrize("deal", [1, 7, 64, *SLABS[:2]])
+@pytest.mark.parametrize("deal", [1, 7, 64, Backwards(7), *SLABS[:2]])
 def test_loops_that_go_round_the_seam_are_cut(device, deal):
     """The point where one ends may be that where the next one begins."""
     rng = np.random.default_rng(9)
     lines = [shapes.wandering_ring(rng, 60), wandering_line(rng, 20), shapes.wandering_ring(rng, 50)]
-    case = cutting.Case(lines, rings=(0, 2), device=device)
-    kept = [[(5, 12), (30, 40), (50, 5)], [(3, 9)], [(40, 0), (0, 9)]]
-    necks = [np.full(len(xy), -1) for xy in lines]
-    for neck, pairs in zip(necks, kept, strict=True):
-        for i, j in pairs:
-            neck[i] = j
-    after, records, loops, _, fault = case.cut([sorted(k) for k in kept], deal)
-    assert fault == 0
-    expected, place = [], 0
-    for c, (xy, pairs) in enumerate(zip(lines, kept, strict=True)):
-        left = xy.copy()
-        for i, j in sorted(pairs):
-            index = np.arange(i, (j if j > i else j + len(xy)) + 1) % len(xy)
-            expected.append((c, xy[index]))
-            left[index[:-1]] = xy[i]
-        np.testing.assert_array_equal(after[c][: len(xy)], left)
-    for (channel, begin, count, _), (c, loop) in zip(records, expected, strict=False):
-        assert channel == c and begin == place
-        np.testing.assert_array_equal(loops[begin : begin + count], loop)
-        place += count
+    case = cutoff_case.Case(lines, rings=(0, 2), device=device)
+    result = cutoff_case.assert_cuts(case, [[(5, 12), (30, 40), (50, 5)], [(3, 9)], [(0, 9), (40, 0)]], deal)
+    sizes, channels = (result.records[:6, k].tolist() for k in (2, 0))
+    assert sizes == [8, 11, 16, 7, 10, 11] and channels == [0, 0, 0, 1, 2, 2]
+    np.testing.assert_array_equal(result.points[0][np.arange(50, 65) % 60], np.tile(lines[0][50], (15, 1)))

@@ -8,7 +8,7 @@ import reference
 import reference_paths as twin
 import reference_rings as rings
 import warp as wp
-from kernel_arrays import DEALS, REALS, to_device, unwritten
+from kernel_arrays import DEALS, REALS, bits_of, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 from reference_paths import PathLaw
 
@@ -67,7 +67,7 @@ class Case(PackedLines):
         inputs = [*self.shape, self.area, height, grid, device_law(self.kernel, law), ...]
         inputs += [to_device(packed, self.kernel.vec4, self.device)]
         moved_section = None if self.section is None else section
-        self.launch(self.kernel.shift_points, deal, inputs, [out, moved_section, pace])
+        self.launch(self.kernel.shift_points, deal, inputs, [out, moved_section, bits_of(pace)])
         moved = out.numpy().astype(np.float64)
         assert np.isfinite(moved[: self.count]).all() and np.isnan(moved[self.count :]).all()
         if self.section is not None:

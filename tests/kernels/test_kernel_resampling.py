@@ -22,18 +22,32 @@ from kernel_arrays import (
     share_out,
     split,
     starts_of,
+    status_of,
     to_device,
     unwritten,
 )
 
 from warpriver.kernels import polyline, resampling
+from warpriver.kernels.polyline import (
+    CUT_POINTS,
+    CUTS,
+    DONE,
+    FAULT,
+    GOAL,
+    HALT,
+    POINTS,
+    POINTS_NEEDED,
+    STATUS_SIZE,
+    STEPS,
+)
 
-# Sums of some hundred chords of kilometres: 1e-13 of them; the positions are polynomials of the same numbers.
+# A length within rounding of half a quantum may be rounded to either side.
+QUANTA_TOLERANCE = 1
 ARC_TOLERANCE = 1e-9
 POINT_TOLERANCE = 1e-9
 # A float32 coordinate of a few km is off by 2.4e-4 m at most; the cubic combines a few of them.
 POINT_TOLERANCE_32 = 2e-3
-FAULT_NOT_FINITE = 1
+FAULT_NOT_FINITE, FAULT_POINTS_FULL = 1, 4
 # What a spacing is before a step.
 SPACING_BEFORE = 123.0
 
@@ -94,18 +108,26 @@ class Case:
     def launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def launch_points(self, kernel, deal, capacity, inputs, outputs):
+    def launch_points(self, kernel, deal, capacity, inputs, outputs, halt=0):
         """Launch a kernel over that many points; ``...`` stands for the work among the inputs."""
-        for part in share_out(deal, len(self.lines), capacity, self.device):
+        for part in share_out(deal, len(self.lines), capacity, self.device, halt):
             self.launch(kernel, part.threads, [part.work if value is ... else value for value in inputs], outputs)
 
-    def measured(self, deal):
+    def measured(self, deal, status=None, halt=0):
         """Arc lengths in the chunks or along the channels, and the length of each chunk, both on the device."""
-        arc = unwritten(self.capacity, wp.float64, self.device)
-        length = unwritten(share_count(deal, len(self.lines), self.capacity), wp.float64, self.device)
+        arc = unwritten(self.capacity, wp.int64, self.device)
+        length = unwritten(share_count(deal, len(self.lines), self.capacity), wp.int64, self.device)
+        status = status_of({}, self.device) if status is None else status
         inputs = [self.channel_start, self.channel_step, ..., self.point_moved]
-        self.launch_points(self.kernel.measure_arcs, deal, self.capacity, inputs, [arc, length])
+        self.launch_points(self.kernel.measure_arcs, deal, self.capacity, inputs, [arc, length, status], halt)
         return arc, length
+
+    def arcs(self, deal, status=None):
+        """Arc lengths of the points from their channels' heads, in quanta, by channel."""
+        arc, length = (a.numpy() for a in self.measured(deal, status))
+        if isinstance(deal, int):
+            arc[: self.count] += (np.cumsum(length) - length)[np.arange(self.count) // deal]
+        return [own - own[0] for own in split(arc, self.start)]
 
     def counted(self, deal, arc, offset, status):
         """Points and even spacing of each channel, both on the device."""
@@ -121,14 +143,14 @@ class Case:
     def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5), halt=0):
         """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
         channels = len(self.lines)
-        status = to_device([fault, halt, 0, 0, 0, 0, 1, 0], wp.int32, self.device)
-        arc, length = self.measured(deal)
-        offset = unwritten(len(length), wp.float64, self.device)
+        state = {FAULT: fault, HALT: halt, GOAL: 1, POINTS: -1, POINTS_NEEDED: -1, STATUS_SIZE: -1, STATUS_SIZE + 1: -1}
+        status = status_of(state, self.device, row=1)
+        arc, length = self.measured(deal, status)
+        offset = unwritten(len(length), wp.int64, self.device)
         if isinstance(deal, int):
-            wp.utils.array_scan(length, offset, inclusive=True)
+            offset = to_device(np.cumsum(length.numpy()), wp.int64, self.device)
         samples, spacing = self.counted(deal, arc, offset, status)
-        start_next = wp.zeros(channels + 1, dtype=wp.int32, device=self.device)
-        wp.utils.array_scan(samples, start_next[1:], inclusive=True)
+        start_next = to_device(np.concatenate([[0], np.cumsum(samples.numpy())]), wp.int32, self.device)
         needed = int(start_next.numpy()[-1])
         capacity = needed + 4 if capacity is None else capacity
         points = unwritten(capacity, self.kernel.vec2, self.device)
@@ -139,21 +161,24 @@ class Case:
         start_out = to_device(self.start, wp.int32, self.device)
         spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
         count = to_device([*substep, 1], wp.int32, self.device)
-        sums = [to_device(factor * np.arange(1, channels + 1), wp.int32, self.device) for factor in (1, 10)]
-        log = unwritten(4, wp.vec2i, self.device)
-        outputs = [start_out, spacing_out, log, count, status]
-        self.launch(self.kernel.commit_step, channels + 1, [capacity, 0, start_next, spacing, *sums], outputs)
+        cut_sum = to_device([[1, 4], [channels, 10 * channels]], wp.vec2i, self.device)
+        outputs = [start_out, spacing_out, count, status]
+        self.launch(self.kernel.commit_step, channels + 1, [capacity, 0, start_next, spacing, cut_sum], outputs)
         raw, start = points.numpy().astype(np.float64), start_out.numpy()
         by_channel = split(raw, start_next.numpy())
         if sections is not None:
             sections = split(sections.numpy().astype(np.float64), start_next.numpy())
         done, total, planned = count.numpy().tolist()
         assert total == substep[1]
-        fault, _, counted, *cut, steps = status.numpy().tolist()[:6]
-        assert log.numpy()[0].tolist() == (list(substep) if counted else [UNWRITTEN, UNWRITTEN])
+        found = status.numpy()
+        fault, counted, steps = found[[FAULT, DONE, STEPS]].tolist()
+        assert found[STATUS_SIZE:].tolist() == (list(substep) if counted else [-1, -1])
         assert steps == (counted and done == 0) and planned == 1 - steps
         assert counted == (done != substep[0] or (total == 1 and fault == 0 and not halt))
-        assert cut == [counted * channels, counted * 10 * channels]
+        assert found[[CUTS, CUT_POINTS]].tolist() == [counted * channels, counted * 10 * channels]
+        assert found[POINTS] == (needed if counted else -1)
+        told = not halt and fault in (0, FAULT_POINTS_FULL)
+        assert found[POINTS_NEEDED] == (needed if told else -1), "told, whether there is room or not"
         return Sampled(by_channel, sections, spacing_out.numpy(), start, fault, needed, raw, done)
 
     def twins(self):
@@ -191,18 +216,15 @@ def test_arc_lengths_by_chunk(device, chunk):
     """Each point's arc from its chunk's first point; nothing is added between one channel and the next."""
     rng = np.random.default_rng(3)
     case = Case([smooth_line(rng, n) for n in (3, 70, 4, 3, 3, 129, 64)], device=device)
-    step = np.linalg.norm(np.diff(np.concatenate(case.lines), axis=0), axis=1)
-    step[case.start[1:-1] - 1] = 0.0
-    total = np.concatenate([[0.0], np.cumsum(step)])
+    total = np.concatenate([np.diff(reference.arc_quanta(xy), prepend=0) for xy in case.lines]).cumsum()
     arc, length = (a.numpy() for a in case.measured(chunk))
     threads = share_count(chunk, len(case.lines), case.capacity)
     # A chunk also owns the segment that leads to its first point, so that the chunks' lengths add up.
     ends = total[np.minimum(np.arange(1, threads + 1) * chunk, case.count) - 1]
-    owned = np.diff(np.concatenate([[0.0], ends]))
-    assert length == pytest.approx(owned, abs=ARC_TOLERANCE)
-    before = np.concatenate([[0.0], ends[:-1]])[np.arange(case.count) // chunk]
-    assert arc[: case.count] == pytest.approx(total - before, abs=ARC_TOLERANCE)
-    assert np.isnan(arc[case.count :]).all()
+    assert np.abs(length - np.diff(ends, prepend=0)).max() <= QUANTA_TOLERANCE
+    before = np.concatenate([[0], ends[:-1]])[np.arange(case.count) // chunk]
+    assert np.abs(arc[: case.count] - (total - before)).max() <= QUANTA_TOLERANCE
+    assert (arc[case.count :] == UNWRITTEN).all()
 
 
 @pytest.mark.parametrize("deal", SLABS)
@@ -213,11 +235,56 @@ def test_arc_lengths_by_slab(device, deal):
     arc, length = (a.numpy() for a in case.measured(deal))
     for c, (xy, found) in enumerate(zip(case.lines, split(arc, case.start), strict=True)):
         if c in case.resting:
-            assert np.isnan(found).all()
+            assert (found == UNWRITTEN).all()
         else:
-            step = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-            assert found == pytest.approx(np.concatenate([[0.0], np.cumsum(step)]), abs=ARC_TOLERANCE)
-    assert np.isnan(arc[case.count :]).all() and np.isnan(length).all()
+            assert np.abs(found - reference.arc_quanta(xy)).max() <= QUANTA_TOLERANCE
+    assert (arc[case.count :] == UNWRITTEN).all() and (length == UNWRITTEN).all()
+
+
+def test_arc_lengths_are_those_of_the_segments_to_half_a_quantum_each():
+    """2^-33 m a segment: a channel of a million points of 50 m is off by a tenth of a millimetre at the very most."""
+    xy = smooth_line(np.random.default_rng(3), 5000)
+    arc = Case([xy]).arcs("one slab")[0] * reference.QUANTUM
+    exact = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    assert np.abs(arc - exact).max() <= 0.5 * reference.QUANTUM * len(xy) + 1e-9
+    assert np.abs(arc - exact).max() <= 3.0 * reference.QUANTUM * np.sqrt(len(xy) / 12.0), "it adds up as chance has it"
+
+
+def test_arc_lengths_do_not_depend_on_the_division(device, dtype):
+    """To the bit, in chunks of any size and in slabs: they are sums of whole numbers."""
+    rng = np.random.default_rng(4)
+    lines = [smooth_line(rng, n) for n in (3, 700, 4, 3, 3, 129, 64)]
+    lines[1] = with_copies(lines[1], [(63, 129), (500, 699)])
+    case = Case(lines, dtype=dtype, device=device)
+    expected = case.arcs(SLABS[0])
+    assert all(arc[-1] > 0 for arc in expected)
+    for deal in DEALS:
+        for arc, own in zip(case.arcs(deal), expected, strict=True):
+            np.testing.assert_array_equal(arc, own)
+
+
+@pytest.mark.parametrize("where", [1, 6, 12])
+@pytest.mark.parametrize(("value", "fault"), [(np.nan, 1), (np.inf, 1), (-np.inf, 1), (3e8, 1), (1e30, 1), (2.6e8, 0)])
+def test_a_gap_that_is_not_finite_or_longer_than_any_river_is_a_fault(device, dtype, value, fault, where):
+    """A point that has run away by 2^28 m, wherever chunks and channels begin, as the first of them and the last."""
+    rng = np.random.default_rng(3)
+    lines = [smooth_line(rng, n) for n in (7, 14, 9)]
+    for place in (where, 0, -1):
+        far = [xy.copy() for xy in lines]
+        far[1][place, 0] = value
+        case = Case(far, dtype=dtype, device=device)
+        for deal in DEALS:
+            for before in (0, 2):
+                status = status_of({FAULT: before}, device)
+                case.measured(deal, status)
+                assert status.numpy()[FAULT] == max(before, fault), "the graver fault is kept"
+
+
+@pytest.mark.parametrize("deal", [7, *SLABS[:2]])
+def test_a_halted_step_measures_nothing(device, deal):
+    case = Case([smooth_line(np.random.default_rng(1), n) for n in (40, 3)], device=device)
+    arc, length = case.measured(deal, halt=1)
+    assert (arc.numpy() == UNWRITTEN).all() and (length.numpy() == UNWRITTEN).all()
 
 
 def test_counts_by_hand(device):
@@ -262,7 +329,7 @@ def test_points_that_do_not_fit_change_nothing_and_tell_their_number(device):
     needed = case.sampled().needed
     for deal in DEALS:
         short = case.sampled(deal, capacity=needed - 1)
-        assert short.needed == needed
+        assert short.needed == needed and short.fault == FAULT_POINTS_FULL
         assert np.isnan(short.raw).all() and (short.spacing == SPACING_BEFORE).all()
         assert short.start.tolist() == starts_of(lines).tolist()
         exact = case.sampled(deal, capacity=needed)
@@ -289,7 +356,7 @@ def test_samples_with_sections(device, deal):
     assert_sampled(Case(lines, sections=sections, spacing=33.0, device=device), deal)
 
 
-CUTS = {
+LOOPS = {
     "inside": [(20, 41)],
     "head": [(0, 30)],
     "tail": [(100, 129)],
@@ -302,7 +369,7 @@ CUTS = {
 }
 
 
-@pytest.mark.parametrize("cuts", CUTS.values(), ids=CUTS)
+@pytest.mark.parametrize("cuts", LOOPS.values(), ids=LOOPS)
 def test_copies_left_by_cutoffs_are_passed_over(device, cuts):
     """At heads, tails and chunk boundaries, with channels before and after; the sections of copies do not count."""
     rng = np.random.default_rng(9)
@@ -437,13 +504,14 @@ def test_single_precision_samples(device):
 # ---- slabs, and channels at rest
 
 
-def test_the_division_into_slabs_changes_no_bit(device, dtype):
+def test_the_division_changes_no_bit(device, dtype):
+    """Neither slabs nor chunks: where a thread begins to march along the cubic cannot be seen."""
     rng = np.random.default_rng(19)
     lines = [smooth_line(rng, n) for n in (3, 130, 70, 3, 4, 90)]
     lines[1] = with_copies(lines[1], [(5, 40), (63, 70)])
     sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
     case = Case(lines, sections=sections, resting=(2,), spacing=33.0, dtype=dtype, device=device)
-    results = [case.sampled(deal) for deal in SLABS]
+    results = [case.sampled(deal) for deal in DEALS]
     for result in results[1:]:
         np.testing.assert_array_equal(result.raw, results[0].raw)
         np.testing.assert_array_equal(np.concatenate(result.sections), np.concatenate(results[0].sections))
@@ -459,8 +527,6 @@ def test_channels_at_rest_keep_their_points(device, dtype, deal):
     sections = [rng.uniform(1.0, 90.0, (len(xy), 2)) for xy in lines]
     given = {"sections": sections, "spacing": 21.0, "dtype": dtype, "device": device}
     awake = Case(lines, **given).sampled(deal)
-    # Chunks add all lengths up from the first point on, so that the lengths of others are rounded otherwise.
-    tolerance = 0.0 if deal in SLABS else POINT_TOLERANCE if dtype == "float64" else POINT_TOLERANCE_32
     for resting in ((0, 4, 7), (1, 2, 3, 6), tuple(range(8))):
         result = Case(lines, resting=resting, **given).sampled(deal)
         assert result.fault == 0 and result.done == 3
@@ -470,9 +536,9 @@ def test_channels_at_rest_keep_their_points(device, dtype, deal):
                 np.testing.assert_array_equal(result.sections[c], section.astype(REALS[dtype]))
                 assert result.spacing[c] == SPACING_BEFORE
             else:
-                np.testing.assert_allclose(result.points[c], awake.points[c], atol=tolerance, rtol=0.0)
-                np.testing.assert_allclose(result.sections[c], awake.sections[c], atol=tolerance, rtol=0.0)
-                assert result.spacing[c] == pytest.approx(awake.spacing[c], abs=tolerance)
+                np.testing.assert_array_equal(result.points[c], awake.points[c])
+                np.testing.assert_array_equal(result.sections[c], awake.sections[c])
+                assert result.spacing[c] == awake.spacing[c]
         assert result.start.tolist() == starts_of(result.points).tolist()
         assert np.isnan(result.raw[result.needed :]).all()
 

@@ -1,19 +1,20 @@
 """Rings in the kernels of a step and ``measure_rings``, among lines, against dense periodic twins and closed forms."""
 
+import cutoff_case
 import migration_case as moving
 import numpy as np
 import pytest
 import reference_rings as twin
-import test_kernel_cutoffs as cutting
 import test_kernel_resampling as sampling
 import warp as wp
+from cutoff_case import assert_cuts, wandering_line
 from kernel_arrays import (
     CHUNKS,
     DEALS,
     REALS,
     SCALARS,
     SLABS,
-    going_on,
+    Backwards,
     ring_flags,
     share_out,
     split,
@@ -25,7 +26,6 @@ from reference import Law
 from test_kernel_collisions import Search
 
 from warpriver.kernels import smoothing
-from warpriver.kernels.polyline import FAULT
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -219,28 +219,18 @@ def test_a_circle_stays_round_when_it_is_resampled():
 
 def wandering_ring(rng, count):
     """A closed line that comes close to itself often: a wandering one whose gap is spread over all its points."""
-    xy = cutting.wandering_line(rng, count + 1)
+    xy = wandering_line(rng, count + 1)
     return xy[:-1] - np.arange(count)[:, None] / count * (xy[-1] - xy[0])
 
 
 def ring_case(seed, longer=0, device="cpu", varied=False):
     rng = np.random.default_rng(seed)
     lines = [wandering_ring(rng, int(n)) for n in rng.integers(8, 160, 5)]
-    lines[1:1] = [cutting.wandering_line(rng, 70)]
+    lines[1:1] = [wandering_line(rng, 70)]
     sections = None
     if varied:
         sections = [np.stack([rng.uniform(6.0, 18.0, len(xy)), np.ones(len(xy))], axis=1) for xy in lines]
-    return cutting.Case(lines, sections=sections, rings=(0, 2, 3, 4, 5), longer=longer, device=device)
-
-
-def twin_necks(case):
-    necks = case.twin_necks()
-    for c in case.rings:
-        xy = case.lines[c]
-        width = np.full(len(xy), case.width[c]) if case.sections is None else case.sections[c][:, 0]
-        mean = 0.5 * (width[:, None] + width)
-        necks[c] = twin.find_necks(xy, cutting.SPACING, case.cutoff * mean, case.min_arc * mean)
-    return necks
+    return cutoff_case.Case(lines, sections=sections, rings=(0, 2, 3, 4, 5), longer=longer, device=device)
 
 
 @pytest.mark.parametrize("varied", [False, True])
@@ -249,36 +239,14 @@ def test_necks_of_rings_are_those_of_all_pairs(device, varied):
     seam, total = 0, 0
     for seed in range(12):
         case = ring_case(seed, device=device, varied=varied)
-        expected = twin_necks(case)
-        for deal in (7, 64, *SLABS[:3]):
-            for ordered in cutting.orders(device):
-                found = case.necks(deal, ordered)
-                for c, neck in enumerate(expected):
-                    np.testing.assert_array_equal(found[c], neck)
+        expected = case.twin_necks()
+        for deal in (7, 64, Backwards(7), *SLABS[:3]):
+            for c, (found, neck) in enumerate(zip(case.necks(deal), expected, strict=True)):
+                np.testing.assert_array_equal(found, neck, err_msg=f"channel {c}")
         total += sum(int((neck >= 0).sum()) for neck in expected)
+        case.rings = ()
         seam += sum((a != b).any() for a, b in zip(case.twin_necks(), expected, strict=True))
     assert total > 100 and seam > 5
-
-
-def chosen(case, necks, deal):
-    """Cuts that the kernel keeps, by channel as lists of (i, j, outer); checks the counts."""
-    point_neck, chunk_necks, channel_necks = case.packed_necks(necks, deal)
-    cuts, points = (unwritten(len(case.lines), wp.int32, case.device) for _ in range(2))
-    outputs, before = [cuts, points, point_neck], [case.closed, case.longer]
-    case.launch_channels(case.kernel.select_cuts, deal, [chunk_necks, channel_necks], outputs, before)
-    kept = []
-    for xy, first, neck in zip(case.lines, case.start, split(point_neck.numpy(), case.start), strict=False):
-        found = [
-            (int(i), int(v - first if v >= 0 else -2 - v - first), bool(v < 0)) for i, v in enumerate(neck) if v != -1
-        ]
-        kept.append([(i, j, outer) for i, j, outer in found if i < len(xy)])
-    assert cuts.numpy().tolist() == [len(pairs) for pairs in kept]
-    sizes = [
-        [len(xy) - j + i + 1 if outer else j - i + 1 for i, j, outer in k]
-        for xy, k in zip(case.lines, kept, strict=True)
-    ]
-    assert points.numpy().tolist() == [sum(size) for size in sizes]
-    return kept, (point_neck, chunk_necks, cuts, points)
 
 
 @pytest.mark.parametrize("longer", [0, 1])
@@ -287,42 +255,18 @@ def test_cuts_of_rings_are_those_of_the_twin(device, longer):
     outer = inner = several = 0
     for seed in range(20):
         case = ring_case(seed, longer, device)
-        necks = twin_necks(case)
-        expected = [twin.select_cuts(necks[c], longer) if c in case.rings else None for c in range(len(necks))]
-        for deal in (7, 64, *SLABS[:3]):
-            kept, arrays = chosen(case, necks, deal)
+        necks = case.twin_necks()
+        expected = {c: twin.select_cuts(necks[c], longer) for c in case.rings}
+        for deal in (7, 64, Backwards(7), *SLABS[:3]):
+            kept = case.selected(necks, deal)
             for c in case.rings:
-                assert kept[c] == expected[c], (seed, deal, c)
-            assert_cut(case, kept, deal, *arrays)
-        flat = [k for kept in expected if kept for k in kept]
+                assert [(i, j, bool(out)) for i, j, *out in kept[c]] == expected[c], (seed, deal, c)
+            assert_cuts(case, kept, deal, necks)
+        flat = [k for kept in expected.values() for k in kept]
         outer += sum(k[2] for k in flat)
         inner += sum(not k[2] for k in flat)
-        several += sum(len(kept) > 1 for kept in expected if kept)
+        several += sum(len(kept) > 1 for kept in expected.values())
     assert inner > 10 and several > 3 and (outer > 3) == bool(longer)
-
-
-def assert_cut(case, kept, deal, point_neck, chunk_necks, cuts, points):
-    cut_sum, point_sum = (wp.empty_like(a) for a in (cuts, points))
-    wp.utils.array_scan(cuts, cut_sum, inclusive=True)
-    wp.utils.array_scan(points, point_sum, inclusive=True)
-    total, loop_points = int(cut_sum.numpy()[-1]), int(point_sum.numpy()[-1])
-    records = unwritten(total + 2, wp.vec4i, case.device)
-    loops = unwritten(loop_points + 2, case.kernel.vec2, case.device)
-    moved = to_device(case.packed, case.kernel.vec2, case.device)
-    status = going_on(case.device)
-    inputs = [chunk_necks, cut_sum, point_sum, point_neck, None]
-    case.launch_channels(case.kernel.cut_necks, deal, inputs, [records, loops, None, moved, status])
-    after = split(moved.numpy(), case.start)
-    expected = []
-    for c, xy in enumerate(case.lines):
-        left, own = twin.cut_necks(xy, kept[c])
-        np.testing.assert_array_equal(after[c][: len(xy)], left)
-        expected += [(c, loop) for loop in own]
-    found = records.numpy()[:total]
-    assert found[:, 0].tolist() == [c for c, _ in expected]
-    for (_, begin, count, _), (_, loop) in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(loops.numpy()[begin : begin + count], loop)
-    assert status.numpy()[FAULT] == 0 and np.isnan(loops.numpy()[loop_points:]).all()
 
 
 # ---- collisions, smoothing

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, status_of, to_device, unwritten
 
 from warpriver.kernels import schedule
-from warpriver.kernels.polyline import DONE, FAULT, GOAL, HALT, PARTS, STATUS_SIZE, STEPS, TOUCH
+from warpriver.kernels.polyline import CONTACTS, DONE, FAULT, GOAL, HALT, PARTS, STEPS, TOUCH
 
 
 def planned(limit, pace, mobility, time_step, dtype, device, before=0):
@@ -37,14 +37,10 @@ def planned(limit, pace, mobility, time_step, dtype, device, before=0):
 def test_faults_contacts_and_the_goal_halt_what_is_to_follow(device, status, contacts, halts, planned):
     """Contacts that the host knows of, from before the first sub-step of a row, do not; halted, nothing changes."""
     kernel = schedule.build(wp.float64)
-    state = np.zeros(STATUS_SIZE)
-    state[GOAL] = 3
-    state[list(status)] = list(status.values())
-    state, substep = to_device(state, wp.int32, device), to_device([0, 2, planned], wp.int32, device)
-    found, most = to_device([0, contacts], wp.int32, device), to_device([4], wp.int32, device)
+    state = status_of({GOAL: 3, CONTACTS: contacts} | status, device)
+    substep, most = to_device([0, 2, planned], wp.int32, device), to_device([4], wp.int32, device)
     mobility, pace = (to_device(np.full(3, 0.5), wp.float64, device) for _ in range(2))
-    inputs, outputs = [substep, found], [mobility, most, state]
-    wp.launch(kernel.begin_substep, dim=3, inputs=inputs, outputs=outputs, device=device)
+    wp.launch(kernel.begin_substep, dim=3, inputs=[substep], outputs=[mobility, most, state], device=device)
     assert state.numpy()[HALT] == halts
     assert (mobility.numpy() == (0.5 if halts or planned else 0.0)).all()
     assert most.numpy()[0] == (4 if halts or planned else 0)

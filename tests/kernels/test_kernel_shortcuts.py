@@ -4,12 +4,27 @@ import numpy as np
 import pytest
 import reference_paths as twin
 import warp as wp
+from cutoff_case import tangled_neck
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import DEALS, UNWRITTEN, by_fours, chunk_count, share_count, slab_bounds, to_device, unwritten
+from kernel_arrays import (
+    DEALS,
+    SLABS,
+    UNWRITTEN,
+    Backwards,
+    by_fours,
+    list_of_marks,
+    running_marks,
+    share_count,
+    share_of_points,
+    status_of,
+    to_device,
+    unwritten,
+)
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
 from warpriver.kernels import cutoffs, resampling, routes, shortcuts
+from warpriver.kernels.polyline import FAULT, LINKS_NEEDED
 
 FAULT_SHORTCUTS_FULL = 3
 
@@ -25,25 +40,15 @@ class Case(PackedLines):
     def ints(self, count=None):
         return unwritten(self.capacity if count is None else count, wp.int32, self.device)
 
-    def zeros(self, count):
-        return wp.zeros(count, dtype=wp.int32, device=self.device)
-
-    def counters(self, count, deal):
-        """What chunks count up from 0, and slabs write."""
-        return self.zeros(count) if isinstance(deal, int) else self.ints(count)
-
-    def share_of(self, deal):
-        """Share of the work that each point belongs to, (count,)."""
-        if isinstance(deal, int):
-            return np.arange(self.count) // deal
-        owner = np.repeat(np.arange(len(self.lines)), np.diff(self.start))
-        return np.searchsorted(slab_bounds(deal, len(self.lines))[1:], owner, side="right")
+    def zeros(self, count, kind=wp.int32):
+        return wp.zeros(count, dtype=kind, device=self.device)
 
     def shares(self, deal):
         return share_count(deal, len(self.lines), self.capacity)
 
     def chunks(self, deal):
-        return chunk_count(self.capacity, deal) if isinstance(deal, int) else 1
+        """Number of chunks; slabs have none, and arrays of one element for them."""
+        return self.shares(deal) if isinstance(deal, int) else 1
 
     def law(self, radius, min_arc, cone):
         law = self.kernel.ShortcutLaw()
@@ -53,43 +58,69 @@ class Case(PackedLines):
             law.channel_closed = self.closed
         return law
 
+    # ---- shortcuts
+
     def linked(self, radius, deal):
-        """Grid of the points: (next, head)."""
-        after, head = self.ints(), self.counters(4 * self.capacity, deal)
+        """Grid of the points: (next, head); with chunks a bucket has two fields, slabs empty their own."""
+        chunked = isinstance(deal, int)
+        after, head = self.ints(), self.zeros(8 * self.capacity) if chunked else self.ints(4 * self.capacity)
         inputs = [self.channel_start, self.form, self.step, radius, ..., self.points]
         self.launch(cutoffs.build(self.scalar).insert_points, deal, inputs, [after, by_fours(head), head])
         return after, head
 
-    def counted(self, radius, min_arc, cone, deal=64, ordered=0):
-        """Grid, shortcuts of each point and channel, and their sum over the shares; checks what is cleared."""
-        near, channels = [self.points, self.section, *self.linked(radius, deal)], len(self.lines)
-        law, points = self.law(radius, min_arc, cone), [self.ints() for _ in range(3)]
-        by_share, by_channel = self.ints(self.shares(deal)), self.counters(channels, deal)
-        inputs = [*self.shape, self.step, law, ..., ordered, *near]
-        self.launch(self.kernel.count_shortcuts, deal, inputs, [*points, by_share, by_channel])
-        owner = np.repeat(np.arange(channels), np.diff(self.start))
-        awake = ~np.isin(owner, self.resting)
-        links, neck, before = (a.numpy() for a in points)
-        for array in (links, neck, before):
-            assert (array[self.count :] == UNWRITTEN).all() and (array[: self.count][~awake] == UNWRITTEN).all()
-        assert (neck[: self.count][awake] == -1).all() and (before[: self.count][awake] == 0).all()
-        counts = np.where(awake, links[: self.count], 0)
-        assert by_channel.numpy().tolist() == np.bincount(owner, counts, channels).tolist()
-        assert by_share.numpy().tolist() == np.bincount(self.share_of(deal), counts, self.shares(deal)).tolist()
-        return law, near, points[0], by_channel, to_device(np.cumsum(by_share.numpy()), wp.int32, self.device)
+    def by_share(self, links, farthest, deal):
+        """Number of shortcuts that begin in each share, and the last point that one of them reaches, (shares, 2)."""
+        share, marks = share_of_points(deal, self.start), np.zeros((self.shares(deal), 2), int)
+        np.add.at(marks[:, 0], share, links[: self.count])
+        np.maximum.at(marks[:, 1], share, farthest[: self.count])
+        return marks
 
-    def shortcuts(self, radius, min_arc, cone, deal=64, ordered=0, room=None):
-        """Pairs by channel, numbered within the channel, in the order of the list."""
-        law, near, links, by_channel, total = self.counted(radius, min_arc, cone, deal, ordered)
-        found = int(total.numpy()[-1])
+    def search(self, law, near, deal):
+        """What counting writes, on the device: shortcuts, path and way back by point, by share, cuts, by channel."""
+        out = [self.ints() for _ in range(3)]
+        out += [unwritten(self.shares(deal), wp.vec2i, self.device) for _ in range(2)]
+        out += [self.ints(len(self.lines))]
+        self.launch(self.kernel.count_shortcuts, deal, [*self.shape, self.step, law, ..., *near], out)
+        return out
+
+    def counted(self, radius, min_arc, cone, deal=64):
+        """Grid, shortcuts of each point and channel, and running sums over the shares; checks what is cleared."""
+        near = [self.points, self.section, *self.linked(radius, deal)]
+        law, chunked = self.law(radius, min_arc, cone), isinstance(deal, int)
+        found = self.search(law, near, deal)
+        links, neck, before, by_share, cuts, by_channel = (a.numpy() for a in found)
+        owner = np.repeat(np.arange(len(self.lines)), np.diff(self.start))
+        resting = np.isin(owner, self.resting)
+        for array, cleared in ((links, 0), (neck, -1), (before, 0)):
+            assert (array[self.count :] == UNWRITTEN).all()
+            assert (array[: self.count][resting] == (cleared if chunked else UNWRITTEN)).all()
+        assert (neck[: self.count][~resting] == -1).all() and (before[: self.count][~resting] == 0).all()
+        assert (cuts == 0).all()
+        counts = np.where(resting, 0, links[: self.count])
+        farthest = np.zeros(self.count, int)
+        for c, pairs in enumerate(self.twin_shortcuts(radius, min_arc, cone)):
+            np.maximum.at(farthest, pairs[:, 0] + self.start[c], pairs[:, 1] + self.start[c])
+        assert by_share.tolist() == self.by_share(counts, farthest, deal).tolist()
+        if chunked:
+            assert (by_channel == UNWRITTEN).all()
+        else:
+            assert by_channel.tolist() == np.bincount(owner, counts, len(self.lines)).tolist()
+        return law, near, found[0], found[-1], running_marks(by_share, self.device)
+
+    def shortcuts(self, radius, min_arc, cone, deal=64, room=None):
+        """Pairs by channel, numbered within the channel, in the order of the list; None where there is no room."""
+        law, near, links, by_channel, total = self.counted(radius, min_arc, cone, deal)
+        found = int(total.numpy()[-1, 0])
         room = found + 3 if room is None else room
-        first, begin, end, fault = self.ints(), self.ints(room), self.ints(room), self.zeros(1)
+        first, begin, end, status = self.ints(), self.ints(room), self.ints(room), status_of({}, self.device)
         inputs = [*self.shape, law, ..., *near, links, by_channel, total]
-        self.launch(self.kernel.list_shortcuts, deal, inputs, [first, begin, end, fault])
-        if fault.numpy()[0] != 0:
-            assert fault.numpy()[0] == FAULT_SHORTCUTS_FULL and (end.numpy() == UNWRITTEN).all()
+        self.launch(self.kernel.list_shortcuts, deal, inputs, [first, begin, end, status])
+        assert status.numpy()[LINKS_NEEDED] == found, "told, whether there is room or not"
+        if room < found:
+            assert status.numpy()[FAULT] == FAULT_SHORTCUTS_FULL
+            assert all((array.numpy() == UNWRITTEN).all() for array in (first, begin, end))
             return None
-        assert (end.numpy()[found:] == UNWRITTEN).all()
+        assert status.numpy()[FAULT] == 0 and (end.numpy()[found:] == UNWRITTEN).all()
         pairs = np.stack([begin.numpy()[:found], end.numpy()[:found]], axis=1)
         i, at = np.unique(pairs[:, 0], return_index=True)
         assert (first.numpy()[i] == at).all() and (np.delete(first.numpy(), i) == UNWRITTEN).all()
@@ -104,74 +135,80 @@ class Case(PackedLines):
             found.append(pairs[:0] if c in self.resting else pairs)
         return found
 
-    def packed_links(self, pairs, deal):
-        """Shortcuts numbered within their channels, as the kernels have them, by name."""
+    # ---- what they save
+
+    def packed_links(self, pairs, deal, room=None):
+        """Shortcuts numbered within their channels, as the kernels have them, by name; ``room`` for so many."""
         packed = np.concatenate([p + a for p, a in zip(pairs, self.start[:-1], strict=True)])
         links = np.bincount(packed[:, 0], minlength=self.capacity)
-        by_share = np.bincount(self.share_of(deal), links[: self.count], self.shares(deal))
+        farthest = np.zeros(self.capacity, int)
+        np.maximum.at(farthest, packed[:, 0], packed[:, 1])
+        by_share, by_channel = self.by_share(links, farthest, deal), [len(p) for p in pairs]
+        if isinstance(deal, int):
+            by_channel = np.full(len(pairs), UNWRITTEN)
+        else:
+            # Where a channel has none, or rests, slabs look no further; there is what an earlier step left.
+            owner = np.repeat(np.arange(len(pairs)), np.diff(self.start))
+            links[: self.count][np.array(by_channel)[owner] == 0] = 2
         first = np.full(self.capacity, UNWRITTEN)
         i, at = np.unique(packed[:, 0], return_index=True)
         first[i] = at
-        arrays = {
-            "links": links,
-            "first": first,
-            "by_share": by_share,
-            "total": np.cumsum(by_share),
-            "by_channel": [len(p) for p in pairs],
-            "begin": packed[:, 0],
-            "end": packed[:, 1],
-        }
-        return {name: to_device(np.array(a), wp.int32, self.device) for name, a in arrays.items()}
-
-    def linked_chunks(self, given, deal):
-        """1 for the chunks in which shortcuts begin or end."""
-        flags = np.zeros(self.chunks(deal), int)
+        arrays = {"links": links, "first": first, "by_channel": by_channel}
+        arrays |= {"begin": packed[:room, 0], "end": packed[:room, 1]}
+        given = {name: to_device(np.array(a), wp.int32, self.device) for name, a in arrays.items()}
+        flags = None
         if isinstance(deal, int):
-            flags[given["begin"].numpy() // deal] = flags[given["end"].numpy() // deal] = 1
-        return flags
+            flags = np.zeros(self.chunks(deal), int)
+            flags[packed // deal] = 1
+        return given | {
+            "total": running_marks(by_share, self.device),
+            "flags": flags,
+            "marks": list_of_marks(flags, self.device),
+        }
+
+    def arcs(self, deal):
+        """Arc lengths on the device: (by point, offsets of the chunks)."""
+        arc, length = (unwritten(n, wp.int64, self.device) for n in (self.capacity, self.chunks(deal)))
+        kernel, status = resampling.build(self.scalar).measure_arcs, status_of({}, self.device)
+        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.points], [arc, length, status])
+        assert status.numpy()[FAULT] == 0
+        return arc, to_device(np.cumsum(length.numpy()), wp.int64, self.device)
 
     def weighed(self, pairs, deal):
         """What each shortcut saves, in the order of the list; checks the chunks where any begins or ends."""
-        chunks = self.chunks(deal)
-        arc, length = (unwritten(n, wp.float64, self.device) for n in (self.capacity, chunks))
-        kernel = resampling.build(self.scalar).measure_arcs
-        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.points], [arc, length])
-        offset = to_device(np.cumsum(length.numpy()), wp.float64, self.device)
-        given, ends = self.packed_links(pairs, deal), self.zeros(chunks)
+        given, marks = self.packed_links(pairs, deal), self.zeros(self.chunks(deal), wp.vec2i)
         saving = unwritten(given["begin"].shape[0], wp.float64, self.device)
-        inputs = [..., self.points, arc, offset, given["total"], given["begin"], given["end"]]
-        self.launch(self.kernel.weigh_shortcuts, deal, inputs, [saving, ends])
-        expected = self.linked_chunks(given, deal)
-        np.testing.assert_array_equal(ends.numpy(), expected)
+        inputs = [..., self.points, *self.arcs(deal), given["total"], given["begin"], given["end"]]
+        self.launch(self.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
+        flags = [0] if given["flags"] is None else given["flags"]
+        assert marks.numpy().tolist() == [[int(flag), 0] for flag in flags]
         return saving.numpy()
 
+    # ---- the path
+
     def path(self, pairs, saving, deal=64, room=None, head=None, ends_at=None):
-        """Shortcuts on the shortest path by channel, each where it begins; checks the counts.
+        """Shortcuts on the shortest path by channel, each where it begins; checks the counts by share.
 
         ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends.
         """
-        chunks, channels, given = self.chunks(deal), len(self.lines), self.packed_links(pairs, deal)
-        ends = self.linked_chunks(given, deal)
+        given, kernel = self.packed_links(pairs, deal, room), routes.build(self.scalar)
+        links = kernel.Links()
+        links.point_links, links.point_link = given["links"], given["first"]
+        links.link_from, links.link_to = given["begin"], given["end"]
+        links.link_saving = to_device(saving[:room], wp.float64, self.device)
         before = self.zeros(self.capacity) if ends_at is None else ends_at
-        neck, necks = self.ints(), self.zeros(chunks)
+        neck, saved = self.ints(), unwritten(self.capacity, wp.float64, self.device)
         neck.fill_(-1)
-        saved = unwritten(self.capacity, wp.float64, self.device)
-        cuts, points = self.ints(channels), self.ints(channels)
-        inputs = [self.channel_start, ..., head, given["links"], given["first"], given["total"]]
-        inputs += [given["by_channel"], to_device(ends, wp.int32, self.device), given["end"][:room]]
-        inputs += [to_device(saving, wp.float64, self.device)]
-        outputs = [before, saved, neck, necks, cuts, points]
-        self.launch(routes.build(self.scalar).find_path, deal, inputs, outputs, by_channel=True)
-        kept = []
+        cuts = self.zeros(self.shares(deal), wp.vec2i)
+        inputs = [self.channel_start, ..., self.closed, head]
+        inputs += [given["by_channel"], given["total"], given["marks"], links]
+        self.launch(kernel.find_path, deal, inputs, [before, saved, neck, cuts])
+        kept, counts, share = [], np.zeros((self.shares(deal), 2), int), share_of_points(deal, self.start)
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):
             kept.append([(int(i), int(own[i] - first)) for i in np.flatnonzero(own >= 0)])
-        assert cuts.numpy().tolist() == [len(k) for k in kept]
-        sizes = [[j - i + 1 + (len(xy) if j < i else 0) for i, j in k] for xy, k in zip(self.lines, kept, strict=True)]
-        assert points.numpy().tolist() == [sum(size) for size in sizes]
-        counted = np.zeros(chunks, int)
-        if isinstance(deal, int):
-            np.add.at(counted, np.flatnonzero(neck.numpy() >= 0) // deal, 1)
-        assert (necks.numpy() == counted).all()
+            for i, j in kept[-1]:
+                counts[share[first + i]] += [1, (j - i) % len(own) + 1]
+        assert cuts.numpy().tolist() == counts.tolist()
         return kept
 
 
@@ -189,9 +226,8 @@ def test_shortcuts_match_all_pairs(device, deal, cone):
         case = Case(lines, width=width, resting=resting, device=device)
         expected = case.twin_shortcuts(1.5, 3.0, cone)
         assert sum(len(p) for p in expected) > (20 if resting else 50)
-        for ordered in (0, 1) if device == "cpu" else (0,):
-            for channel, pairs in enumerate(case.shortcuts(1.5, 3.0, cone, deal, ordered)):
-                assert pairs.tolist() == expected[channel].tolist(), f"channel {channel}"
+        for channel, pairs in enumerate(case.shortcuts(1.5, 3.0, cone, deal)):
+            assert pairs.tolist() == expected[channel].tolist(), f"channel {channel}"
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
@@ -211,11 +247,11 @@ def test_any_shortcuts_match_all_pairs(counts, deal, seed, curl, radius, slack, 
     case = Case(lines, sections=varying_sections(rng, counts) if varies else None)
     min_arc = max(1.0, radius) + slack
     expected = case.twin_shortcuts(radius, min_arc, cone)
-    for channel, pairs in enumerate(case.shortcuts(radius, min_arc, cone, deal, 1)):
+    for channel, pairs in enumerate(case.shortcuts(radius, min_arc, cone, deal)):
         assert pairs.tolist() == expected[channel].tolist(), f"channel {channel}"
 
 
-@pytest.mark.parametrize("deal", [64, "one slab", "a slab each, apart"])
+@pytest.mark.parametrize("deal", [1, 64, Backwards(7), "one slab", "a slab each, apart"])
 def test_too_little_room_is_flagged_and_nothing_written(device, deal):
     rng = np.random.default_rng(1)
     case = Case([wandering_line(rng, 300), wandering_line(rng, 100)], device=device)
@@ -279,6 +315,83 @@ def test_any_links_with_ties_give_the_twins_route(counts, deal, seed, density):
         assert cut == twin.best_chain(n, links, gain)[0]
 
 
+def tangled_links(rng, n):
+    """Shortcuts of n points in ascending order, (k, 2): in clusters of all kinds, several to and from a point."""
+    neck = tangled_neck(rng, n)
+    i = np.flatnonzero(neck >= 0)
+    pairs = [np.stack([i, neck[i]], axis=1)]
+    for _ in range(2):
+        i = i[(neck[i] - i > 3) & (rng.random(len(i)) < 0.3)]
+        pairs.append(np.stack([i, rng.integers(i + 2, neck[i])], axis=1))
+    return np.unique(np.concatenate(pairs), axis=0)
+
+
+@settings(max_examples=120, deadline=None, derandomize=True, database=None)
+@given(
+    counts=st.lists(st.one_of(st.integers(3, 40), st.integers(3, 250)), min_size=1, max_size=8),
+    deal=st.sampled_from((1, 2, 7, 64, Backwards(7), *SLABS)),
+    seed=st.integers(0, 2**32 - 1),
+    whole=st.booleans(),
+)
+def test_any_tangle_of_links_gives_the_twins_route(counts, deal, seed, whole):
+    """Chunks sweep the clusters apart from each other, in any order; slabs a channel at once: the same route, ties too.
+
+    Clusters may share the point where one ends and the next begins, and one shortcut may pass over many of them.
+    """
+    rng = np.random.default_rng(seed)
+    resting = np.flatnonzero(rng.random(len(counts)) < 0.2)
+    pairs = [tangled_links(rng, n) for n in counts]
+    for c in resting:
+        pairs[c] = pairs[c][:0]
+    saving = [rng.uniform(-1.0, 9.0, len(p)) for p in pairs]
+    if whole:
+        saving = [rng.integers(-1, 4, len(p)).astype(float) for p in pairs]
+    case = Case([np.zeros((n, 2)) for n in counts], resting=tuple(resting))
+    if sum(map(len, pairs)) > 0:
+        kept = case.path(pairs, np.concatenate(saving), deal)
+        assert kept == [twin.best_chain(n, *given)[0] for n, *given in zip(counts, pairs, saving, strict=True)]
+
+
+def test_the_tangles_hold_what_they_are_to():
+    """Clusters of one and of many over several chunks of 64, and routes that go on where a cluster ends."""
+    rng, clusters, reach, shared, several = np.random.default_rng(1), [], 0, 0, 0
+    for n in rng.integers(3, 250, 200).tolist():
+        links, far = tangled_links(rng, n), -1
+        for i, j in links.tolist():
+            if i >= far:
+                clusters.append(0)
+                shared += i == far
+            clusters[-1] += 1
+            far = max(far, j)
+            reach = max(reach, j - i)
+        several += len(twin.best_chain(n, links, rng.uniform(-1.0, 9.0, len(links)))[0]) > 3
+    assert reach > 192 and shared > 100 and several > 50
+    assert clusters.count(1) > 50 and max(clusters) > 50
+
+
+@pytest.mark.parametrize("deal", [1, 7, *SLABS[:2]])
+def test_a_halted_step_finds_no_shortcuts_and_no_route(device, deal):
+    """What the sub-step before has found, and told, stays."""
+    rng = np.random.default_rng(1)
+    lines = [wandering_line(rng, 300), wandering_line(rng, 100)]
+    case = Case(lines, device=device)
+    law, near, links, by_channel, total = case.counted(1.5, 3.0, 90.0, deal)
+    pairs = case.twin_shortcuts(1.5, 3.0, 90.0)
+    found = sum(map(len, pairs))
+    case.halt = 1
+    assert all((array.numpy() == UNWRITTEN).all() for array in case.search(law, near, deal))
+    first, begin, end, status = case.ints(), case.ints(found), case.ints(found - 1), status_of({}, device)
+    inputs = [*case.shape, law, ..., *near, links, by_channel, total]
+    case.launch(case.kernel.list_shortcuts, deal, inputs, [first, begin, end, status])
+    assert all((array.numpy() == UNWRITTEN).all() for array in (first, begin, end)) and not status.numpy().any()
+    saving, marks = unwritten(found, wp.float64, device), case.zeros(case.chunks(deal), wp.vec2i)
+    given = case.packed_links(pairs, deal)
+    inputs = [..., case.points, *case.arcs(deal), total, given["begin"], given["end"]]
+    case.launch(case.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
+    assert np.isnan(saving.numpy()).all() and not marks.numpy().any()
+    assert case.path(pairs, np.ones(found), deal) == [[], []]
+
+
 @pytest.mark.parametrize("deal", DEALS)
 def test_ties_by_hand(device, deal):
     case = Case([np.zeros((12, 2))], device=device)
@@ -288,5 +401,7 @@ def test_ties_by_hand(device, deal):
         ([(0, 5), (0, 9), (5, 9)], [2.0, 4.0, 2.0], [(0, 9)]),  # a chain of two is no better than one
         ([(0, 5), (0, 9), (5, 9)], [2.0, 4.0, 2.5], [(0, 5), (5, 9)]),  # end to end: they share a point
         ([(0, 6), (1, 4), (5, 9)], [3.0, 2.0, 2.0], [(1, 4), (5, 9)]),  # two short ones beat one long one
+        ([(0, 3), (3, 6), (6, 11)], [1.0, 1.0, 1.0], [(0, 3), (3, 6), (6, 11)]),  # three clusters of one, end to end
+        ([(0, 3), (0, 11), (3, 6), (6, 11)], [1.0, 3.5, 1.0, 1.0], [(0, 11)]),  # one over them all
     ):
         assert case.path([np.array(links)], np.array(saving), deal)[0] == expected

@@ -74,7 +74,11 @@ def add(commands: Any) -> None:
         "--batch", type=int, default=1, metavar="B", help="units of rain that walk at a time (default 1, one by one)"
     )
     model.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
-    model.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
+    model.add_argument(
+        "--device",
+        default="cpu",
+        help='of batches: "cpu", "cuda", "cuda:1" ...; one by one it is the CPU (default cpu)',
+    )
     out = parser.add_argument_group("output")
     out.add_argument("-o", "--out", default="out/erode", metavar="FOLDER", help="where results go (default out/erode)")
     out.add_argument(

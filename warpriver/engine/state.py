@@ -26,7 +26,7 @@ from warpriver.kernels.polyline import (
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "State", "Status"]
+__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -485,21 +485,21 @@ class State:
     def nbytes(self) -> int:
         """Device memory of all arrays in bytes, those of the phases included."""
         # Two that begin at the same place are one.
-        arrays = {a.ptr: a for a in _arrays_of([vars(self), self.phases])}
+        arrays = {a.ptr: a for a in arrays_of([vars(self), self.phases])}
         return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays.values())
 
 
-def _arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
+def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
     """Device arrays in values, in containers and in what belongs to the phases; those of the network are its own."""
     for value in values:
         if isinstance(value, wp.array):
             yield value
         elif isinstance(value, (list, tuple)):
-            yield from _arrays_of(value)
+            yield from arrays_of(value)
         elif isinstance(value, dict):
-            yield from _arrays_of(value.values())
+            yield from arrays_of(value.values())
         elif type(value).__module__.startswith("warpriver.") and not isinstance(value, (RiverNetwork, Terrain, State)):
-            yield from _arrays_of(getattr(value, "__dict__", {}).values())
+            yield from arrays_of(getattr(value, "__dict__", {}).values())
 
 
 def _assign(array: wp.array, values: np.ndarray) -> None:

@@ -65,8 +65,9 @@ def erode(
     its way, the outlet included, is lowered by D. Then, while two neighbours differ by more than M, the taller one
     loses a quarter of the difference. No pit comes up by this, and water never goes uphill.
 
-    **Serial** (``batch=1``): one event after another, to the letter; on a GPU by a single thread. Slides are dealt with
-    from the last cell of the way upwards; around a cell, clockwise from the north.
+    **Serial** (``batch=1``): one event after another, to the letter. Slides are dealt with from the last cell of the
+    way upwards; around a cell, clockwise from the north. That is work for one thread, so it runs on the CPU wherever
+    the terrain lies, and gives the same bits for each.
 
     **Batched** (``batch`` of B): B units of rain walk over the same heights at a time; then all that they take is taken
     away, and then slides come to rest. Two rules keep the result independent of the order of threads, and pits away:
@@ -94,7 +95,7 @@ def erode(
             default those of an ErodedTerrain, else "open".
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall"; by default those of an
             ErodedTerrain, else "outlet".
-        batch: Units of rain that walk at a time.
+        batch: Units of rain that walk at a time; with 1 the CPU does the work, else the terrain's device.
         fill: Raise ground from which water cannot leave until it can, with a least slope towards its outlet.
         record_every: Events between snapshots, which the start and the end belong to; None for none. In batches they
             are taken at the end of the batch.
@@ -102,7 +103,7 @@ def erode(
         progress: Show a progress bar.
 
     Returns:
-        The eroded terrain, on the same device.
+        The eroded terrain, on the device of the start.
 
     Raises:
         ValueError: A number out of range, an unknown edge rule, no way out (no open side and no outlet within), cells
@@ -110,7 +111,8 @@ def erode(
         MemoryError: There is no room, told before anything is allocated.
     """
     batch = _whole(batch, "batch", 1)
-    run = _Run(terrain, params, events, [seed], edges, nodata, fill, dtype)
+    # A GPU has nothing to offer to a single thread.
+    run = _Run(terrain, params, events, [seed], edges, nodata, fill, dtype, device="cpu" if batch == 1 else None)
     stops = _stops(run.first, run.first + run.events, record_every, batch)
     snapshots = [run.result(0)] if record_every is not None else []
     advance = run.rain_serially if batch == 1 else lambda stop: run.rain_in_batches(stop, batch)
@@ -136,9 +138,10 @@ def erode_ensemble(
     dtype: str = "float64",
     progress: bool = False,
 ) -> list[ErodedTerrain]:
-    """Erode many grids at once, each by a thread of its own and one event after another.
+    """Erode many grids at once on their device, each by a thread of its own and one event after another.
 
-    Each result is, to the bit, that of ``erode(terrain, ..., seed=seed)``.
+    Each result is that of ``erode(terrain, ..., seed=seed)``: on the CPU to the bit; a GPU rounds exponentials in its
+    own way, which may send a walk elsewhere where a random number falls between the two.
 
     Args:
         terrain: The start of all, or one for each seed: all of one shape, cell size and device, with the same cells
@@ -175,6 +178,7 @@ class _Run:
         events: Events to come.
         seeds: One for each grid.
         done: Events that the grids have seen now.
+        device: Where the grids lie while it rains; results go to the device of the starts.
         law: The struct of the kernels.
         height: (grids * cells,) heights on the device.
     """
@@ -189,6 +193,7 @@ class _Run:
         nodata: NoData | None,
         fill: bool,
         dtype: str,
+        device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
         self.seeds = [_whole(seed, "seed", 0) for seed in seeds]
@@ -203,7 +208,7 @@ class _Run:
         self.rules = side_rules(edges if edges is not None else known.edges if known else "open")
         self.nodata: NoData = nodata if nodata is not None else known.nodata if known else "outlet"
         self.first = self.done = known.events if known else 0
-        self.device, self.dtype = resolve_device(start.device), dtype
+        self.device, self.dtype = resolve_device(start.device if device is None else device), dtype
         if self.first + self.events >= 2**31:
             raise ValueError(f"events would come to {self.first + self.events}; 2^31 is the limit")
         require_memory((start.shape[0] * len(self.seeds), start.shape[1]), GRID_BYTES, self.device, "erosion")
@@ -240,19 +245,24 @@ class _Run:
         if self.cells * grids >= 2**31:
             raise ValueError(f"{grids} grids have {self.cells * grids} cells; 2^31 is the limit, do fewer at a time")
         self.tally: wp.array = wp.zeros(3 * grids, dtype=wp.int64, device=self.device)
+        self.height: wp.array = wp.empty(grids * self.cells, dtype=self.scalar, device=self.device)
+        self.marks = [_HostedArray(self.words, wp.uint64, self.device) for _ in range(2)]
+        self.beside = _HostedArray(self.words, wp.uint64, self.device)
+        self.listed = _HostedArray(self.words, wp.int32, self.device)
+        self.steep = wp.zeros((len(PAIR_NEIGHBORS), self.words), dtype=wp.uint64, device=self.device)
         slides = np.zeros(len(heights), np.int64)
-        rested = []
         for g, height in enumerate(heights):
-            array: wp.array = wp.array(height.astype(self.real).reshape(-1), dtype=self.scalar, device=self.device)
+            part = self.height[g * self.cells : (g + 1) * self.cells]
+            part.assign(height.astype(self.real).reshape(-1))
             before = int(self.tally.numpy()[1])
-            self._rest(array, wp.full(self.words, 2**WORD - 1, dtype=wp.uint64, device=self.device))
+            self.marks[0].array.fill_(2**WORD - 1)
+            self._rest(part)
             slides[g] = int(self.tally.numpy()[1]) - before
-            rested.append(array.numpy().copy())
+        for g in range(len(heights), grids):
+            wp.copy(self.height, self.height, g * self.cells, 0, self.cells)
         self.tally.zero_()
         self.start_slides = np.broadcast_to(slides, grids)
         self.start_height = heights
-        tiled = rested * grids if len(rested) == 1 else rested
-        self.height: wp.array = wp.array(np.concatenate(tiled), dtype=self.scalar, device=self.device)
         pairs = np.array([np.random.SeedSequence(seed).generate_state(2) >> 1 for seed in self.seeds], np.int32)
         self.grid_seed: wp.array = wp.array(pairs[:, 0].copy(), dtype=int, device=self.device)
         self.rain_seed, self.turn_seed = (int(v) for v in pairs[0])
@@ -335,7 +345,7 @@ class _Run:
         begin = self.done
         below, visits = self._array("below", int, 1, -1), self._array("visits", int, 1)
         rows, columns = self.law.rows, self.law.columns
-        lowered = wp.zeros(self.words, dtype=wp.uint64, device=self.device)
+        lowered = self.marks[0].array
         chunk = WORD if self.device.is_cpu else 1
         tables = [a.reshape((rows, columns)) for a in (self.height, visits, below)]
         while self.done < stop:
@@ -347,35 +357,40 @@ class _Run:
             lowered.zero_()
             dim, inputs = (rows, -(-columns // chunk)), [self.law, chunk]
             wp.launch(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
-            self._rest(self.height, lowered)
+            self._rest(self.height)
             self.done += count
         return self.done - begin
 
-    def _rest(self, height: wp.array, marks: wp.array) -> None:
-        """Let pairs slide, sweep by sweep, until there is rest; only marked cells have been lowered."""
+    def _rest(self, height: wp.array) -> None:
+        """Let pairs slide, sweep by sweep, until there is rest; only the cells in ``marks[0]`` have been lowered."""
         rows, columns = self.law.rows, self.law.columns
         odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
         chunk = WORD if self.device.is_cpu else 1
-        steep = wp.zeros((len(PAIR_NEIGHBORS), self.words), dtype=wp.uint64, device=self.device)
-        while True:
-            beside, listed = self._beside(marks)
-            if not listed.size:
-                return
-            dim, inputs = (listed.size, WORD // chunk), [self.law, chunk, listed, beside, height]
+        listed, beside, steep = self.listed.array, self.beside.array, self.steep
+        lowered, slid = self.marks
+        while words := self._list_beside(lowered):
+            dim, inputs = (words, WORD // chunk), [self.law, chunk, listed, beside, height]
             steep.zero_()
             wp.launch(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
-            marks = wp.zeros(self.words, dtype=wp.uint64, device=self.device)
+            slid.array.zero_()
             for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
                 for color in range(3 if odd else 2):
-                    inputs, outputs = [self.law, k, color, chunk, listed, steep], [height, marks, self.tally]
+                    inputs, outputs = [self.law, k, color, chunk, listed, steep], [height, slid.array, self.tally]
                     wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
+            lowered, slid = slid, lowered
 
-    def _beside(self, marks: wp.array) -> tuple[wp.array, wp.array]:
-        """Marks of the cells from which pairs may reach into marked ones, and the numbers of words that have some."""
+    def _list_beside(self, marks: _HostedArray) -> int:
+        """Mark the cells from which pairs may reach into marked ones, and list the words that have some; their count.
+
+        The host does that: sweeps soon have few words left, and it has to look at each one whether there is rest.
+        """
         wraps = bool(self.law.wraps_rows), bool(self.law.wraps_columns)
-        beside = marks_beside(marks.numpy(), (int(self.law.rows), int(self.law.columns)), wraps)
-        listed = np.flatnonzero(beside).astype(np.int32)
-        return wp.array(beside, dtype=wp.uint64, device=self.device), wp.array(listed, dtype=int, device=self.device)
+        found = marks_beside(marks.fetched(), (int(self.law.rows), int(self.law.columns)), wraps)
+        words = np.flatnonzero(found)
+        if len(words):
+            self.beside.send(found)
+            self.listed.send(words)
+        return len(words)
 
     def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
         """Scratch of one value a cell and grid, made when it is first asked for."""
@@ -396,8 +411,35 @@ class _Run:
         slides += int(self.start_slides[grid])
         earlier = start._account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
         account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
-        array: wp.array = wp.array(height, dtype=wp.float64, device=self.device)
+        array: wp.array = wp.array(height, dtype=wp.float64, device=start.device)
         return ErodedTerrain._with_account(start, array, self.rules, self.nodata, self.params, account)
+
+
+class _HostedArray:
+    """An array on a device that the host reads and writes in turns, without any new allocation.
+
+    On the CPU the host looks at the array itself; for a GPU it has a copy in pinned memory.
+    """
+
+    def __init__(self, count: int, kind: Any, device: Any):
+        self.array: wp.array = wp.zeros(count, dtype=kind, device=device)
+        self._copy = self.array
+        if not device.is_cpu:
+            self._copy = wp.zeros(count, dtype=kind, device="cpu", pinned=True)
+        self._values = self._copy.numpy()
+
+    def fetched(self) -> np.ndarray:
+        """Values now, once all that was launched before has been done; they hold until the next call."""
+        if self._copy is not self.array:
+            wp.copy(self._copy, self.array)
+            wp.synchronize_stream(self.array.device)
+        return self._values
+
+    def send(self, values: np.ndarray) -> None:
+        """Set the first values; what was sent before must have arrived, as it has when anything was fetched since."""
+        self._values[: len(values)] = values
+        if self._copy is not self.array:
+            wp.copy(self.array, self._copy, count=len(values))
 
 
 def marks_beside(marks: NDArray[np.uint64], shape: tuple[int, int], wraps: tuple[bool, bool]) -> NDArray[np.uint64]:

@@ -134,7 +134,8 @@ def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[n
     last = np.ceil([(top - south) / size, (east - left) / size]).astype(int) + rim
     first, last = np.clip(first, 0, np.array(terrain.shape) - 1), np.clip(last, 1, terrain.shape)
     last = np.maximum(last, first + 1)
-    height = terrain.height.numpy()[first[0] : last[0], first[1] : last[1]]
+    (top_row, left_column), (end_row, end_column) = first.tolist(), last.tolist()
+    height = terrain.height[top_row:end_row, left_column:end_column].contiguous().numpy()
     if factor > 1:
         height = _block_mean(height, factor)
     gap = np.isnan(height)
