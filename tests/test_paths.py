@@ -33,7 +33,7 @@ def wandering_line(rng, count, curl=0.6):
 
 
 def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
-    """A network whose points stay as they are, and have moved, in the state of a step, with the phases of the solver."""
+    """A network whose points are as they have moved, in the state of a step, with the phases of the solver."""
     network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed, device=device)
     even = np.full(len(lines), spacing)
     sampler = Resample()
@@ -41,6 +41,7 @@ def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPAC
     state = engine.State(network, params.replace(spacing=spacing), None, (push, cutter, sampler), any_step)
     state.begin()
     state.allocate_points(network.point_count)
+    cutter.loops.reserve(state, network.point_count, 4 * network.point_count)
     wp.copy(state.point_moved, network.point_xy, count=network.point_count)
     state.assign(state.spacing, even)
     state.parts.fill_(1)
@@ -134,9 +135,8 @@ def taken(state):
 
 
 def reserve(state):
-    """Make room for all shortcuts and loops that there can be."""
+    """Make room for more shortcuts than there are."""
     state.found.reserve(state.inner, 100_000)
-    state.cutter.loops.reserve(state.inner, state.network.point_count, 4 * state.network.point_count)
 
 
 def assert_same(results):
@@ -293,10 +293,10 @@ def test_checked_phases_and_float32(device):
     for dtype in ("float64", "float32"):
         sims.append(
             wr.Simulation(
-                wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype, device=device
+                wr.RiverNetwork.from_polylines([line], width=100.0), wr.PathMeander(), dtype=dtype, device=device,
+                check=dtype == "float32",
             )
-        )
-        sims[-1].check = dtype == "float32"
+        )  # fmt: skip
         sims[-1].run(steps=900, record_every=75)
     sinuous = [np.mean([wr.metrics.sinuosity(n.polylines()[0]) for n in s.history.networks[6:]]) for s in sims]
     assert sinuous[1] == pytest.approx(sinuous[0], rel=0.2) and len(sims[1].history.cutoffs) > 20

@@ -12,7 +12,8 @@ from insides import loops_of, tighten
 from trees import random_tree
 
 from warpriver import Every, History, MeanderParams, PathMeander, RiverNetwork, Simulation, StopReason, generate
-from warpriver.meander import checks
+from warpriver.engine.phase import PhaseError
+from warpriver.meander.resampling import Resample
 
 
 def wandering(seed=0, length=12_000.0, width=50.0, channels=1, **options):
@@ -278,16 +279,16 @@ def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before(dev
 
 def test_a_broken_phase_is_found(monkeypatch, device):
     sim = Simulation(wandering(), check=True, device=device)
-    real = checks._check_resampled
+    real = Resample.check
 
-    def shifted(network, spacing):
-        xy = network.point_xy.numpy().copy()
+    def shifted(self, state):
+        xy = state.network.point_xy.numpy().copy()
         xy[10] += 500.0
-        network.point_xy.assign(xy)
-        real(network, spacing)
+        state.network.point_xy.assign(xy)
+        real(self, state)
 
-    monkeypatch.setattr(checks, "_check_resampled", shifted)
-    with pytest.raises(checks.PhaseError, match="too far from the next"):
+    monkeypatch.setattr(Resample, "check", shifted)
+    with pytest.raises(PhaseError, match="too far from the next"):
         sim.run(steps=3)
     assert sim.history.stop_reason is StopReason.CHECK_FAILED
 

@@ -9,7 +9,7 @@ import phases
 import pytest
 
 import warpriver as wr
-from warpriver.meander import solvers
+from warpriver import models
 from warpriver.meander.migration import explicit_dt, stable_dt
 from warpriver.network import bankfull_depth
 
@@ -229,8 +229,8 @@ def never_part(patch):
     def unlimited(width, *_):
         return np.full(len(width), np.inf), np.full(len(width), np.inf)
 
-    whole = dataclasses.replace(solvers.SOLVERS[wr.MeanderParams], limits=unlimited)
-    patch.setitem(solvers.SOLVERS, wr.MeanderParams, whole)
+    make = models.MODELS[wr.MeanderParams]
+    patch.setitem(models.MODELS, wr.MeanderParams, lambda params: dataclasses.replace(make(params), limits=unlimited))
 
 
 def impulse_response(width, spacing, time_step, monkeypatch, *, device):
