@@ -130,7 +130,7 @@ class Stepper:
         goal, state = self.step_count + count, self.state
         while self.step_count < goal:
             steps = goal - self.step_count
-            length = max(1, min(self.row_limit, self._calm, steps * state.substeps))
+            length = max(1, min(self.row_limit, SUBSTEPS_IN_A_ROW, self._calm, steps * state.substeps))
             # Powers of two: a few recordings serve rows of any length.
             status = self._launch(1 << length.bit_length() - 1, steps)
             if status[DONE] > 0:
