@@ -1,4 +1,4 @@
-"""Prints the figures of results/ as Markdown: the table of the README, and with --goals what was aimed at beside it."""
+"""Prints the figures of results/ as Markdown: the table of docs/speed.md, or with --goals the goals beside them."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def one(result: dict | None, case: str, **wanted: object) -> dict | None:
 
 
 def points_table(step: dict) -> str:
-    """Nanoseconds a point and step against points."""
+    """Nanoseconds per point and step against points."""
     sizes = [n for n in SIZES if one(step, "1000 a channel", asked_points=n)]
     lines = [f"| points | {' | '.join(f'{n:,}' for n in sizes)} |", "| --- " * (len(sizes) + 1) + "|"]
     for variant, name in KINDS.items():
         rows = [one(step, "1000 a channel", asked_points=n, variant=variant) for n in sizes]
         cells = [f"{r['ns_per_point']:.0f}" if r else "" for r in rows]
-        lines.append(f"| {name}, ns a point and step | {' | '.join(cells)} |")
+        lines.append(f"| {name}, ns per point and step | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def sentences(step: dict, network: dict | None, startup: dict | None) -> list[str]:
-    """What else the README says, as far as it was measured."""
+    """What else docs/speed.md says, as far as it was measured."""
     said = []
     peers = rows_of(step, "meanderpy")
     if peers:

@@ -78,7 +78,7 @@ def test_the_table_has_the_figures_and_tells_which_goals_are_met(folder, capsys)
     assert table.main([str(folder)]) == 0
     said = capsys.readouterr().out
     assert "| points | 1,000 | 10,000 | 100,000 |" in said
-    assert "| with cutoffs, ns a point and step | 60 | 60 | 60 |" in said
+    assert "| with cutoffs, ns per point and step | 60 | 60 | 60 |" in said
     assert "1/100 of meanderpy's time at 300 points" in said and "20.0 GB/s" in said
     assert table.main([str(folder), "--goals"]) == 0
     said = capsys.readouterr().out

@@ -138,12 +138,3 @@ def test_every_source_key_is_in_the_bibliography():
         for path in (ROOT / folder).rglob("*.py"):
             used |= set(re.findall(r"\b([A-Z][a-z]+(?:19|20)\d\d)\b", path.read_text()))
     assert used <= known, used - known
-
-
-def test_the_readme_names_commands_that_exist():
-    readme = (ROOT / "README.md").read_text()
-    help_text = python("from warpriver.cli import _parser; print(_parser().format_help())")
-    for command in set(re.findall(r"^ *\$? *warpriver (\w+)", readme, flags=re.M)):
-        assert command in help_text, command
-    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.M))
-    assert set(re.findall(r"^ *\$? *make (\w+)", readme, flags=re.M)) <= targets

@@ -1,0 +1,229 @@
+"""Every default of every parameter class, written out: whoever changes one has to change it here as well, on purpose.
+
+A changed default changes what runs without that parameter compute. Say so in CHANGELOG.md.
+"""
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+
+import pytest
+
+import warpriver
+
+# Class -> field -> (default, unit); no unit where the field is not one constant. In the order of the constructor.
+DEFAULTS = {
+    "MeanderParams": {
+        "time_step": (0.29021218343600275, "yr"),
+        "spacing": (50.0, "m"),
+        "spacing_in_widths": (0.0, "widths"),
+        "migration_rate": (60.0, "m/yr"),
+        "reference_width": (0.0, "m"),
+        "friction": (0.011, "-"),
+        "local_weight": (-1.0, "-"),
+        "upstream_weight": (2.5, "-"),
+        "sinuosity_scaling": ("upstream", "-"),
+        "cutoff_distance": (1.0, "widths"),
+        "cutoff_min_arc": (5.0, "widths"),
+        "ring_policy": ("longer", "-"),
+        "end_damping": (5.0, "widths"),
+        "taubin_passes": (0, "-"),
+        "slope_threshold": (0.15, "m/m"),
+        "collision_distance": (1.0, "mean widths"),
+        "junction_reach": (10.0, "widths"),
+        "junction_drift": (0.0, "-"),
+    },
+    "PathMeander": {
+        "time_step": (0.29021218343600275, "yr"),
+        "spacing": (50.0, "m"),
+        "spacing_in_widths": (0.0, "widths"),
+        "displacement_rate": (60.0, "m/yr"),
+        "downstream_share": (0.9, "-"),
+        "blur_length": (1.5, "widths"),
+        "smoothing": (0.35, "-"),
+        "search_radius": (1.5, "widths"),
+        "cone_angle": (45.0, "deg"),
+        "cutoff_min_arc": (5.0, "widths"),
+        "ring_policy": ("longer", "-"),
+        "end_damping": (5.0, "widths"),
+        "taubin_passes": (0, "-"),
+        "slope_threshold": (0.15, "m/m"),
+        "collision_distance": (1.0, "mean widths"),
+        "junction_reach": (10.0, "widths"),
+        "junction_drift": (0.0, "-"),
+    },
+    "JunctionParams": {
+        "narrow_angle": (25.0, "deg"),
+        "wide_angle": (80.0, "deg"),
+        "exponent": (0.5, "-"),
+        "reach": (6.0, "widths"),
+    },
+    "LehenyParams": {
+        "flow_bias": (0.05, "1/m"),
+        "depth": (10.0, "m"),
+        "slide_threshold": (2000.0, "m"),
+        "neighbors": (8, "-"),
+    },
+    "ValleyParams": {
+        "name": ("valley", None),
+        "length": (420.0, "m"),
+        "slope": (0.002, "m/m"),
+        "valley_slope": (None, None),
+        "width": (30.0, "m"),
+        "depth": (None, None),
+        "grain_size": (0.064, "m"),
+        "shields": (0.04, "-"),
+        "submerged_gravity": (1.65, "-"),
+        "floor_width": (25.0, "m"),
+        "top_width": (25.0, "m"),
+        "floor_height": (0.0, "m"),
+        "top_height": (0.0, "m"),
+        "terraces": (0, "-"),
+        "datum": (1000.0, "m"),
+        "increments": (784, "-"),
+        "stationing": ("channel", "-"),
+        "fall": ("valley", "-"),
+        "curvature_limit": (1.2, "-"),
+        "sharp_bends": ("error", "-"),
+        "controls": ({}, None),
+        "section": ("CrossSection()", None),
+        "line": (None, None),
+        "covariance": (None, None),
+        "threads": ((), None),
+        "objects": ((), None),
+    },
+    "CrossSection": {
+        "form": ("asymmetric", "-"),
+        "flat": (0.5, "-"),
+        "exponent": (2.0, "-"),
+        "threads": (((0.0, 0.25, 2.0, 1.0), (0.5, 0.25, 2.0, 0.7)), None),
+    },
+    "Thread": {
+        "start": (0.2, "reach"),
+        "end": (0.8, "reach"),
+        "offset": (50.0, "m"),
+        "width": (0.6, "-"),
+        "depth": (0.8, "-"),
+    },
+    "ObjectField": {
+        "kind": ("boulder", "-"),
+        "where": ("channel", "-"),
+        "density": (0.01, "1/m2"),
+        "smallest": (0.3, "m"),
+        "largest": (1.5, "m"),
+        "height": (1.0, "radii"),
+        "length": (8.0, "m"),
+        "seed": (0, "-"),
+    },
+    "CovarianceTarget": {
+        "partner": ("width", "-"),
+        "mean": (None, None),
+        "frequencies": ((1.0,), None),
+        "by_frequency": (None, None),
+        "amplitude": (0.25, "depths"),
+    },
+    "Autoregressive": {
+        "amplitude": (1.0, "-"),
+        "frequency": (1.0, "cycles a reach"),
+        "damping": (0.3, "-"),
+        "samples": (784, "-"),
+        "seed": (0, "-"),
+    },
+    "Cnoidal": {
+        "amplitude": (1.0, "-"),
+        "frequency": (1.0, "cycles a reach"),
+        "phase": (0.0, "rad"),
+        "modulus": (0.9, "-"),
+    },
+    "GradientNoise": {
+        "amplitude": (1.0, "-"),
+        "frequency": (4.0, "steps a reach"),
+        "octaves": (1, "-"),
+        "roughness": (0.5, "-"),
+        "seed": (0, "-"),
+    },
+    "Harmonic": {
+        "amplitude": (1.0, "-"),
+        "frequency": (1.0, "cycles a reach"),
+        "phase": (0.0, "rad"),
+        "wave": ("sin", "-"),
+    },
+    "Kinoshita": {
+        "amplitude": (1.0, "-"),
+        "frequency": (1.0, "cycles a reach"),
+        "phase": (0.0, "rad"),
+        "angle": (1.9, "rad"),
+        "skewness": (0.03125, "-"),
+        "flatness": (0.005208333333333333, "-"),
+    },
+    "Series": {
+        "values": ((0.0, 0.0), None),
+        "positions": (None, None),
+        "amplitude": (1.0, "-"),
+        "relative": (False, None),
+        "harmonics": (0, "-"),
+    },
+    "SineGenerated": {
+        "amplitude": (1.0, "-"),
+        "frequency": (1.0, "cycles a reach"),
+        "phase": (0.0, "rad"),
+        "angle": (1.9, "rad"),
+    },
+    "Spectral": {
+        "amplitude": (1.0, "-"),
+        "exponent": (1.0, "-"),
+        "lowest": (1, "cycles a reach"),
+        "highest": (64, "cycles a reach"),
+        "seed": (0, "-"),
+    },
+    "Spline": {
+        "positions": ((0.0, 1.0), None),
+        "values": ((0.0, 0.0), None),
+        "interpolation": ("cubic", "-"),
+    },
+    "Steps": {
+        "positions": ((0.5,), None),
+        "levels": ((0.0, -1.0), None),
+        "riser": (0.01, "reach"),
+    },
+}
+
+
+def parameter_classes():
+    """Every dataclass that declares a constant with a unit, by its name, from all modules of the package."""
+    found = {}
+    for module in pkgutil.walk_packages(warpriver.__path__, "warpriver."):
+        if module.name.endswith("__main__"):
+            continue
+        for name, kind in inspect.getmembers(importlib.import_module(module.name), inspect.isclass):
+            if kind.__module__ != module.name or not dataclasses.is_dataclass(kind):
+                continue
+            if any("unit" in field.metadata for field in dataclasses.fields(kind)):
+                assert name not in found, f"{module.name} and {found[name].__module__} both have a {name}"
+                found[name] = kind
+    return found
+
+
+def default_of(field):
+    """The default of a field; of one that is a parameter class itself, its name and brackets."""
+    value = field.default if field.default is not dataclasses.MISSING else field.default_factory()
+    if dataclasses.is_dataclass(value):
+        assert value == type(value)(), f"{field.name} is not the default {type(value).__name__}"
+        return f"{type(value).__name__}()"
+    return value
+
+
+def test_every_parameter_class_is_listed():
+    assert set(parameter_classes()) == set(DEFAULTS)
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_defaults_and_units_are_these(name):
+    fields = dataclasses.fields(parameter_classes()[name])
+    found = {field.name: (default_of(field), field.metadata.get("unit")) for field in fields}
+    # By their texts: a default of 0 and one of 0.0 are different, since the first takes whole numbers only.
+    assert {key: repr(value) for key, value in found.items()} == {
+        key: repr(value) for key, value in DEFAULTS[name].items()
+    }
+    assert list(found) == list(DEFAULTS[name]), "positional arguments changed their places"
