@@ -22,7 +22,7 @@ from gpu_report import Report, SkippedError, one_line
 from machine import cores, machine
 
 import warpriver as wr
-from warpriver import throughput
+from warpriver import bench
 from warpriver.cli.info import describe_device, describe_gpus
 from warpriver.engine import state as buffers
 
@@ -61,7 +61,7 @@ def machine_section(report: Report) -> None:
     )
     report.attempt("a recording", lambda: replay_scan(report, 10_000 if report.small else 1_000_000))
     nbytes = 2**24 if report.small else None
-    speed = throughput.copy_bandwidth(1, report.device, nbytes)
+    speed = bench.copy_bandwidth(1, report.device, nbytes)
     report.tell(copy_bytes_per_second=speed)
     report.tell(**small_costs(report.device))
 
@@ -91,7 +91,7 @@ def replay_scan(report: Report, count: int) -> None:
     wp.capture_launch(recording.graph)
     if not np.array_equal(sums.numpy(), np.cumsum(np.arange(count) % 7)):
         report.fail("a recorded kernel and scan give other sums when they are replayed")
-    seconds = throughput.least_seconds(lambda: wp.capture_launch(recording.graph), 20, device=report.device)
+    seconds = bench.least_seconds(lambda: wp.capture_launch(recording.graph), 20, device=report.device)
     report.tell(scan_replay_us=1e6 * seconds)
 
 
@@ -106,7 +106,7 @@ def small_costs(device: str) -> dict[str, float]:
     with wp.ScopedCapture(device=device) as recording:
         launch()
     calls = {"launch_us": launch, "replay_us": lambda: wp.capture_launch(recording.graph), "look_us": values.numpy}
-    return {name: 1e6 * throughput.least_seconds(call, 100, device=device) for name, call in calls.items()}
+    return {name: 1e6 * bench.least_seconds(call, 100, device=device) for name, call in calls.items()}
 
 
 # ---- kernel tests
@@ -315,10 +315,10 @@ def run_twice(report: Report, stages: Any, points: int, channels: int, steps: in
 
 @functools.lru_cache(maxsize=4)
 def rivers(points: int, channels: int, small: bool) -> wr.RiverNetwork:
-    """Rivers in full bend on the CPU, as ``throughput.made_up`` lays them out; small ones are young, and soon made."""
+    """Rivers in full bend on the CPU, as ``bench.made_up`` lays them out; small ones are young, and soon made."""
     young: dict[str, Any] = {"river_points": 500, "years": 5.0} if small else {}
-    lines = throughput.lay_out(throughput.cut_lines([points // channels] * channels, **young))
-    return wr.RiverNetwork.from_polylines(lines, width=throughput.WIDTH)
+    lines = bench.lay_out(bench.cut_lines([points // channels] * channels, **young))
+    return wr.RiverNetwork.from_polylines(lines, width=bench.WIDTH)
 
 
 def fingerprint(sim: wr.Simulation) -> str:

@@ -18,7 +18,7 @@ from gpu_report import Report
 from valley import SQUARE
 
 import warpriver as wr
-from warpriver import throughput
+from warpriver import bench
 from warpriver.engine import state as buffers
 
 # What is measured: name, channels of a million points, collisions.
@@ -38,7 +38,7 @@ def speed_section(report: Report) -> None:
     """Steps in rows, each kernel, and points dealt out otherwise, beside a plain copy in the same run."""
     as_a_gpu_deals_out(report)
     points = 3_000 if report.small else 1_000_000
-    bandwidth = throughput.copy_bandwidth(1, report.device, 2**24 if report.small else None)
+    bandwidth = bench.copy_bandwidth(1, report.device, 2**24 if report.small else None)
     report.tell(copy_bytes_per_second=bandwidth)
     for (name, channels, collisions), dtype in itertools.product(SCENES, DTYPES):
         scene = (name, points, max(1, channels * points // 1_000_000), collisions, dtype)
@@ -85,7 +85,7 @@ def step_row(
     """Measure steps of a scene, in rows on a GPU."""
     begin = time.monotonic()
     sim = simulation(report, points, channels, collisions, dtype)
-    cost = throughput.step_cost(sim, rounds=ROUNDS)
+    cost = bench.step_cost(sim, rounds=ROUNDS)
     row = {"scene": name, "dtype": dtype} | cost | ratios(cost, bandwidth, dtype, collisions)
     report.add("steps", row | {"seconds": time.monotonic() - begin})
 
@@ -95,7 +95,7 @@ def ratios(cost: dict[str, Any], bandwidth: float, dtype: str, collisions: bool)
     moved = roofline.phase_bytes(dtype, channel_points=cost["points"] / cost["channels"], chunk_points=float(CHUNK))
     floor = sum(moved[phase] for phase in PHASES[collisions]) * cost["points"] / bandwidth
     seconds = 1e-3 * cost["ms_per_step"]
-    copies = throughput.copies_of_points(seconds, cost["points"], dtype, bandwidth)
+    copies = bench.copies_of_points(seconds, cost["points"], dtype, bandwidth)
     return {"copies_of_points": copies, "ratio_to_roofline": seconds / floor}
 
 
@@ -129,13 +129,13 @@ def kernel_times(sim: wr.Simulation, steps: int) -> dict[str, list[float]]:
     if sim.device.is_cuda:
         wp.timing_begin(wp.TIMING_KERNEL | wp.TIMING_KERNEL_BUILTIN | wp.TIMING_MEMSET | wp.TIMING_MEMCPY)
         try:
-            throughput.advance(sim, steps)
+            bench.advance(sim, steps)
         finally:
             results = wp.timing_end()
         done = [(plain_name(result.name), 1e3 * result.elapsed) for result in results]
     else:
         with launches(lambda kernel, seconds: done.append((plain_name(kernel.key), 1e6 * seconds))):
-            throughput.advance(sim, steps)
+            bench.advance(sim, steps)
     found: dict[str, list[float]] = {}
     for name, elapsed in done:
         found.setdefault(name, []).append(elapsed)
@@ -174,7 +174,7 @@ def layout_row(report: Report, bandwidth: float, points: int, dtype: str, chunk:
     begin = time.monotonic()
     with dealt_out(wp.get_device(report.device).is_cpu, chunk, block_dim) as count:
         sim = simulation(report, points, max(1, points // 1000), False, dtype)
-        cost = throughput.step_cost(sim, rounds=SWEEP_ROUNDS)
+        cost = bench.step_cost(sim, rounds=SWEEP_ROUNDS)
     row = {"chunk": chunk, "block_dim": block_dim, "dtype": dtype, "launches_in_blocks": count["in blocks"]}
     row |= {"ns_per_point": cost["ns_per_point"]} | ratios(cost, bandwidth, dtype, False)
     if block_dim is not None and count["in blocks"] == 0:
@@ -265,7 +265,7 @@ def against(report: Report, name: str, call: Callable[[Any], np.ndarray], here: 
     if row["share_beyond"] > 1e-4:
         report.fail(f"{name}: {row['share_beyond']:.3%} of the values are more than {allowed:g} from the CPU's")
     for key, each in (("seconds", here), ("cpu_seconds", cpu)):
-        row[key] = throughput.least_seconds(lambda each=each: call(each), rounds=3, device=report.device)
+        row[key] = bench.least_seconds(lambda each=each: call(each), rounds=3, device=report.device)
     report.add("others", row)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import warp as wp
 
 import warpriver as wr
-from warpriver.throughput import copy_bandwidth, least_seconds
+from warpriver.bench import copy_bandwidth, least_seconds
 
 # Loading of kernels is no news here.
 wp.config.log_level = wp.LOG_WARNING

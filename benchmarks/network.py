@@ -27,7 +27,7 @@ from machine import (
 from scipy.optimize import nnls
 
 import warpriver as wr
-from warpriver import throughput
+from warpriver import bench
 
 # Rivers are four times as wide as the default law has them, so that a cell of 60 m is about a width.
 WIDTH_COEFFICIENT = 4 * 0.002285373260087453
@@ -85,8 +85,8 @@ def drawn_network(channels: int, mean_points: float, device: str, seed: int = 0)
     links = link_lengths()
     drawn = np.random.default_rng(seed).choice(links, channels) * (mean_points / links.mean())
     counts = np.maximum(drawn.round().astype(int), 4)
-    lines = throughput.lay_out(throughput.cut_lines(counts.tolist(), seed))
-    return wr.RiverNetwork.from_polylines(lines, width=throughput.WIDTH, device=device)
+    lines = bench.lay_out(bench.cut_lines(counts.tolist(), seed))
+    return wr.RiverNetwork.from_polylines(lines, width=bench.WIDTH, device=device)
 
 
 def terrain_of(cells: int, device: str) -> wr.Terrain:
@@ -141,7 +141,7 @@ def tiled(network: wr.RiverNetwork, times: int, gap: float = 2000.0) -> wr.River
 def costs(network: wr.RiverNetwork, params: wr.MeanderParams, *, repeats: int, **options: object) -> tuple[dict, dict]:
     """Cost of the full step of a network, and of migration and resampling alone, over rounds of ``repeats`` steps."""
     alone = dataclasses.replace(params, **QUIET)
-    full, alone = (throughput.step_cost(wr.Simulation(network, p, **options), repeats=repeats) for p in (params, alone))
+    full, alone = (bench.step_cost(wr.Simulation(network, p, **options), repeats=repeats) for p in (params, alone))
     return full, alone
 
 
@@ -197,7 +197,7 @@ def scale_case(plan: Plan, options: argparse.Namespace) -> list[dict]:
     rows[0] |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
     print_row(rows[0])
     sim = wr.Simulation(network, PARAMS, terrain=terrain, threads=1)
-    phases = {name: 1e3 * cost for name, cost in throughput.phase_seconds(sim, steps=20).items()}
+    phases = {name: 1e3 * cost for name, cost in bench.phase_seconds(sim, steps=20).items()}
     for name, ms in phases.items():
         rows.append({"case": "extracted, phase", "cells": plan.cells, "phase": name, "ms_per_step": ms})
         rows[-1]["times_migrate"] = ms / phases["migrate"]
@@ -274,7 +274,7 @@ def paper_case(options: argparse.Namespace) -> dict:
     full, alone = costs(network, PARAMS, repeats=RIVER_REPEATS, terrain=terrain, threads=1)
     found = {"case": "the paper's largest", "paper_points": PAPER_POINTS, "paper_ms": PAPER_MS} | full
     found |= {"migration_ms": alone["ms_per_step"], "ratio_to_migration": over(full, alone)}
-    found["copies_of_points"] = throughput.copies_of_points(
+    found["copies_of_points"] = bench.copies_of_points(
         1e-3 * full["ms_per_step"], full["points"], "float64", baseline(options.device)["copy_bytes_per_second"]
     )
     print_row(found)

@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import warpriver as wr
-from warpriver import throughput
+from warpriver import bench
 from warpriver.shortest_path.route import TakeShortcuts
 
 CHANNEL_POINTS = 1000
@@ -31,7 +31,7 @@ ROUNDS = 5
 def both(points: int, channel_points: int, device: str, dtype: str) -> tuple[wr.Simulation, wr.Simulation]:
     """Migration and shortest paths on the same developed rivers, collisions off."""
     channels = max(1, points // channel_points)
-    migration = throughput.made_up(points, channels, device=device, dtype=dtype, threads=1, collisions=False)
+    migration = bench.made_up(points, channels, device=device, dtype=dtype, threads=1, collisions=False)
     path = wr.Simulation(migration.network, wr.PathMeander(collision_distance=0.0), threads=1)
     for _ in range(SETTLE):
         migration.step()
@@ -81,7 +81,7 @@ def least(sims: tuple[wr.Simulation, ...], steps: int) -> list[float]:
         for k, sim in enumerate(sims):
             wp.synchronize_device(sim.device)
             begin = time.perf_counter()
-            throughput.advance(sim, steps)
+            bench.advance(sim, steps)
             wp.synchronize_device(sim.device)
             best[k] = min(best[k], (time.perf_counter() - begin) / steps)
     return best
@@ -163,7 +163,7 @@ def main() -> None:
         migration, path = both(points, channel_points, options.device, options.dtype)
         row = compared(migration, path)
         row["search"] = search_cost(path.network)
-        seconds = throughput.phase_seconds(path, steps=2 * ROUNDS)
+        seconds = bench.phase_seconds(path, steps=2 * ROUNDS)
         row["phases_ns_per_point"] = {name: 1e9 * cost / path.network.point_count for name, cost in seconds.items()}
         rows.append(row)
         print(

@@ -27,7 +27,7 @@ from machine import (
 )
 
 import warpriver as wr
-from warpriver import throughput
+from warpriver import bench
 
 CHANNEL_POINTS = 1000
 SHORT, LONG = 300, 1_000_000
@@ -43,8 +43,8 @@ HEADS = ("ms/step", "ns/point", "x triad", "x roofline", "cuts/step", "B/point")
 def row(case: str, asked: int, channels: int, variant: str, options: argparse.Namespace, threads: int = 1) -> dict:
     """Cost of a step of a network of about so many points, as one row of the result."""
     switches, _ = VARIANTS[variant]
-    sim = throughput.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches)
-    cost = throughput.step_cost(sim)
+    sim = bench.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches)
+    cost = bench.step_cost(sim)
     found = {"case": case, "asked_points": asked, "variant": variant, "threads": sim.threads} | cost
     found |= compared(found, options, triad(max(1000, cost["points"])))
     print_row(found)
@@ -66,7 +66,7 @@ def compared(found: dict, options: argparse.Namespace, triad_ns: float) -> dict:
         "ratio_to_triad": found["ns_per_point"] / triad_ns,
         "roofline_bytes_per_point": moved,
         "ratio_to_roofline": 1e-9 * found["ns_per_point"] * bandwidth / moved,
-        "copies_of_points": throughput.copies_of_points(
+        "copies_of_points": bench.copies_of_points(
             1e-3 * found["ms_per_step"], found["points"], options.dtype, bandwidth
         ),
     }
@@ -89,13 +89,13 @@ def measure_threads(asked: int, options: argparse.Namespace) -> list[dict]:
     """
     rows, reached = [], []
     for threads in sorted({1, min(2, cores()), cores()}):
-        sim = throughput.made_up(asked, max(1, asked // CHANNEL_POINTS), dtype=options.dtype, threads=threads)
+        sim = bench.made_up(asked, max(1, asked // CHANNEL_POINTS), dtype=options.dtype, threads=threads)
         for _ in range(5):
             sim.step()
         reached.append(sim.network.points())
         if not np.array_equal(reached[0], reached[-1]):
             raise RuntimeError(f"{threads} threads give other bits than one")
-        cost = throughput.step_cost(sim)
+        cost = bench.step_cost(sim)
         rows.append({"case": "threads", "asked_points": asked, "variant": "full", "threads": threads} | cost)
         rows[-1] |= compared(rows[-1], options, triad(cost["points"]))
         rows[-1]["speedup"] = rows[0]["ms_per_step"] / rows[-1]["ms_per_step"]
@@ -106,9 +106,9 @@ def measure_threads(asked: int, options: argparse.Namespace) -> list[dict]:
 def phase_rows(asked: int, options: argparse.Namespace) -> list[dict]:
     """Cost of each phase of a full step by one thread, and what its kernels have to move."""
     channels = max(1, asked // CHANNEL_POINTS)
-    sim = throughput.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=1)
+    sim = bench.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=1)
     steps = max(5, min(200, 2_000_000 // asked))
-    seconds = throughput.phase_seconds(sim, steps=steps)
+    seconds = bench.phase_seconds(sim, steps=steps)
     chunk_points = np.inf if wp.get_device(options.device).is_cpu else roofline.CHUNK_POINTS
     channel_points = sim.network.point_count / channels
     moved = roofline.phase_bytes(options.dtype, channel_points=channel_points, chunk_points=chunk_points)
@@ -130,16 +130,16 @@ def phase_rows(asked: int, options: argparse.Namespace) -> list[dict]:
 def measure_memory(asked: int, options: argparse.Namespace) -> dict:
     """What a simulation of so many points adds to this process, bytes a point; to be run in a process of its own."""
     for _ in range(2):  # kernels and the river that others are cut from
-        throughput.made_up(3000, 3, device=options.device, dtype=options.dtype).step()
+        bench.made_up(3000, 3, device=options.device, dtype=options.dtype).step()
     fresh, before = forget_peak(), memory_status("VmRSS")
-    sim = throughput.made_up(asked, max(1, asked // CHANNEL_POINTS), device=options.device, dtype=options.dtype)
+    sim = bench.made_up(asked, max(1, asked // CHANNEL_POINTS), device=options.device, dtype=options.dtype)
     made = memory_status("VmHWM")
     forget_peak()
     for _ in range(3):
         sim.step()
     stepped, points = memory_status("VmHWM"), sim.network.point_count
     found = {"case": "memory", "asked_points": asked, "points": points}
-    found["bytes_per_point"] = throughput.device_bytes(sim) / points
+    found["bytes_per_point"] = bench.device_bytes(sim) / points
     if fresh and before and made and stepped:
         found["making_peak_bytes_per_point"] = (made - before) / points
         found["stepping_peak_bytes_per_point"] = (stepped - before) / points
@@ -168,8 +168,8 @@ def meanderpy_row(points: int, dtype: str) -> dict | None:
         from meanderpy import meanderpy
     except ImportError:
         return None
-    width, spacing = throughput.WIDTH, throughput.SPACING
-    line = throughput.cut_lines([points])[0]
+    width, spacing = bench.WIDTH, bench.SPACING
+    line = bench.cut_lines([points])[0]
     depth = float(wr.network.bankfull_depth(width))
     rate, step, padding = 60.0 / (365.25 * 86400.0), 106.0 * 86400.0, (20, 5)
     *_, arc = meanderpy.compute_derivatives(line[:, 0], line[:, 1], np.zeros(len(line)))
@@ -185,8 +185,8 @@ def meanderpy_row(points: int, dtype: str) -> dict | None:
 
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width, dtype=dtype), threads=1)
     peer()  # compiles its numba functions, if any
-    ours = 1e-3 * throughput.step_cost(sim)["ms_per_step"]
-    theirs = throughput.least_seconds(peer, max(1, 3000 // points), 5)
+    ours = 1e-3 * bench.step_cost(sim)["ms_per_step"]
+    theirs = bench.least_seconds(peer, max(1, 3000 // points), 5)
     print(f"{points} points: meanderpy {1e3 * theirs:.3g} ms, ours {1e3 * ours:.3g} ms, x{theirs / ours:.0f}")
     return {
         "case": "meanderpy", "asked_points": points, "meanderpy_ms": 1e3 * theirs, "ours_ms": 1e3 * ours,

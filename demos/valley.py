@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import warpriver as wr
-from warpriver.generate import CovarianceTarget, ObjectField, sine
+from warpriver.valley import CovarianceTarget, ObjectField, sine
 
 TARGETS = (-0.9, 0.0, 0.9)
 

@@ -15,7 +15,7 @@ import warp as wp
 from patched_warp import Preamble
 from warp._src import codegen
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, throughput
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, bench
 from warpriver.engine import state as buffers
 
 SOURCE = """
@@ -185,7 +185,7 @@ def walked(counter):
 
 def river(points):
     """A river in full bend, with necks that have not been cut yet where those are cut that are a third wider."""
-    (line,) = throughput.cut_lines([points], river_points=5_000, years=200.0)
+    (line,) = bench.cut_lines([points], river_points=5_000, years=200.0)
     return line
 
 
@@ -195,7 +195,7 @@ def ring(line):
     length = np.hypot(*along)
     along /= length
     x, y = (line - line[0]) @ along, (line - line[0]) @ np.array([-along[1], along[0]])
-    length += throughput.SPACING
+    length += bench.SPACING
     angle, radius = 2.0 * np.pi * x / length, length / (2.0 * np.pi) + y
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
@@ -203,11 +203,11 @@ def ring(line):
 def scenes(points):
     """Simulations of one channel of that many points, by name."""
     line = river(points)
-    plain, paths = MeanderParams(cutoff_distance=1.3), PathMeander(spacing=throughput.SPACING)
+    plain, paths = MeanderParams(cutoff_distance=1.3), PathMeander(spacing=bench.SPACING)
     for name, params in (("plain", plain), ("paths", paths)):
         for closed in (False, True):
             xy = ring(line) if closed else line
-            network = RiverNetwork.from_polylines([xy], throughput.WIDTH, closed=closed)
+            network = RiverNetwork.from_polylines([xy], bench.WIDTH, closed=closed)
             yield f"{name}, a ring" if closed else name, Simulation(network, params, capture=False, threads=1)
 
 

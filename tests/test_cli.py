@@ -15,10 +15,10 @@ from warpriver import (
     LehenyParams,
     RiverNetwork,
     Terrain,
+    bench,
     erode,
     generate,
     read_terrain,
-    throughput,
     write_network,
     write_terrain,
 )
@@ -405,8 +405,8 @@ def test_demo_refuses_bad_numbers_in_one_line(tmp_path, capsys, monkeypatch):
 
 
 def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
-    monkeypatch.setattr(throughput, "COPY_BYTES", 2**20)
+    monkeypatch.setattr(bench, "RIVER_YEARS", 1.0)
+    monkeypatch.setattr(bench, "COPY_BYTES", 2**20)
     arguments = ["bench", "--points", 600, "--channels", 2, "--threads", 1, "--no-cutoffs", "--terrain"]
     code, said, err = run(capsys, *arguments, "--json", tmp_path / "bench.json")
     assert code == 0, err
@@ -416,7 +416,7 @@ def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
     found = json.loads((tmp_path / "bench.json").read_text())
     assert found["benchmark"] == "bench" and found["channels"] == 2 and found["threads"] == 1
     assert (found["terrain"], found["cutoffs"], found["collisions"]) == (True, False, True)
-    assert set(found["phases_ms"]) == {"migrate", "resample", "collide", *throughput.HOST_PHASES}
+    assert set(found["phases_ms"]) == {"migrate", "resample", "collide", *bench.HOST_PHASES}
 
 
 @pytest.mark.parametrize(
@@ -430,6 +430,6 @@ def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
     ],
 )
 def test_bench_refuses_bad_input(arguments, word, capsys, monkeypatch):
-    monkeypatch.setattr(throughput, "RIVER_YEARS", 1.0)
+    monkeypatch.setattr(bench, "RIVER_YEARS", 1.0)
     code, _, err = run(capsys, "bench", *arguments)
     assert code == 2 and word in err and err.splitlines()[-1].startswith("warpriver bench: "), err

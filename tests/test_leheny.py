@@ -7,8 +7,8 @@ from reference_leheny import Ground
 from trees import assert_forest
 
 import warpriver as wr
+from warpriver.erosion.leheny import QUANTUM_BITS
 from warpriver.generate import erosion_peak, erosion_plane
-from warpriver.generate.leheny import QUANTUM_BITS
 from warpriver.hydrology import drainage_area, exceedance, flow_length, hack_exponent, network_laws, route
 from warpriver.hydrology.cells import pad_terrain
 

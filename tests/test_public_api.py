@@ -29,10 +29,10 @@ LEVELS = [
     {"history"},
     {"graph"},
     {"engine"},
-    {"meander", "shortest_path", "metrics", "generate", "hydrology"},
+    {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
     {"models"},
     {"simulation"},
-    {"io", "throughput"},
+    {"bench", "io"},
     {"viz"},
     {"cli", "__main__"},
 ]

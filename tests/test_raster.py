@@ -14,7 +14,7 @@ import warp as wp
 import warpriver as wr
 import warpriver.raster as raster_module
 from warpriver import Raster, Terrain, hydrology
-from warpriver.io.rasters import read_raster, write_raster
+from warpriver.io.raster.terrains import read_raster, write_raster
 
 UTM = "EPSG:32619"
 ORIGIN, SIZE = (440_300.25, 5_100_200.5), 12.5

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import warpriver.raster as raster_module
-from warpriver.io.rasters import read_terrain, terrain_formats, write_terrain
+from warpriver.io.raster.terrains import read_terrain, terrain_formats, write_terrain
 from warpriver.terrain import Terrain
 
 EXACT = [".tif", ".asc", ".npz"]
@@ -528,7 +528,7 @@ def test_heights_in_feet_and_undeclared_no_data_are_told(tmp_path):
 
 def test_xarray_out_and_in(tmp_path):
     pytest.importorskip("xarray")
-    from warpriver.io.xarrays import from_xarray, to_xarray
+    from warpriver.io.raster.xarrays import from_xarray, to_xarray
 
     terrain = sample_terrain()
     array = to_xarray(terrain)
@@ -552,7 +552,7 @@ def test_xarray_out_and_in(tmp_path):
 def test_xarray_of_others():
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("rasterio")
-    from warpriver.io.xarrays import from_xarray
+    from warpriver.io.raster.xarrays import from_xarray
 
     lat, lon = np.linspace(45.9, 46.1, 120), np.linspace(-70.1, -69.9, 100)
     height = 5000.0 * (lat[:, None] - 45.9) + 0.0 * lon

@@ -11,7 +11,7 @@ from river_files import needs_ogr, needs_pyproj, same_lines
 from warpriver.graph.edits import check_forest
 from warpriver.hydrology import strahler_order
 from warpriver.io import read_network, write_network
-from warpriver.io.attributes import next_downstream
+from warpriver.io.vector.attributes import next_downstream
 
 
 def data_files(pattern):

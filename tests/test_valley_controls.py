@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from warpriver import generate as g
-from warpriver.generate.valley_controls import TERMS, evaluate
+from warpriver.valley.controls import TERMS, evaluate
 
 U = np.linspace(0.0, 1.0, 2001)
 

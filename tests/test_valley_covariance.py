@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 
 import warpriver as wr
 from warpriver import generate as g
-from warpriver.generate.valley_covariance import correlation_by_frequency, covariance_series
+from warpriver.valley.covariance import correlation_by_frequency, covariance_series
 
 TARGETS = np.arange(-1.0, 1.01, 0.25)
 # What the issue of the inverse is held to.

@@ -11,9 +11,9 @@ import pytest
 import warpriver as wr
 from warpriver import generate as g
 from warpriver.cli import main
-from warpriver.generate.valley_controls import TERMS
-from warpriver.generate.valley_examples import EXAMPLES
 from warpriver.io.valleys import valley_schema
+from warpriver.valley.controls import TERMS
+from warpriver.valley.examples import EXAMPLES
 
 FILE = """
 name = "brook"

@@ -25,10 +25,10 @@ from warpriver import (
     RiverNetwork,
     Simulation,
     Terrain,
+    bench,
     erode,
     generate,
     synthetic_valley,
-    throughput,
 )
 from warpriver.engine import state as buffers
 
@@ -161,9 +161,9 @@ def run_many(kind, **wider):
 
     Necks that are farther apart are cut than in the river that the channels are taken from, so that there are many.
     """
-    lines = throughput.lay_out(throughput.cut_lines([300] * 1000, river_points=5_000, years=200.0))
-    network = RiverNetwork.from_polylines(lines, throughput.WIDTH)
-    sim = Simulation(network, kind(spacing=throughput.SPACING, **wider), threads=1)
+    lines = bench.lay_out(bench.cut_lines([300] * 1000, river_points=5_000, years=200.0))
+    network = RiverNetwork.from_polylines(lines, bench.WIDTH)
+    sim = Simulation(network, kind(spacing=bench.SPACING, **wider), threads=1)
     sim.run(steps=4, record_every=10_000)
     return outcome_of(sim)
 

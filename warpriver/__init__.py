@@ -10,24 +10,24 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import generate, hydrology, metrics, viz
+    from warpriver import erosion, generate, hydrology, meander, metrics, valley, viz
     from warpriver.channel_table import ChannelTable
-    from warpriver.generate.eroded import ErodedTerrain
-    from warpriver.generate.leheny import erode, erode_ensemble
-    from warpriver.generate.valley import Valley, synthetic_valley
-    from warpriver.generate.valley_params import ValleyParams
+    from warpriver.erosion.eroded import ErodedTerrain
+    from warpriver.erosion.leheny import erode, erode_ensemble
     from warpriver.history import Collision, Cutoff, Event, History, Split, StopReason
     from warpriver.hydrology.extraction import extract_network
-    from warpriver.io.lines import read_network, write_network
-    from warpriver.io.rasters import read_raster, read_terrain, write_raster, write_terrain
+    from warpriver.io.raster.terrains import read_raster, read_terrain, write_raster, write_terrain
+    from warpriver.io.raster.xarrays import from_xarray, raster_from_xarray, to_xarray
     from warpriver.io.valleys import read_valley, write_breaklines, write_mesh, write_points, write_valley
-    from warpriver.io.xarrays import from_xarray, raster_from_xarray, to_xarray
+    from warpriver.io.vector.networks import read_network, write_network
     from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
     from warpriver.raster import Raster
     from warpriver.simulation import Every, Simulation
     from warpriver.terrain import Terrain
+    from warpriver.valley.params import ValleyParams
+    from warpriver.valley.valley import Valley, synthetic_valley
 
 __all__ = [
     "ChannelTable",
@@ -50,10 +50,12 @@ __all__ = [
     "ValleyParams",
     "erode",
     "erode_ensemble",
+    "erosion",
     "extract_network",
     "from_xarray",
     "generate",
     "hydrology",
+    "meander",
     "metrics",
     "raster_from_xarray",
     "read_network",
@@ -63,6 +65,7 @@ __all__ = [
     "synthetic_valley",
     "taubin_smooth",
     "to_xarray",
+    "valley",
     "viz",
     "write_breaklines",
     "write_mesh",
@@ -80,7 +83,7 @@ _HOMES = {
     "ChannelTable": "warpriver.channel_table",
     "Collision": "warpriver.history",
     "Cutoff": "warpriver.history",
-    "ErodedTerrain": "warpriver.generate.eroded",
+    "ErodedTerrain": "warpriver.erosion.eroded",
     "Event": "warpriver.history",
     "Every": "warpriver.simulation",
     "History": "warpriver.history",
@@ -93,29 +96,29 @@ _HOMES = {
     "Split": "warpriver.history",
     "StopReason": "warpriver.history",
     "Terrain": "warpriver.terrain",
-    "erode": "warpriver.generate.leheny",
-    "erode_ensemble": "warpriver.generate.leheny",
-    "Valley": "warpriver.generate.valley",
-    "ValleyParams": "warpriver.generate.valley_params",
+    "erode": "warpriver.erosion.leheny",
+    "erode_ensemble": "warpriver.erosion.leheny",
+    "Valley": "warpriver.valley.valley",
+    "ValleyParams": "warpriver.valley.params",
     "extract_network": "warpriver.hydrology.extraction",
-    "from_xarray": "warpriver.io.xarrays",
-    "read_network": "warpriver.io.lines",
-    "raster_from_xarray": "warpriver.io.xarrays",
-    "read_raster": "warpriver.io.rasters",
-    "read_terrain": "warpriver.io.rasters",
+    "from_xarray": "warpriver.io.raster.xarrays",
+    "read_network": "warpriver.io.vector.networks",
+    "raster_from_xarray": "warpriver.io.raster.xarrays",
+    "read_raster": "warpriver.io.raster.terrains",
+    "read_terrain": "warpriver.io.raster.terrains",
     "read_valley": "warpriver.io.valleys",
-    "synthetic_valley": "warpriver.generate.valley",
+    "synthetic_valley": "warpriver.valley.valley",
     "taubin_smooth": "warpriver.meander.smoothing",
-    "to_xarray": "warpriver.io.xarrays",
+    "to_xarray": "warpriver.io.raster.xarrays",
     "write_breaklines": "warpriver.io.valleys",
     "write_mesh": "warpriver.io.valleys",
-    "write_network": "warpriver.io.lines",
+    "write_network": "warpriver.io.vector.networks",
     "write_points": "warpriver.io.valleys",
-    "write_raster": "warpriver.io.rasters",
-    "write_terrain": "warpriver.io.rasters",
+    "write_raster": "warpriver.io.raster.terrains",
+    "write_terrain": "warpriver.io.raster.terrains",
     "write_valley": "warpriver.io.valleys",
 }
-_ROOMS = ("generate", "hydrology", "metrics", "viz")
+_ROOMS = ("erosion", "generate", "hydrology", "meander", "metrics", "valley", "viz")
 
 
 def __getattr__(name: str) -> Any:

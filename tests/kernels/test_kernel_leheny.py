@@ -6,7 +6,7 @@ import warp as wp
 from kernel_arrays import REALS, SCALARS, to_device
 from reference_leheny import Ground
 
-from warpriver.generate.leheny import marks_beside
+from warpriver.erosion.leheny import marks_beside
 from warpriver.kernels import cells, leheny
 
 # Wraps (north-south, east-west), four neighbours, shape: all kinds of edges, odd and even rings.

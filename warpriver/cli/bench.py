@@ -46,12 +46,12 @@ def _bench(options: argparse.Namespace) -> int:
     import json
 
     quiet_warp()
-    from warpriver import throughput
+    from warpriver import bench
 
     target = None if options.json is None else Path(options.json)
     if target is not None and not target.parent.is_dir():
         raise ValueError(f"--json {target}: there is no folder {target.parent}")
-    found = throughput.measure(
+    found = bench.measure(
         options.points,
         options.channels,
         device=options.device,

@@ -49,8 +49,8 @@ def add(commands: Any) -> None:
 
 def _demo(options: argparse.Namespace) -> int:
     from warpriver import generate, hydrology
-    from warpriver.io.lines import write_network
-    from warpriver.io.rasters import write_terrain
+    from warpriver.io.raster.terrains import write_terrain
+    from warpriver.io.vector.networks import write_network
 
     quiet_warp()
     terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)

@@ -12,7 +12,7 @@ from warpriver.cli.shared import OK, add_heights, can_draw, command, quiet_warp,
 from warpriver.params import LehenyParams
 
 if TYPE_CHECKING:
-    from warpriver.generate.eroded import ErodedTerrain
+    from warpriver.erosion.eroded import ErodedTerrain
     from warpriver.hydrology.routing import Flow
     from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
@@ -90,9 +90,10 @@ def add(commands: Any) -> None:
 
 
 def _erode(options: argparse.Namespace) -> int:
-    from warpriver import generate, hydrology
-    from warpriver.io.lines import write_network
-    from warpriver.io.rasters import write_terrain
+    from warpriver import hydrology
+    from warpriver.erosion import erode
+    from warpriver.io.raster.terrains import write_terrain
+    from warpriver.io.vector.networks import write_network
 
     quiet_warp()
     if options.movie is not None and Path(options.movie).suffix.lower() not in (".gif", ".mp4"):
@@ -102,7 +103,7 @@ def _erode(options: argparse.Namespace) -> int:
     start = _erosion_start(options)
     edges = options.edges.split(",") if options.edges and "," in options.edges else options.edges
     begin = time.perf_counter()
-    eroded = generate.erode(
+    eroded = erode(
         start,
         LehenyParams(**{f.name: getattr(options, f.name) for f in dataclasses.fields(LehenyParams)}),
         events=options.events,

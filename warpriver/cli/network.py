@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
 
 def _network(options: argparse.Namespace) -> int:
     from warpriver import hydrology
-    from warpriver.io.lines import write_network
+    from warpriver.io.vector.networks import write_network
 
     quiet_warp()
     terrain = read_ground(options.terrain, options.crs, options)

@@ -144,7 +144,7 @@ def run_simulation(simulation: Simulation, options: argparse.Namespace, folder: 
 def write_results(simulation: Simulation, folder: Path) -> None:
     """Write the final lines, and say what a river expert would ask first."""
     from warpriver import metrics
-    from warpriver.io.lines import write_network
+    from warpriver.io.vector.networks import write_network
 
     network = simulation.network
     write_network(network, folder / "channels.csv")

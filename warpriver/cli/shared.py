@@ -55,7 +55,7 @@ def can_draw() -> bool:
 
 def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> RiverNetwork:
     """Read rivers as the flags say, and as ``further`` arguments of ``read_network`` do."""
-    from warpriver.io.lines import read_network
+    from warpriver.io.vector.networks import read_network
 
     return read_network(
         source,
@@ -87,7 +87,7 @@ def add_ground(parser: argparse.ArgumentParser) -> None:
 
 def read_ground(path: str, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
     """Read a terrain as the flags say."""
-    from warpriver.io.rasters import read_terrain
+    from warpriver.io.raster.terrains import read_terrain
 
     return read_terrain(
         path, crs=crs, to_crs=options.to_crs, z_factor=options.z_factor, nodata=options.nodata, device=device

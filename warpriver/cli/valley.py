@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from warpriver.cli.shared import OK, command, quiet_warp
 
 if TYPE_CHECKING:
-    from warpriver.generate.valley import Valley
+    from warpriver.valley.valley import Valley
 
 __all__ = ["add"]
 
@@ -67,8 +67,8 @@ def add(commands: Any) -> None:
 
 
 def _valley(options: argparse.Namespace) -> int:
-    from warpriver.generate.valley import synthetic_valley
     from warpriver.io.valleys import read_valley, valley_schema
+    from warpriver.valley.valley import synthetic_valley
 
     if options.schema:
         print(valley_schema())
@@ -116,8 +116,8 @@ def _valley(options: argparse.Namespace) -> int:
 def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
     """Write what the name of a file says: breaklines, channel, parameters, picture, mesh, points, else terrain."""
     from warpriver.io import valleys
-    from warpriver.io.lines import line_formats, write_network
-    from warpriver.io.rasters import terrain_formats, write_terrain
+    from warpriver.io.raster.terrains import terrain_formats, write_terrain
+    from warpriver.io.vector.networks import line_formats, write_network
 
     suffix = path.suffix.lower()
     if suffix == ".toml":

@@ -13,7 +13,7 @@ import numpy as np
 
 from warpriver.crs import is_geographic, pyproj_or_none, short_name
 from warpriver.extras import need
-from warpriver.io.source import Line, Source
+from warpriver.io.vector.source import Line, Source
 
 __all__ = ["crs_text", "one_crs", "reproject", "settled_crs", "within_degrees"]
 

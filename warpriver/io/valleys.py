@@ -1,6 +1,6 @@
 """Valley files: parameters as TOML; points, meshes and breaklines of a valley's surface.
 
-A TOML valley file holds the fields of :class:`~warpriver.generate.valley_params.ValleyParams` under their names, and
+A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyParams` under their names, and
 
     [control]                      # for each element a list of terms, which are summed
     thalweg = [{kind = "harmonic", amplitude = 0.25, frequency = 1}]
@@ -27,8 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.generate.valley_controls import TERMS
-from warpriver.generate.valley_params import (
+from warpriver.io.files import beside, is_number
+from warpriver.valley.controls import TERMS
+from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
     CrossSection,
@@ -36,7 +37,6 @@ from warpriver.generate.valley_params import (
     Thread,
     ValleyParams,
 )
-from warpriver.io.files import beside, is_number
 
 __all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
 
@@ -211,7 +211,7 @@ def _line(path: Path, data: Any) -> np.ndarray:
             return np.array(data["points"], np.float64)
         except (TypeError, ValueError):
             raise ValueError(f"{path}: line.points is no list of [x, y]") from None
-    from warpriver.io.lines import read_network
+    from warpriver.io.vector.networks import read_network
 
     lines = read_network(path.parent / data["file"], width=1.0).polylines()
     channel = data.get("channel", 0)

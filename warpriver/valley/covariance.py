@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.generate.valley_controls import Harmonic
+from warpriver.valley.controls import Harmonic
 
 __all__ = ["Covariance", "correlation_by_frequency", "covariance_series", "harmonics_for_covariance"]
 

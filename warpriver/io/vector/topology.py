@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warpriver.io.source import Line, Source
+from warpriver.io.vector.source import Line, Source
 from warpriver.network_checks import NODE_TOLERANCE
 
 __all__ = ["TOPOLOGIES", "Connections", "connect"]

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from warpriver.generate.valley_controls import cosine, sine
-from warpriver.generate.valley_params import ValleyParams
+from warpriver.valley.controls import cosine, sine
+from warpriver.valley.params import ValleyParams
 
 __all__ = ["EXAMPLES"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
-from warpriver.io.attributes import FAMILIES, LISTS, READ, WRITTEN, list_names
-from warpriver.io.source import Source
+from warpriver.io.vector.attributes import FAMILIES, LISTS, READ, WRITTEN, list_names
+from warpriver.io.vector.source import Source
 
 __all__ = ["EXTRA", "KINDS", "check_extra", "extra_columns", "extra_kinds", "stated_extra", "wanted_extra"]
 

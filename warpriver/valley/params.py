@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.generate.valley_controls import Term, check_fields, freeze_numbers
 from warpriver.params import parameter
+from warpriver.valley.controls import Term, check_fields, freeze_numbers
 
 __all__ = ["ELEMENTS", "SECTION_FORMS", "CovarianceTarget", "CrossSection", "ObjectField", "Thread", "ValleyParams"]
 

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.generate.valley_controls import Term, evaluate
-from warpriver.generate.valley_params import Thread, ValleyParams
 from warpriver.network import RiverNetwork
+from warpriver.valley.controls import Term, evaluate
+from warpriver.valley.params import Thread, ValleyParams
 
 __all__ = [
     "Frame",

@@ -17,7 +17,9 @@ from typing import Any
 import numpy as np
 
 from warpriver.extras import need
-from warpriver.io.attributes import (
+from warpriver.io.crs import crs_text, within_degrees
+from warpriver.io.files import decoded
+from warpriver.io.vector.attributes import (
     LISTS,
     SHORT_NAMES,
     Family,
@@ -27,10 +29,8 @@ from warpriver.io.attributes import (
     useful_names,
     write_columns,
 )
-from warpriver.io.crs import crs_text, within_degrees
-from warpriver.io.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
-from warpriver.io.files import decoded
-from warpriver.io.source import Line, Source
+from warpriver.io.vector.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
+from warpriver.io.vector.source import Line, Source
 from warpriver.network import RiverNetwork
 
 __all__ = [

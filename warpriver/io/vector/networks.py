@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from warpriver.hydrology.geometry import channel_width, width_of_discharge
-from warpriver.io.attributes import ROLES
-from warpriver.io.connections import TOPOLOGIES, Connections, connect
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
-from warpriver.io.extras import check_extra, extra_columns
-from warpriver.io.features import (
+from warpriver.io.files import beside, check_readable
+from warpriver.io.vector.attributes import ROLES
+from warpriver.io.vector.extras import check_extra, extra_columns
+from warpriver.io.vector.features import (
     JSON,
     NEEDS,
     OGR,
@@ -31,9 +31,9 @@ from warpriver.io.features import (
     write_ogr,
     write_parquet,
 )
-from warpriver.io.files import beside, check_readable
-from warpriver.io.source import Line, Source
-from warpriver.io.text import TEXT, read_text, write_text
+from warpriver.io.vector.source import Line, Source
+from warpriver.io.vector.text import TEXT, read_text, write_text
+from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
 from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
 
 __all__ = ["line_formats", "read_network", "write_network"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from warpriver.extras import need
 from warpriver.io.files import decoded
-from warpriver.io.raster_source import RasterSource, north_up
+from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from warpriver.io.crs import crs_text
-from warpriver.io.raster_source import RasterSource, with_gaps
-from warpriver.io.rasters import settled_raster, settled_terrain
+from warpriver.io.raster.source import RasterSource, with_gaps
+from warpriver.io.raster.terrains import settled_raster, settled_terrain
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 

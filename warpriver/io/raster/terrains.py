@@ -20,8 +20,8 @@ import numpy as np
 
 from warpriver.io.crs import crs_text, one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.files import beside, check_readable
-from warpriver.io.geotiff import TIFF, read_geotiff, write_geotiff
-from warpriver.io.grids import (
+from warpriver.io.raster.geotiff import TIFF, read_geotiff, write_geotiff
+from warpriver.io.raster.grids import (
     ASCII,
     HEIGHTS,
     NUMPY,
@@ -34,10 +34,10 @@ from warpriver.io.grids import (
     write_labels,
     write_numpy,
 )
-from warpriver.io.heightmaps import PNG, RAW, read_heightmap, write_heightmap
-from warpriver.io.raster_source import RasterSource, north_up
-from warpriver.io.source import Line, Source
-from warpriver.io.warping import warp
+from warpriver.io.raster.heightmaps import PNG, RAW, read_heightmap, write_heightmap
+from warpriver.io.raster.reproject import warp
+from warpriver.io.raster.source import RasterSource, north_up
+from warpriver.io.vector.source import Line, Source
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, square_cells
 

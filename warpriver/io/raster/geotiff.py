@@ -11,7 +11,7 @@ import numpy as np
 
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
-from warpriver.io.raster_source import RasterSource, with_gaps
+from warpriver.io.raster.source import RasterSource, with_gaps
 from warpriver.raster import Raster, require_memory
 
 __all__ = ["TIFF", "read_geotiff", "write_geotiff"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.io.attributes import GENERIC, Family
+from warpriver.io.vector.attributes import GENERIC, Family
 
 __all__ = ["Line", "Source"]
 

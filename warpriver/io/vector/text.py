@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.io.attributes import GENERIC, read_names, write_columns
 from warpriver.io.crs import crs_text
-from warpriver.io.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
 from warpriver.io.files import decoded, is_number
-from warpriver.io.source import Line, Source
+from warpriver.io.vector.attributes import GENERIC, read_names, write_columns
+from warpriver.io.vector.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
+from warpriver.io.vector.source import Line, Source
 from warpriver.network import RiverNetwork
 
 __all__ = ["TEXT", "read_text", "write_text"]

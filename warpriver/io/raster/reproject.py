@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from warpriver.extras import need
-from warpriver.io.raster_source import RasterSource, north_up
+from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.raster import Raster, require_memory
 
 __all__ = ["warp"]

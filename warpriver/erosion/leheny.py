@@ -16,7 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
-from warpriver.generate.eroded import ErodedTerrain
+from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
 from warpriver.network import PRECISIONS, resolve_device

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.generate.curves import noisy_line
+from warpriver.generate.lines import noisy_line
 from warpriver.network import PRECISIONS, RiverNetwork, resolve_device
 from warpriver.params import MeanderParams
 from warpriver.simulation import Simulation

@@ -17,20 +17,20 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.generate.valley_controls import Term
-from warpriver.generate.valley_covariance import (
+from warpriver.kernels import valley as kernels
+from warpriver.network import RiverNetwork, resolve_device
+from warpriver.raster import present_device, require_memory
+from warpriver.terrain import Terrain
+from warpriver.valley.controls import Term
+from warpriver.valley.covariance import (
     Covariance,
     correlation_by_frequency,
     covariance_series,
     harmonics_for_covariance,
 )
-from warpriver.generate.valley_examples import EXAMPLES
-from warpriver.generate.valley_params import SECTION_FORMS, ObjectField, ValleyParams
-from warpriver.generate.valley_stations import Line, Stations, lay_stations, lay_threads, valley_lines
-from warpriver.kernels import valley as kernels
-from warpriver.network import RiverNetwork, resolve_device
-from warpriver.raster import present_device, require_memory
-from warpriver.terrain import Terrain
+from warpriver.valley.examples import EXAMPLES
+from warpriver.valley.params import SECTION_FORMS, ObjectField, ValleyParams
+from warpriver.valley.stations import Line, Stations, lay_stations, lay_threads, valley_lines
 
 __all__ = ["Valley", "ValleyGrid", "synthetic_valley"]
 

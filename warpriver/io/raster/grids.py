@@ -14,7 +14,7 @@ import numpy as np
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, is_number
-from warpriver.io.raster_source import RasterSource, north_up, with_gaps
+from warpriver.io.raster.source import RasterSource, north_up, with_gaps
 from warpriver.raster import Raster, require_memory
 
 __all__ = [
