@@ -80,6 +80,14 @@ def _running_sum(phase: str, kind: str, per: str, only: str = "") -> tuple[Launc
 # A bucket is set to 0, the last point in it exchanged (read and written), and with chunks the highest one raised; then
 # each point's search looks one of both up, at least once.
 BUCKETS_A_POINT = 4.0
+# What the search for necks moves, by slabs or by chunks.
+FOUND = (
+    *_read("channel_closed", per="ring"),
+    *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
+    *_read("section_moved", per="section"),
+    *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
+    *_written("point_neck_out"),
+)  # fmt: skip
 # Cells that a block looks at for its neighbours, where all channels are of one level, and the integers of a cell.
 CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
 # Points that a thread takes on a GPU.
@@ -121,13 +129,12 @@ STEP = (
         Moved("bucket_row_out", written=BUCKETS_A_POINT / 4.0, per="field"),
     )),
     Launch("cut off", "cutoffs", "find_necks", (
-        *_read("channel_closed", per="ring"),
-        *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
-        *_read("section_moved", per="section"),
-        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        *_written("point_neck_out"), *_written("chunk_mark_out", "share_cut_out", per="chunk"),
+        *FOUND, Moved("chunk_mark_out", per="event"), *_written("share_cut_out", per="event"),
         *_written("channel_necks_out", per="channel"),
-    )),
+    ), "slabs"),
+    Launch("cut off", "cutoffs", "find_necks_in_chunks", (
+        *FOUND, *_written("chunk_mark_out", "share_cut_out", per="chunk"), Moved("channel_necks_out", per="event"),
+    ), "chunks"),
     *_running_sum("cut off", "marks", "chunk", "chunks"),
     Launch("cut off", "cutoffs", "list_marks", (
         *_read("chunk_mark_sum", per="chunk"), *_written("mark_place_out", per="chunk"),
@@ -173,7 +180,7 @@ STEP = (
     )),
     Launch("resample", "resampling", "commit_step", (
         *_read("channel_start_next", "channel_spacing_next", per="channel"),
-        *_read("share_cut_sum", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
+        Moved("status_io", 1.0, 1.0, per="event"),
         *_written("channel_start_out", "channel_spacing_out", per="channel"),
         Moved("substep_io", 1.0, 1.0, per="event"),
     )),
@@ -189,8 +196,10 @@ STEP = (
         *_read("channel_closed", per="ring"),
         *_read("point_xy", per="block"), *_read("point_section", per="event"),
         *_read("channel_start", "channel_nodes", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        *_read("point_next", "point_owner", per="block"),
-        Moved("bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"), Moved("contact_out", per="event"),
+        *_read("index.point_next", "index.point_owner", per="block"),
+        Moved("index.bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"),
+        # Where contacts are listed is for the host, when there are any.
+        Moved("share_offset", per="event"), Moved("contact_out", per="event"),
         Moved("share_contacts_io", written=1.0, per="chunk"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("collide", "collisions", "count_contacts", (
@@ -224,7 +233,7 @@ def bytes_per_point(
     terrain: bool = False,
     rings: bool = False,
 ) -> tuple[float, float]:
-    """Bytes that a kernel reads and writes a point at least.
+    """Bytes that a kernel reads and writes a point at least; none where it is not launched.
 
     Args:
         launch: The kernel.
@@ -236,6 +245,8 @@ def bytes_per_point(
         terrain: Whether there is ground.
         rings: Whether the network has rings.
     """
+    if launch.only == ("slabs" if np.isfinite(chunk_points) else "chunks"):
+        return 0.0, 0.0
     weight = {
         "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
         "section": float(varying), "terrain": float(terrain), "event": 0.0,

@@ -10,7 +10,7 @@ from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT, Work
 
 wp.set_module_options({"enable_backward": False})
 
-# A chord may be longer than the spacing where a neck was cut, by 1.34 spacings (see meander/checks.py).
+# A chord may be longer than the spacing where a neck was cut, by 1.34 spacings (see meander/resampling.py).
 SLACK_SPACINGS = 1.5
 
 

@@ -44,8 +44,10 @@ def build(scalar):
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
     QUANTA = wp.float64(1.0) / line.ARC_QUANTUM
-    # m; points of a chunk that lie farther apart have run away.
+    # m; where a chunk or a channel is longer, points have run away.
     FARTHEST = wp.float64(2.0**30)
+    # More segments of a channel than this are beyond the integers, or soon will be.
+    MOST = wp.float64(2.0**30)
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_arcs(
@@ -119,7 +121,8 @@ def build(scalar):
     ):
         """Number of new points of each channel, from its length and the spacing asked for, and the even spacing.
 
-        A ring has as many points as segments. A channel whose step is 0 keeps its points.
+        A ring has as many points as segments. A channel whose step is 0 keeps its points. One without length, or longer
+        than any river, is a fault.
         """
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
@@ -132,11 +135,12 @@ def build(scalar):
                 closed = line.closed_at(channel_closed, channel)
                 length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
-                if length > ZERO_64 and wp.isfinite(length):
+                needed = length / wp.float64(channel_form[channel][3])
+                if length > ZERO_64 and length < FARTHEST and needed < MOST:
                     least = int(2)
                     if closed != 0:
                         least = RING_POINTS
-                    pieces = wp.max(least, int(length / wp.float64(channel_form[channel][3]) + HALF_64))
+                    pieces = wp.max(least, int(needed + HALF_64))
                     channel_spacing_out[channel] = scalar(length / wp.float64(pieces))
                 else:
                     wp.atomic_max(status_io, FAULT, FAULT_NOT_FINITE)

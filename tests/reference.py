@@ -257,8 +257,8 @@ QUANTUM = 2.0**-32
 
 
 def segment_quanta(length):
-    """Lengths in m as whole numbers of quanta, halves up."""
-    return np.floor(length / QUANTUM + 0.5).astype(np.int64)
+    """Lengths in m as whole numbers of quanta, halves to even."""
+    return np.rint(length / QUANTUM).astype(np.int64)
 
 
 def arc_quanta(xy):

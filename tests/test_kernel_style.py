@@ -16,8 +16,33 @@ ATOMICS = {"atomic_add", "atomic_sub", "atomic_min", "atomic_max", "atomic_or", 
 INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64", "wp.uint64", "wp.vec2i", "bits")) + (
     "wp.array2d[wp.uint64]",
 )
-# A kernel that a factory makes for several types gets a name of its own for each.
-FACTORY_DECORATORS = ["named"]
+# What gives a kernel that a factory makes its name.
+NAMED = "from warpriver.kernels.variants import named"
+# Files without device code of their own, and so without a ``build``.
+WITHOUT_BUILD = ("__init__", "variants")
+# Which modules of ``warpriver`` launch the kernels of a file.
+LAUNCHERS = {
+    "cells": ["hydrology/cells.py"],
+    "collisions": ["meander/collisions.py"],
+    "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
+    "depressions": ["hydrology/depressions.py"],
+    "junctions": ["meander/junctions.py"],
+    "leheny": ["generate/leheny.py"],
+    "migration": ["meander/migration.py"],
+    "paths": ["shortest_path/push.py"],
+    "raster": ["raster.py"],
+    "resampling": ["meander/resampling.py"],
+    "routes": ["shortest_path/route.py"],
+    "routing": ["hydrology/routing.py"],
+    "runs": ["engine/state.py"],
+    "scans": ["engine/scans.py"],
+    "schedule": ["engine/substeps.py"],
+    "shortcuts": ["shortest_path/shortcuts.py"],
+    "smoothing": ["meander/smoothing.py"],
+    "terrain": ["terrain.py"],
+    "terrains": ["generate/terrains.py"],
+    "valley": ["generate/valley.py"],
+}
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 
 
@@ -46,6 +71,14 @@ def code_length(function):
     """Lines of the body below the docstring."""
     body = function.body[1:] if ast.get_docstring(function) else function.body
     return body[-1].end_lineno - body[0].lineno + 1
+
+
+def in_factories(tree):
+    """Kernels that a function inside of ``build`` makes, for several types or layouts."""
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    kernels = list(decorated(tree, "wp.kernel"))
+    makers = [f for f in functions if f.name != "build" and f not in kernels]
+    return [k for k in kernels if any(k in ast.walk(maker) for maker in makers)]
 
 
 def is_output(name):
@@ -120,17 +153,21 @@ def broken_outputs(function, outputs_of):
         yield "outputs are not last"
 
 
+def broken_decorators(function, made):
+    """One decorator; of a kernel that a factory makes, a second one that gives each of them a name of its own."""
+    decorator, *others = (ast.unparse(d) for d in function.decorator_list)
+    if decorator != "wp.kernel(module=name, enable_backward=False)":
+        yield f"decorator is {decorator}"
+    if [text.split("(")[0] for text in others] != ["named"] * made:
+        yield f"further decorators {others}; {'named(...) alone, in a factory' if made else 'none'} is right"
+
+
 def broken_kernel(function, lines):
-    """Rules of kernels alone: decorator, name, number of arguments, and their groups under comments in order."""
+    """Rules of kernels alone: name, number of arguments, and their groups under comments in order."""
     if len(function.args.args) > MOST_ARGUMENTS:
         yield f"{len(function.args.args)} arguments, {MOST_ARGUMENTS} at most; bundle the scalars in a struct"
     if "_" not in function.name:
         yield "name is not verb_object"
-    decorator, *others = (ast.unparse(d) for d in function.decorator_list)
-    if decorator != "wp.kernel(module=name, enable_backward=False)":
-        yield f"decorator is {decorator}"
-    if others not in ([], FACTORY_DECORATORS):
-        yield f"further decorators {others}"
     first, last = function.args.args[0].lineno - 2, function.args.args[-1].lineno
     found = [line.strip() for line in lines[first:last] if line.strip().startswith("#")]
     if found != [group for group in GROUPS if group in found]:
@@ -180,12 +217,13 @@ def broken_atomics(function):
 def test_kernels_and_device_functions_keep_the_rules(path):
     tree, lines = parsed(path), path.read_text().splitlines()
     outputs_of = {f.name: [a.arg for a in f.args.args] for f in decorated(tree, "wp.func")}
-    found = []
+    found, made = [], in_factories(tree)
     for function in device_code(tree):
         kernel = function in list(decorated(tree, "wp.kernel"))
         broken = [*broken_signature(function), *broken_literals(function), *broken_atomics(function)]
         broken += broken_outputs(function, outputs_of)
-        broken += broken_kernel(function, lines) if kernel else []
+        if kernel:
+            broken += [*broken_decorators(function, function in made), *broken_kernel(function, lines)]
         found += [f"{path.name}:{function.lineno} {function.name}: {text}" for text in broken]
     assert not found, "\n".join(found)
 
@@ -194,8 +232,8 @@ def test_kernels_and_device_functions_keep_the_rules(path):
 def test_a_file_builds_its_kernels_once_for_each_precision(path):
     """One cached ``build(scalar)`` a file holds all of its device code, in a Warp module named after both."""
     tree = parsed(path)
-    if path.name == "__init__.py":
-        assert not device_code(tree)
+    if path.stem in WITHOUT_BUILD:
+        assert not device_code(tree) and not list(decorated(tree, "wp.struct"))
         return
     (build,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))
     assert build.name == "build" and [a.arg for a in build.args.args] == ["scalar"]
@@ -216,8 +254,9 @@ def test_kernels_import_warp_and_each_other_only(path):
         if isinstance(node, ast.Import):
             assert {a.name for a in node.names} <= {"functools", "math", "warp"}
         if isinstance(node, ast.ImportFrom):
-            shared = imports_shared_structs(node)
-            assert node.level == 0 and (node.module in ("types", "typing", "warpriver.kernels") or shared)
+            shared = imports_shared_structs(node) or ast.unparse(node) == NAMED
+            known = node.module in ("types", "typing", "collections.abc", "warpriver.kernels")
+            assert node.level == 0 and (known or shared), ast.unparse(node)
 
 
 def imports_shared_structs(node):
@@ -253,17 +292,18 @@ def imported_kernel_files(path):
                     yield a.name.split(".")[-1], node.lineno
 
 
-def test_kernels_are_launched_only_from_the_module_of_the_same_name():
-    found = []
-    launchers = {path.stem: [] for path in with_kernels()}
+def test_the_kernels_of_a_file_are_launched_from_the_modules_that_the_table_names():
+    assert sorted(LAUNCHERS) == sorted(path.stem for path in with_kernels()), "every file with kernels has launchers"
+    allowed, found = {(stem, name) for stem, names in LAUNCHERS.items() for name in names}, {}
     for path in sorted((ROOT / "warpriver").rglob("*.py")):
         for stem, line in imported_kernel_files(path):
-            if stem == path.stem and stem in launchers:
-                launchers[stem].append(path)
-            else:
-                found.append(f"{path.relative_to(ROOT)}:{line} imports kernels {stem}")
-    found += [f"kernels/{stem}.py has no module of its name" for stem, paths in launchers.items() if not paths]
-    assert not found, "\n".join(found)
+            found[stem, path.relative_to(ROOT / "warpriver").as_posix()] = line
+    extra = [f"warpriver/{name}:{line} imports kernels {stem}" for (stem, name), line in found.items()
+             if (stem, name) not in allowed]  # fmt: skip
+    missing = [f"warpriver/{name} does not import kernels {stem}" for stem, name in sorted(allowed - set(found))]
+    assert not extra + missing, "\n".join(extra + missing)
+    idle = [name for _, name in sorted(allowed) if "kernels.build(" not in (ROOT / "warpriver" / name).read_text()]
+    assert not idle, f"import kernels and build none: {idle}"
 
 
 def test_references_in_docstrings_are_in_the_bibliography():

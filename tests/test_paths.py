@@ -15,7 +15,7 @@ import warpriver as wr
 from warpriver.cli import main
 from warpriver.engine import state as engine
 from warpriver.engine.substeps import schedule_channels
-from warpriver.kernels.polyline import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT, FAULT_SHORTCUTS_FULL
+from warpriver.kernels.polyline import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT
 from warpriver.meander.resampling import Resample
 from warpriver.shortest_path.push import Push, push_limits
 from warpriver.shortest_path.route import TakeShortcuts
@@ -33,7 +33,7 @@ def wandering_line(rng, count, curl=0.6):
 
 
 def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPACING, closed=False):
-    """A network whose points are as they have moved, in the state of a step, with the phases of the solver."""
+    """A network whose points stay as they are, and have moved, in the state of a step, and the phases of the solver."""
     network = wr.RiverNetwork.from_polylines(lines, width=width, dtype=dtype, closed=closed, device=device)
     even = np.full(len(lines), spacing)
     sampler = Resample()
@@ -41,7 +41,6 @@ def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPAC
     state = engine.State(network, params.replace(spacing=spacing), None, (push, cutter, sampler), any_step)
     state.begin()
     state.allocate_points(network.point_count)
-    cutter.loops.reserve(state, network.point_count, 4 * network.point_count)
     wp.copy(state.point_moved, network.point_xy, count=network.point_count)
     state.assign(state.spacing, even)
     state.parts.fill_(1)
@@ -68,13 +67,12 @@ def cut(lines, params, **options):
     """Take the shortcuts of lines as they are: by channel, all pairs joined and the pairs on the shortest path."""
     state = prepare(lines, params, **options)
     found, inner = state.found, state.inner
-    while True:
+    take(state)
+    while (status := inner.read_status())[FAULT] != 0:
+        # Where there is too little room, for shortcuts or for loops, nothing is cut.
+        assert state.cutter.grow(inner, status)
         inner.begin_row()
         take(state)
-        if inner.read_status()[FAULT] != FAULT_SHORTCUTS_FULL:
-            break
-        state.cutter.grow(inner, inner.read_status())
-    assert inner.read_status()[FAULT] == 0
     count = found.count(inner)
     links = np.stack([found.link_from.numpy()[:count], found.link_to.numpy()[:count]], axis=1)
     start, neck = state.network.starts(), found.point_neck.numpy()
@@ -135,8 +133,9 @@ def taken(state):
 
 
 def reserve(state):
-    """Make room for more shortcuts than there are."""
+    """Make room for all shortcuts and loops that there can be."""
     state.found.reserve(state.inner, 100_000)
+    state.cutter.loops.reserve(state.inner, state.network.point_count, 4 * state.network.point_count)
 
 
 def assert_same(results):

@@ -123,8 +123,8 @@ def test_every_public_name_is_there_and_has_a_docstring():
 def test_the_package_list_is_the_tree():
     text = (ROOT / "pyproject.toml").read_text()
     listed = set(re.findall(r'"(warpriver[\w.]*)"', text.split("packages = [", 1)[1].split("]", 1)[0]))
-    found = {"warpriver." + p.parent.name for p in (ROOT / "warpriver").glob("*/__init__.py")}
-    assert listed == found | {"warpriver", "warpriver.kernels"}
+    found = {".".join(p.parent.relative_to(ROOT).parts) for p in (ROOT / "warpriver").rglob("__init__.py")}
+    assert listed == found | {"warpriver.kernels"}
 
 
 def test_version_is_stated_once():

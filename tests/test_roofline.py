@@ -65,8 +65,9 @@ def test_bytes_of_kernels_counted_by_hand():
     # Buckets of two fields: set to 0, four of them a point, and both changed by the point.
     assert roofline.bytes_per_point(by_name["insert_points"], chunk_points=32.0, **endless) == (24.0, 44.0)
     # A chunk has its mark and its cuts, two integers each, from which the marks' running sums and places are made.
-    _, written = roofline.bytes_per_point(by_name["find_necks"], chunk_points=32.0, **endless)
-    assert written == 4.0 + 16.0 / 32.0
+    assert roofline.bytes_per_point(by_name["find_necks"], **endless) == (36.0, 4.0)
+    chunked = by_name["find_necks_in_chunks"]
+    assert roofline.bytes_per_point(chunked, chunk_points=32.0, **endless) == (36.0, 4.0 + 16.0 / 32.0)
     sums = [roofline.bytes_per_point(by_name[x], chunk_points=32.0) for x in ("sum_marks", "scan_marks", "list_marks")]
     assert sums == [(8.0 / 32.0, 0.0), (8.0 / 32.0, 8.0 / 32.0), (8.0 / 32.0, 4.0 / 32.0)]
     assert roofline.argument_sizes(by_name["select_cuts"], "float64")["marks.place"] == 4
@@ -77,7 +78,13 @@ def test_bytes_of_kernels_counted_by_hand():
     assert read == pytest.approx(16.0 + (4 + 32 + 8 + 8) / 100.0)
 
 
-def test_phases_add_up():
-    phases = roofline.phase_bytes()
+@pytest.mark.parametrize(("chunk_points", "division"), [(np.inf, "slabs"), (roofline.CHUNK_POINTS, "chunks")])
+def test_phases_add_up(chunk_points, division):
+    """What is not launched moves nothing: either search for necks counts, never both."""
+    phases = roofline.phase_bytes(chunk_points=chunk_points)
     assert list(phases) == ["migrate", "cut off", "resample", "collide"]
-    assert sum(phases.values()) == pytest.approx(sum(sum(roofline.bytes_per_point(x)) for x in roofline.STEP))
+    each = {x: sum(roofline.bytes_per_point(x, chunk_points=chunk_points)) for x in roofline.STEP}
+    assert sum(phases.values()) == pytest.approx(sum(each.values()))
+    for launch, moved in each.items():
+        assert moved == 0.0 or launch.only in ("", division), launch.kernel
+        assert moved > 0.0 or launch.only != division or launch.kernel == "count_contacts", launch.kernel

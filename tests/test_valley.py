@@ -9,7 +9,8 @@ from reference_valley import section_depth
 from scipy.integrate import trapezoid
 
 import warpriver as wr
-from warpriver import generate as g
+from warpriver import generate
+from warpriver import valley as g
 
 NAMES = ("S1", "S2", "S3", "S4", "S5", "S6")
 # What the paper's Tables 3 and 4 must give, to the digits it has: sinuosity, depth, W/H, confinement, width and depth
@@ -382,7 +383,7 @@ def test_stations_of_elements_in_metres_follow_their_controls():
 
 def meandered(*, device):
     """A channel that has meandered, with cutoffs."""
-    line = g.noisy_line(6_000.0, 30.0, 60.0, seed=3)
+    line = generate.noisy_line(6_000.0, 30.0, 60.0, seed=3)
     simulation = wr.Simulation(wr.RiverNetwork.from_polylines([line + [1e5, 2e6]], width=50.0), device=device)
     simulation.run(years=120)
     return simulation.network

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from warpriver import generate as g
+from warpriver import generate
+from warpriver import valley as g
 from warpriver.valley.controls import TERMS, evaluate
 
 U = np.linspace(0.0, 1.0, 2001)
@@ -21,14 +22,14 @@ def test_harmonics_add_up():
 @pytest.mark.parametrize("angle", [0.4, 1.2, 2.0])
 def test_sine_generated_offset_is_that_of_the_curve(angle):
     """The same sideways offset as of the curve walked in plan, scaled to 1."""
-    line = g.sine_generated(100.0, angle, 2, 0.01)
+    line = generate.sine_generated(100.0, angle, 2, 0.01)
     offset = line[:, 1] - 0.5 * (line[:, 1].max() + line[:, 1].min())
     value = g.SineGenerated(1.0, 2.0, 0.0, angle)(np.linspace(0.0, 1.0, len(line)))
     np.testing.assert_allclose(value, offset / np.abs(offset).max(), atol=2e-5)
 
 
 def test_kinoshita_offset_is_that_of_the_curve_and_leans():
-    line = g.kinoshita(100.0, 1.6, 1, 0.01)
+    line = generate.kinoshita(100.0, 1.6, 1, 0.01)
     offset = line[:, 1] - 0.5 * (line[:, 1].max() + line[:, 1].min())
     value = g.Kinoshita(3.0, 1.0, 0.0, 1.6)(np.linspace(0.0, 1.0, len(line)))
     # The curve's end differs sideways from its start by what its third harmonic leaves: none here.

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 import warpriver as wr
-from warpriver import generate as g
+from warpriver import valley as g
 from warpriver.valley.covariance import correlation_by_frequency, covariance_series
 
 TARGETS = np.arange(-1.0, 1.01, 0.25)

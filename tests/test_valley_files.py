@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import warpriver as wr
-from warpriver import generate as g
+from warpriver import generate
+from warpriver import valley as g
 from warpriver.cli import main
 from warpriver.io.valleys import valley_schema
 from warpriver.valley.controls import TERMS
@@ -104,7 +105,7 @@ def test_every_term_and_table_survives_a_file(tmp_path):
 
 
 def test_a_line_may_lie_in_a_file_beside_it(tmp_path, device):
-    line = g.valley_line(900.0, 10.0, 40.0, 300.0, seed=1)
+    line = generate.valley_line(900.0, 10.0, 40.0, 300.0, seed=1)
     wr.write_network(wr.RiverNetwork.from_polylines([line], width=20.0), tmp_path / "river.csv")
     (tmp_path / "v.toml").write_text('slope = 0.001\ndepth = 1.0\nwidth = 20.0\n[line]\nfile = "river.csv"\n')
     valley = wr.synthetic_valley(wr.read_valley(tmp_path / "v.toml"), device=device)

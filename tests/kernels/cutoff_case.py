@@ -184,7 +184,8 @@ class Case:
         ]
         inputs = [self.channel_start, self.form, self.channel_spacing, self.channel_step, self.closed, self.cutoff]
         inputs += [self.min_arc, ..., points, self.section, after, head]
-        self.launch(self.kernel.find_necks, deal, inputs, out)
+        search = self.kernel.find_necks_in_chunks if isinstance(deal, int) else self.kernel.find_necks
+        self.launch(search, deal, inputs, out)
         return [array.numpy() for array in out]
 
     def necks(self, deal=64):

@@ -20,7 +20,7 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import collisions
-from warpriver.kernels.polyline import CONTACTS, HALT
+from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT
 
 SPACING, WIDTH, REACH = 10.0, 12.0, 10.0
 
@@ -60,7 +60,7 @@ class Levels:
 
     def __init__(self, width, block):
         self.sizes = [max(1, int(block * w / SPACING)) for w in width]
-        longest = collisions.COARSEST_SPACING * SPACING
+        longest = COARSEST_SPACING * SPACING
         slack = collisions.SLACK_SPACINGS * longest
         reach = np.array([0.5 * (w + max(block * w, longest)) + slack for w in width])
         # Each level has cells twice as wide as the one before.
@@ -122,8 +122,11 @@ class Search:
         table = to_device(np.array(nodes, np.int32), wp.vec2i, device)
         shares = share_count(deal, channels, count)
         found = unwritten(shares, wp.int32, device)
-        inputs = [xy, section, starts, table, form, spacing, step, rings, law, ..., links, owners, bucket]
-        launch(kernel.find_contacts, inputs, [None, found, status])
+        index = collisions.BlockIndex()
+        index.point_next, index.point_owner, index.bucket = links, owners, bucket
+        inputs = [xy, section, starts, table, form, spacing, step, rings, law, ..., index]
+        # Where they are listed is not known, nor looked at, before they are counted.
+        launch(kernel.find_contacts, [*inputs, unwritten(shares, wp.int32, device)], [None, found, status])
         self.by_share = found.numpy()
         if halt:
             assert (self.by_share == UNWRITTEN).all() and status.numpy()[CONTACTS] == UNWRITTEN
@@ -134,8 +137,8 @@ class Search:
             wp.launch(kernel.count_contacts, dim=1, inputs=[found], outputs=[status], device=device)
         assert status.numpy()[CONTACTS] == self.count
         total, out = to_device(np.cumsum(self.by_share), wp.int32, device), unwritten(self.count + 2, wp.vec2i, device)
-        launch(kernel.find_contacts, inputs, [out, total, status])
-        assert (total.numpy() == np.cumsum(self.by_share)).all(), "what is listed is not counted again"
+        launch(kernel.find_contacts, [*inputs, total], [out, found, status])
+        assert (found.numpy() == self.by_share).all(), "what is listed is not counted again"
         assert status.numpy()[CONTACTS] == self.count
         assert (out.numpy()[self.count :] == UNWRITTEN).all()
         self.contacts = [tuple(pair) for pair in out.numpy()[: self.count].tolist()]
@@ -267,30 +270,3 @@ def test_points_near_a_shared_node_do_not_touch(device, dtype):
     assert Search(lines, width, nodes, 64, 2.0, dtype, device).contacts == []
     apart = [(0, 4), (1, 5), (2, 3)]
     assert Search(lines, width, apart, 64, 2.0, dtype, device).count > 0
-
-
-@pytest.mark.parametrize("chunk", [1, 2, 7, 64, 4096])
-def test_gather_runs_takes_points_and_scales_sections(device, dtype, chunk):
-    """Runs of one point and of many, backwards, twice, and all the way; held against taking point by point."""
-    kernel, scalar, rng = collisions.build(SCALARS[dtype]), SCALARS[dtype], np.random.default_rng(0)
-    vec2 = vec2_of(scalar)
-    xy = np.arange(400.0).reshape(200, 2)
-    section = 1.0 + np.arange(400.0).reshape(200, 2)
-    begin = np.array([90, 0, 199, 3, 3, 90, 100, 0])
-    count = np.array([60, 1, 1, 40, 1, 2, 100, 200])
-    start = np.concatenate([[0], np.cumsum(count)])
-    scale = rng.integers(1, 9, (len(begin), 2)) / 4.0
-    source = np.concatenate([np.arange(b, b + n) for b, n in zip(begin, count, strict=True)])
-    for sections in (None, section):
-        points, out = (unwritten(int(start[-1]) + 3, vec2, device) for _ in range(2))
-        inputs = [to_device(xy, vec2, device), to_device(sections, vec2, device), chunk]
-        inputs += [to_device(a.astype(np.int32), wp.int32, device) for a in (begin, start)]
-        inputs.append(to_device(scale, vec2, device))
-        threads = -(-int(start[-1] + 3) // chunk)
-        wp.launch(kernel.gather_runs, dim=threads, inputs=inputs, outputs=[points, out], device=device)
-        np.testing.assert_array_equal(points.numpy()[:-3], xy[source])
-        assert np.isnan(points.numpy()[-3:]).all() and np.isnan(out.numpy()[-3:]).all()
-        if sections is None:
-            assert np.isnan(out.numpy()).all()
-        else:
-            np.testing.assert_array_equal(out.numpy()[:-3], section[source] * np.repeat(scale, count, axis=0))

@@ -28,10 +28,9 @@ from migration_case import (
 from reference import Law
 from scipy.integrate import quad
 
-from warpriver.engine.stages import run_stages
+from warpriver.engine.state import State
 from warpriver.kernels import migration
 from warpriver.meander import migration as launcher
-from warpriver.meander.buffers import StepBuffers, StepChannels
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 
@@ -290,27 +289,19 @@ def test_rates_in_proportion_to_width(device):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
     """Through RiverNetwork.origin, to the bit, in both precisions: nothing is ever computed in absolute coordinates."""
-    params = MeanderParams(time_step=0.3)
+    params = MeanderParams(time_step=0.3, spacing=50.0)
     results = []
     for offset in ((0.0, 0.0), (512_000.0, 4_096_000.0)):
         lines = [np.round(xy * 64.0) / 64.0 + offset for xy in stacked_lines(seed=1)]
-        network = RiverNetwork.from_polylines(lines, width=50.0, dtype=dtype)
-        width, even = network.channel_width, np.full(len(lines), 50.0)
-        channels = StepChannels(network, len(lines) + 2, mobile=False)
-        channels.fill(
-            network,
-            form=np.column_stack([width, network.channel_depth, width, even]),
-            spacing=even,
-            limit=np.full((len(lines), 3), np.inf),
-            nodes=np.zeros((len(lines), 2)),
-        )
-        buffers = StepBuffers(network, network.point_count, 1, 1)
-        channels.deal_out(network, buffers, anew=True)
-        law = launcher.migration_law(params, dtype)
-        move = launcher.migrate(network, channels, buffers, None, law)
-        channels.set_step(np.full(len(lines), params.time_step))
-        run_stages(move, channels.whole, channels.slabs)
-        results.append((buffers.point_rate.numpy(), buffers.point_moved.numpy()))
+        network = RiverNetwork.from_polylines(lines, width=50.0, dtype=dtype, device="cpu")
+        mover = launcher.Migrate()
+        state = State(network, params, None, (mover,), launcher.step_limits)
+        state.begin()
+        state.step.fill_(params.time_step)
+        state.begin_row()
+        state.run(mover.stages(state))
+        count = network.point_count
+        results.append((mover.point_rate.numpy()[:count], state.point_moved.numpy()[:count]))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()
     assert (results[0][1] == results[1][1]).all()

@@ -30,7 +30,9 @@ from kernel_arrays import (
 from warpriver.kernels import polyline, resampling
 from warpriver.kernels.polyline import (
     CUT_POINTS,
+    CUT_POINTS_NEEDED,
     CUTS,
+    CUTS_NEEDED,
     DONE,
     FAULT,
     GOAL,
@@ -58,6 +60,13 @@ def smooth_line(rng, count, spacing=50.0):
     heading = rng.uniform(0.0, 6.0) + 1.2 * np.sin(s / rng.uniform(120.0, 250.0) + rng.uniform(0.0, 6.0))
     steps = np.diff(s)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)[1:]
     return np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)]) + rng.uniform(-500.0, 500.0, 2)
+
+
+def as_quanta(arc):
+    """Arc lengths in m as the whole numbers of quanta that they are."""
+    quanta = arc / reference.QUANTUM
+    assert (quanta == np.rint(quanta)).all()
+    return quanta.astype(np.int64)
 
 
 def with_copies(xy, pairs):
@@ -115,7 +124,7 @@ class Case:
 
     def measured(self, deal, status=None, halt=0):
         """Arc lengths in the chunks or along the channels, and the length of each chunk, both on the device."""
-        arc = unwritten(self.capacity, wp.int64, self.device)
+        arc = unwritten(self.capacity, wp.float64, self.device)
         length = unwritten(share_count(deal, len(self.lines), self.capacity), wp.int64, self.device)
         status = status_of({}, self.device) if status is None else status
         inputs = [self.channel_start, self.channel_step, ..., self.point_moved]
@@ -125,8 +134,9 @@ class Case:
     def arcs(self, deal, status=None):
         """Arc lengths of the points from their channels' heads, in quanta, by channel."""
         arc, length = (a.numpy() for a in self.measured(deal, status))
+        arc = as_quanta(arc[: self.count])
         if isinstance(deal, int):
-            arc[: self.count] += (np.cumsum(length) - length)[np.arange(self.count) // deal]
+            arc += (np.cumsum(length) - length)[np.arange(self.count) // deal]
         return [own - own[0] for own in split(arc, self.start)]
 
     def counted(self, deal, arc, offset, status):
@@ -140,10 +150,13 @@ class Case:
             self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, status])
         return samples, spacing
 
-    def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5), halt=0):
+    def sampled(self, deal=64, capacity=None, fault=0, substep=(2, 5), halt=0, goal=1, keep_plan=0):
         """All kernels in a row, into new arrays of that capacity (by default just what is needed and 4 more)."""
         channels = len(self.lines)
-        state = {FAULT: fault, HALT: halt, GOAL: 1, POINTS: -1, POINTS_NEEDED: -1, STATUS_SIZE: -1, STATUS_SIZE + 1: -1}
+        state = {FAULT: fault, HALT: halt, GOAL: goal, POINTS: -1, POINTS_NEEDED: -1}
+        state |= {STATUS_SIZE: -1, STATUS_SIZE + 1: -1}
+        # What the sub-steps before have cut off, and what this one has.
+        state |= {CUTS: 2, CUT_POINTS: 30, CUTS_NEEDED: channels, CUT_POINTS_NEEDED: 10 * channels}
         status = status_of(state, self.device, row=1)
         arc, length = self.measured(deal, status)
         offset = unwritten(len(length), wp.int64, self.device)
@@ -161,9 +174,8 @@ class Case:
         start_out = to_device(self.start, wp.int32, self.device)
         spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
         count = to_device([*substep, 1], wp.int32, self.device)
-        cut_sum = to_device([[1, 4], [channels, 10 * channels]], wp.vec2i, self.device)
         outputs = [start_out, spacing_out, count, status]
-        self.launch(self.kernel.commit_step, channels + 1, [capacity, 0, start_next, spacing, cut_sum], outputs)
+        self.launch(self.kernel.commit_step, channels + 1, [capacity, keep_plan, start_next, spacing], outputs)
         raw, start = points.numpy().astype(np.float64), start_out.numpy()
         by_channel = split(raw, start_next.numpy())
         if sections is not None:
@@ -173,10 +185,14 @@ class Case:
         found = status.numpy()
         fault, counted, steps = found[[FAULT, DONE, STEPS]].tolist()
         assert found[STATUS_SIZE:].tolist() == (list(substep) if counted else [-1, -1])
-        assert steps == (counted and done == 0) and planned == 1 - steps
-        assert counted == (done != substep[0] or (total == 1 and fault == 0 and not halt))
-        assert found[[CUTS, CUT_POINTS]].tolist() == [counted * channels, counted * 10 * channels]
-        assert found[POINTS] == (needed if counted else -1)
+        taken = fault == 0 and not halt
+        assert steps == (counted and done == 0) and planned == (keep_plan if steps else 1)
+        assert counted == (taken and goal > 0) and done == (substep[0] + counted) % total
+        assert found[[CUTS, CUT_POINTS]].tolist() == [2 + counted * channels, 30 + counted * 10 * channels]
+        assert found[[CUTS_NEEDED, CUT_POINTS_NEEDED]].tolist() == [channels, 10 * channels]
+        assert found[POINTS] == (needed if taken else -1)
+        if not taken:
+            assert start.tolist() == self.start.tolist() and (spacing_out.numpy() == SPACING_BEFORE).all()
         told = not halt and fault in (0, FAULT_POINTS_FULL)
         assert found[POINTS_NEEDED] == (needed if told else -1), "told, whether there is room or not"
         return Sampled(by_channel, sections, spacing_out.numpy(), start, fault, needed, raw, done)
@@ -213,7 +229,7 @@ def assert_sampled(case, deal, tolerance=POINT_TOLERANCE):
 
 @pytest.mark.parametrize("chunk", CHUNKS)
 def test_arc_lengths_by_chunk(device, chunk):
-    """Each point's arc from its chunk's first point; nothing is added between one channel and the next."""
+    """Each point's arc in its chunk; nothing is added between one channel and the next."""
     rng = np.random.default_rng(3)
     case = Case([smooth_line(rng, n) for n in (3, 70, 4, 3, 3, 129, 64)], device=device)
     total = np.concatenate([np.diff(reference.arc_quanta(xy), prepend=0) for xy in case.lines]).cumsum()
@@ -223,8 +239,8 @@ def test_arc_lengths_by_chunk(device, chunk):
     ends = total[np.minimum(np.arange(1, threads + 1) * chunk, case.count) - 1]
     assert np.abs(length - np.diff(ends, prepend=0)).max() <= QUANTA_TOLERANCE
     before = np.concatenate([[0], ends[:-1]])[np.arange(case.count) // chunk]
-    assert np.abs(arc[: case.count] - (total - before)).max() <= QUANTA_TOLERANCE
-    assert (arc[case.count :] == UNWRITTEN).all()
+    assert np.abs(as_quanta(arc[: case.count]) - (total - before)).max() <= QUANTA_TOLERANCE
+    assert np.isnan(arc[case.count :]).all()
 
 
 @pytest.mark.parametrize("deal", SLABS)
@@ -235,10 +251,10 @@ def test_arc_lengths_by_slab(device, deal):
     arc, length = (a.numpy() for a in case.measured(deal))
     for c, (xy, found) in enumerate(zip(case.lines, split(arc, case.start), strict=True)):
         if c in case.resting:
-            assert (found == UNWRITTEN).all()
+            assert np.isnan(found).all()
         else:
-            assert np.abs(found - reference.arc_quanta(xy)).max() <= QUANTA_TOLERANCE
-    assert (arc[case.count :] == UNWRITTEN).all() and (length == UNWRITTEN).all()
+            assert np.abs(as_quanta(found) - reference.arc_quanta(xy)).max() <= QUANTA_TOLERANCE
+    assert np.isnan(arc[case.count :]).all() and (length == UNWRITTEN).all()
 
 
 def test_arc_lengths_are_those_of_the_segments_to_half_a_quantum_each():
@@ -251,7 +267,7 @@ def test_arc_lengths_are_those_of_the_segments_to_half_a_quantum_each():
 
 
 def test_arc_lengths_do_not_depend_on_the_division(device, dtype):
-    """To the bit, in chunks of any size and in slabs: they are sums of whole numbers."""
+    """To the bit, in chunks of any size and in slabs: they are sums of whole quanta."""
     rng = np.random.default_rng(4)
     lines = [smooth_line(rng, n) for n in (3, 700, 4, 3, 3, 129, 64)]
     lines[1] = with_copies(lines[1], [(63, 129), (500, 699)])
@@ -263,10 +279,68 @@ def test_arc_lengths_do_not_depend_on_the_division(device, dtype):
             np.testing.assert_array_equal(arc, own)
 
 
+def test_arcs_between_points_of_a_channel_are_those_of_its_segments(device, dtype):
+    """From the head and from any point to any later one, as the kernels ask for them, in quanta."""
+    line = polyline.build(SCALARS[dtype])
+    arc_at, arc_between = line.arc_at, line.arc_between
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(
+        point_arc: wp.array[wp.float64],
+        chunk_offset: wp.array[wp.int64],
+        chunk: int,
+        first: int,
+        arc_out: wp.array[wp.float64],
+        between_out: wp.array2d[wp.float64],
+    ):
+        i, j = wp.tid()
+        arc_out[j] = arc_at(point_arc, chunk_offset, chunk, first, first + j)
+        if i <= j:
+            between_out[i, j] = arc_between(point_arc, chunk_offset, chunk, first + i, first + j)
+
+    rng = np.random.default_rng(5)
+    case = Case([smooth_line(rng, n) for n in (3, 70, 4, 129)], dtype=dtype, device=device)
+    expected = case.arcs(SLABS[0])
+    for deal in DEALS:
+        arc, length = case.measured(deal)
+        offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
+        chunk = int(deal) if isinstance(deal, int) else 0
+        for first, own in zip(case.start[:-1].tolist(), expected, strict=True):
+            n = len(own)
+            out, between = wp.zeros(n, dtype=wp.float64, device=device), wp.zeros((n, n), wp.float64, device=device)
+            inputs = [arc, offset, chunk, first]
+            wp.launch(evaluate, dim=(n, n), inputs=inputs, outputs=[out, between], device=device)
+            np.testing.assert_array_equal(as_quanta(out.numpy()), own)
+            np.testing.assert_array_equal(as_quanta(between.numpy()), np.triu(own - own[:, None]))
+
+
+def test_lengths_are_rounded_to_the_nearest_quantum(device, dtype):
+    """Halves to even; from nothing to 524 km, beyond which a quantum is lost in the sum that rounds."""
+    scalar, real = SCALARS[dtype], REALS[dtype]
+    whole_quanta = polyline.build(scalar).whole_quanta
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(length: wp.array[scalar], quanta_out: wp.array[wp.float64]):
+        i = wp.tid()
+        quanta_out[i] = whole_quanta(length[i])
+
+    rng = np.random.default_rng(6)
+    halves = (np.arange(9) + 0.5) * reference.QUANTUM
+    length = np.concatenate([[0.0, 524_287.0], halves, 10.0 ** rng.uniform(-12.0, 5.7, 1000)]).astype(real)
+    out = unwritten(len(length), wp.float64, device)
+    wp.launch(evaluate, len(length), inputs=[to_device(length, scalar, device)], outputs=[out], device=device)
+    quanta = as_quanta(out.numpy())
+    np.testing.assert_array_equal(quanta, reference.segment_quanta(length.astype(np.float64)))
+    assert quanta[2:11].tolist() == [0, 2, 2, 4, 4, 6, 6, 8, 8]
+
+
 @pytest.mark.parametrize("where", [1, 6, 12])
-@pytest.mark.parametrize(("value", "fault"), [(np.nan, 1), (np.inf, 1), (-np.inf, 1), (3e8, 1), (1e30, 1), (2.6e8, 0)])
-def test_a_gap_that_is_not_finite_or_longer_than_any_river_is_a_fault(device, dtype, value, fault, where):
-    """A point that has run away by 2^28 m, wherever chunks and channels begin, as the first of them and the last."""
+@pytest.mark.parametrize(("value", "fault"), [(np.nan, 1), (np.inf, 1), (-np.inf, 1), (1.1e9, 1), (1e30, 1), (5e8, 0)])
+def test_a_length_that_is_not_finite_or_beyond_any_river_is_a_fault(device, dtype, value, fault, where):
+    """A point that has run away, so that its channel is longer than 2^30 m, wherever chunks and channels begin.
+
+    Chunks find it where they measure, so that their lengths can be added up; slabs where the samples are counted.
+    """
     rng = np.random.default_rng(3)
     lines = [smooth_line(rng, n) for n in (7, 14, 9)]
     for place in (where, 0, -1):
@@ -276,15 +350,48 @@ def test_a_gap_that_is_not_finite_or_longer_than_any_river_is_a_fault(device, dt
         for deal in DEALS:
             for before in (0, 2):
                 status = status_of({FAULT: before}, device)
-                case.measured(deal, status)
+                arc, length = case.measured(deal, status)
+                if isinstance(deal, int):
+                    assert status.numpy()[FAULT] == max(before, fault)
+                    assert (length.numpy() >= 0).all(), "what has no length adds none"
+                else:
+                    assert status.numpy()[FAULT] == before
+                case.counted(deal, arc, to_device(np.cumsum(length.numpy()), wp.int64, device), status)
                 assert status.numpy()[FAULT] == max(before, fault), "the graver fault is kept"
+
+
+@pytest.mark.parametrize(("gaps", "fault"), [(1, 0), (2, 0), (3, 1)])
+def test_a_channel_may_be_too_long_of_which_no_chunk_is(device, gaps, fault):
+    """Each gap of 500,000 km is within what a chunk may hold; a channel holds two of them and no more."""
+    x = 5e8 * np.arange(gaps + 1)
+    lines = [smooth_line(np.random.default_rng(3), 7), np.stack([np.repeat(x, 5), np.zeros(5 * len(x))], axis=1)]
+    case = Case(lines, device=device)
+    for deal in (1, 2, *SLABS):
+        status = status_of({}, device)
+        arc, length = case.measured(deal, status)
+        assert status.numpy()[FAULT] == 0
+        case.counted(deal, arc, to_device(np.cumsum(length.numpy()), wp.int64, device), status)
+        assert status.numpy()[FAULT] == fault, deal
+
+
+@pytest.mark.parametrize(("spacing", "fault"), [(0.1, 0), (0.01, 0), (0.009, 1), (1e-3, 1), (1e-9, 1)])
+def test_more_segments_than_integers_count_are_a_fault(device, spacing, fault):
+    """Of 10,000 km: 2^30 segments are the limit."""
+    case = Case([np.array([[0.0, 0.0], [4e6, 0.0], [1e7, 0.0]])], spacing=spacing, device=device)
+    for deal in (7, SLABS[0]):
+        status = status_of({}, device)
+        arc, length = case.measured(deal, status)
+        offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
+        samples, _ = case.counted(deal, arc, offset, status)
+        assert status.numpy()[FAULT] == fault
+        assert samples.numpy()[0] == (0 if fault else round(1e7 / spacing) + 1)
 
 
 @pytest.mark.parametrize("deal", [7, *SLABS[:2]])
 def test_a_halted_step_measures_nothing(device, deal):
     case = Case([smooth_line(np.random.default_rng(1), n) for n in (40, 3)], device=device)
     arc, length = case.measured(deal, halt=1)
-    assert (arc.numpy() == UNWRITTEN).all() and (length.numpy() == UNWRITTEN).all()
+    assert np.isnan(arc.numpy()).all() and (length.numpy() == UNWRITTEN).all()
 
 
 def test_counts_by_hand(device):
@@ -560,6 +667,21 @@ def test_sub_steps_are_counted_where_the_step_is_taken_over(device):
     assert case.sampled(substep=(1, 3), fault=2).done == 1
     assert case.sampled(substep=(1, 3), capacity=10).done == 1
     assert case.sampled(substep=(1, 3), halt=1).done == 1
+
+
+def test_lines_sampled_outside_of_a_step_are_taken_over_and_not_counted(device):
+    """No step is asked for: neither sub-steps nor cutoffs are counted."""
+    case = Case([smooth_line(np.random.default_rng(1), n) for n in (40, 3)], device=device)
+    result = case.sampled(substep=(0, 1), goal=0)
+    assert result.done == 0 and result.start.tolist() == starts_of(result.points).tolist()
+    assert (result.spacing != SPACING_BEFORE).all()
+
+
+def test_a_plan_may_hold_for_the_next_step(device):
+    case = Case([smooth_line(np.random.default_rng(1), n) for n in (40, 3)], device=device)
+    for keep_plan in (0, 1):
+        for substep in ((0, 1), (1, 3), (2, 3)):
+            case.sampled(substep=substep, keep_plan=keep_plan)
 
 
 # ---- shared functions

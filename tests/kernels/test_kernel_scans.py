@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_arrays import SCALARS, chunk_count, to_device, unwritten
 
+from warpriver.engine.scans import SERIAL, Scan
 from warpriver.kernels import scans
-from warpriver.meander.scans import SERIAL, Scan
 
 KINDS = {"counts": wp.int32, "lengths": wp.int64, "pairs": wp.vec2i, "marks": wp.vec2i}
 # About the sizes at which there is another level of groups, and far beyond.

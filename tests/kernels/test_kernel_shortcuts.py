@@ -24,7 +24,7 @@ from kernel_arrays import (
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
 from warpriver.kernels import cutoffs, resampling, routes, shortcuts
-from warpriver.kernels.polyline import FAULT, LINKS_NEEDED
+from warpriver.kernels.polyline import FAULT, LINKS_NEEDED, Links
 
 FAULT_SHORTCUTS_FULL = 3
 
@@ -168,7 +168,8 @@ class Case(PackedLines):
 
     def arcs(self, deal):
         """Arc lengths on the device: (by point, offsets of the chunks)."""
-        arc, length = (unwritten(n, wp.int64, self.device) for n in (self.capacity, self.chunks(deal)))
+        arc = unwritten(self.capacity, wp.float64, self.device)
+        length = unwritten(self.chunks(deal), wp.int64, self.device)
         kernel, status = resampling.build(self.scalar).measure_arcs, status_of({}, self.device)
         self.launch(kernel, deal, [self.channel_start, self.step, ..., self.points], [arc, length, status])
         assert status.numpy()[FAULT] == 0
@@ -192,7 +193,7 @@ class Case(PackedLines):
         ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends.
         """
         given, kernel = self.packed_links(pairs, deal, room), routes.build(self.scalar)
-        links = kernel.Links()
+        links = Links()
         links.point_links, links.point_link = given["links"], given["first"]
         links.link_from, links.link_to = given["begin"], given["end"]
         links.link_saving = to_device(saving[:room], wp.float64, self.device)
