@@ -27,7 +27,7 @@ LAUNCHERS = {
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
     "depressions": ["hydrology/depressions.py"],
     "junctions": ["meander/junctions.py"],
-    "leheny": ["generate/leheny.py"],
+    "leheny": ["erosion/leheny.py"],
     "migration": ["meander/migration.py"],
     "paths": ["shortest_path/push.py"],
     "raster": ["raster.py"],
@@ -41,7 +41,7 @@ LAUNCHERS = {
     "smoothing": ["meander/smoothing.py"],
     "terrain": ["terrain.py"],
     "terrains": ["generate/terrains.py"],
-    "valley": ["generate/valley.py"],
+    "valley": ["valley/valley.py"],
 }
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 
