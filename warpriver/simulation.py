@@ -364,7 +364,8 @@ class Simulation:
         try:
             self.stepper.step(steps)
         finally:
-            self.history.events.extend(self.stepper.take_events())
+            if events := self.stepper.take_events():
+                self.history.events.extend(events)
 
     def _record(self) -> None:
         self.stepper.state.place_nodes()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from warpriver.engine.stages import Stage
 from warpriver.history.events import Event
+from warpriver.kernels.polyline import DONE, HALT, STATUS_SIZE, TOUCH
 from warpriver.network import RiverNetwork
 
 if TYPE_CHECKING:
@@ -21,21 +21,35 @@ class PhaseError(AssertionError):
     """A phase of a step broke its promise; the text says which, where and by how much."""
 
 
-@dataclasses.dataclass(frozen=True)
 class Row:
     """What a row of sub-steps came to, as the host sees it afterwards.
 
     Attributes:
         status: Numbers of ``kernels/polyline.py``.
-        times: Time after each of its sub-steps, yr.
         edited: Whether a phase before has edited the network on the host.
-        halted: Whether sub-steps were halted behind an event that is for the host.
     """
 
-    status: list[int]
-    times: list[float]
-    edited: bool = False
-    halted: bool = False
+    __slots__ = ("_steps", "_time_step", "edited", "status")
+
+    def __init__(self, status: list[int], steps: int, time_step: float):
+        """Take the status, the steps done before the row, and the time step in yr."""
+        self.status, self.edited = status, False
+        self._steps, self._time_step = steps, time_step
+
+    @property
+    def halted(self) -> bool:
+        """Whether sub-steps were halted behind channels that touch."""
+        return self.status[HALT] == TOUCH
+
+    @property
+    def times(self) -> list[float]:
+        """Time after each of its sub-steps, yr."""
+        steps, times = self._steps, []
+        done = self.status[STATUS_SIZE : STATUS_SIZE + 2 * self.status[DONE]]
+        for number, total in zip(done[::2], done[1::2], strict=True):
+            times.append((steps + (number + 1) / total) * self._time_step)
+            steps += number + 1 == total
+        return times
 
 
 class Phase(Protocol):

@@ -69,7 +69,7 @@ class Status:
     def begin(self, steps: int) -> None:
         """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
         points = self._view[POINTS]
-        self._view[...] = 0
+        self._view.fill(0)
         self._view[GOAL], self._view[POINTS] = steps, points
 
     def send(self) -> None:

@@ -24,13 +24,10 @@ from warpriver.kernels.polyline import (
     FAULT,
     FAULT_NONE,
     FAULT_NOT_FINITE,
-    HALT,
     PARTS,
     POINTS,
     POINTS_NEEDED,
-    STATUS_SIZE,
     STEPS,
-    TOUCH,
 )
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -90,6 +87,7 @@ class Stepper:
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
         self.phases = tuple(phases)
+        self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
         self.state = State(network, params, terrain, self.phases, limits)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
@@ -130,9 +128,12 @@ class Stepper:
         goal, state = self.step_count + count, self.state
         while self.step_count < goal:
             steps = goal - self.step_count
-            length = max(1, min(self.row_limit, SUBSTEPS_IN_A_ROW, self._calm, steps * state.substeps))
-            # Powers of two: a few recordings serve rows of any length.
-            status = self._launch(1 << length.bit_length() - 1, steps)
+            length = 1
+            if self.row_limit > 1:
+                # Powers of two: a few recordings serve rows of any length.
+                longest = max(1, min(self.row_limit, SUBSTEPS_IN_A_ROW, self._calm, steps * state.substeps))
+                length = 1 << longest.bit_length() - 1
+            status = self._launch(length, steps)
             if status[DONE] > 0:
                 state.network.point_count = status[POINTS]
                 state.substeps = status[PARTS]
@@ -144,26 +145,19 @@ class Stepper:
 
     def _settle(self, status: list[int]) -> None:
         """Let the phases do on the host what a row asks for."""
-        state, times = self.state, self._times_after(status)
-        edits = state.edits
-        for phase in self.phases:
-            begin = time.perf_counter()
-            halted = status[HALT] == TOUCH
-            self._events += phase.after(state, Row(status, times, edited=state.edits > edits, halted=halted))
+        state, edits = self.state, self.state.edits
+        row = Row(status, self.step_count, state.params.time_step)
+        for phase in self._settling:
+            begin = 0.0 if self.seconds is None else time.perf_counter()
+            events = phase.after(state, row)
+            if events:
+                self._events += events
+            row.edited = state.edits > edits
             if self.seconds is not None:
                 wp.synchronize_device(state.device)
                 self._add_seconds(f"{phase.name} on host", begin)
-        if state.edits > edits or status[CONTACTS] > 0:
+        if row.edited or status[CONTACTS] > 0:
             self._calm = 0
-
-    def _times_after(self, status: list[int]) -> list[float]:
-        """Time in yr after each of the sub-steps of a row."""
-        steps, times = self.step_count, []
-        done = status[STATUS_SIZE : STATUS_SIZE + 2 * status[DONE]]
-        for number, total in zip(done[::2], done[1::2], strict=True):
-            times.append((steps + (number + 1) / total) * self.state.params.time_step)
-            steps += number + 1 == total
-        return times
 
     def _launch(self, count: int, steps: int) -> list[int]:
         """Run sub-steps on the device, of so many steps at most: replayed, or phase by phase when checked.
@@ -180,7 +174,7 @@ class Stepper:
                 self._replays[count] = self._record(stages)
             state.status.begin(steps)
             for name, replay in self._replays[count]:
-                begin = time.perf_counter()
+                begin = 0.0 if self.seconds is None else time.perf_counter()
                 replay.run()
                 if self.seconds is not None:
                     wp.synchronize_device(state.device)

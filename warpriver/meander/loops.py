@@ -195,7 +195,7 @@ class Loops:
         count, points = row.status[CUTS], row.status[CUT_POINTS]
         if count == 0:
             return []
-        network, events = state.network, list[Event]()
+        network, events, times = state.network, list[Event](), row.times
         cut = self.cut[:count].numpy()
         xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
         section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()
@@ -206,10 +206,10 @@ class Loops:
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
             if split[k]:
-                events.append(Split(row.times[substep], identity, next(added), width, loop.copy()))
+                events.append(Split(times[substep], identity, next(added), width, loop.copy()))
             else:
                 line = np.concatenate([loop, loop[:1]]) if self.closed else loop.copy()
-                events.append(Cutoff(row.times[substep], identity, width, line))
+                events.append(Cutoff(times[substep], identity, width, line))
         if edited is not None:
             state.adopt(edited, self.oxbow_xy, self.oxbow_section)
         return events
