@@ -19,13 +19,14 @@ from valley import SQUARE
 
 import warpriver as wr
 from warpriver import bench
+from warpriver.engine import stages
 from warpriver.engine import state as buffers
 
 # What is measured: name, channels of a million points, collisions.
 SCENES = (("1,000 a channel", 1000, False), ("with collisions", 1000, True), ("one channel", 1, False))
 DTYPES = ("float64", "float32")
 CHUNKS = (32, 16, 64)
-BLOCK_DIMS = (None, 64, 128)  # None: as the launches say, or Warp's own, 256
+BLOCK_DIMS = (64, 128, 256)
 PHASES = {False: ("migrate", "cut off", "resample"), True: ("migrate", "cut off", "resample", "collide")}
 # Rounds, of GPU_STEPS steps each on a GPU; and single steps in which kernels are timed.
 ROUNDS, SWEEP_ROUNDS, KERNEL_STEPS = 4, 2, 20
@@ -51,7 +52,7 @@ def speed_section(report: Report) -> None:
         if enough_left(report, f"{scene[0]}, {dtype}", needed):
             report.attempt(f"{scene[0]}, {dtype}", lambda s=scene: step_row(report, bandwidth, *s))
     for dtype, block_dim, chunk in itertools.product(DTYPES, BLOCK_DIMS, CHUNKS):
-        layout = f"chunk {chunk}, blocks of {block_dim or 'the usual size'}, {dtype}"
+        layout = f"chunk {chunk}, blocks of {block_dim}, {dtype}"
         if enough_left(report, layout, 1.5 * longest(report, "layouts")):
             call = (report, bandwidth, points, dtype, chunk, block_dim)
             report.attempt(layout, lambda c=call: layout_row(*c))
@@ -169,41 +170,29 @@ def launches(tell: Callable[[Any, float], None]) -> Iterator[None]:
 # ---- how points are dealt out
 
 
-def layout_row(report: Report, bandwidth: float, points: int, dtype: str, chunk: int, block_dim: int | None) -> None:
+def layout_row(report: Report, bandwidth: float, points: int, dtype: str, chunk: int, block_dim: int) -> None:
     """Measure steps whose threads take so many points each, in blocks of so many threads."""
     begin = time.monotonic()
-    with dealt_out(wp.get_device(report.device).is_cpu, chunk, block_dim) as count:
+    with dealt_out(wp.get_device(report.device).is_cpu, chunk, block_dim):
         sim = simulation(report, points, max(1, points // 1000), False, dtype)
         cost = bench.step_cost(sim, rounds=SWEEP_ROUNDS)
-    row = {"chunk": chunk, "block_dim": block_dim, "dtype": dtype, "launches_in_blocks": count["in blocks"]}
+    row = {"chunk": chunk, "block_dim": block_dim, "dtype": dtype}
     row |= {"ns_per_point": cost["ns_per_point"]} | ratios(cost, bandwidth, dtype, False)
-    if block_dim is not None and count["in blocks"] == 0:
-        report.fail(f"every launch has a block size of its own: {block_dim} was not tried")
     report.add("layouts", row | {"seconds": time.monotonic() - begin})
 
 
 @contextmanager
-def dealt_out(is_cpu: bool, chunk: int, block_dim: int | None) -> Iterator[dict[str, int]]:
-    """Let simulations made within give each thread ``chunk`` points, and launch in blocks of ``block_dim`` threads.
-
-    A launch that names a block size keeps it: its kernel may count on it. What is yielded counts the others.
-    """
+def dealt_out(is_cpu: bool, chunk: int, block_dim: int) -> Iterator[None]:
+    """Let simulations made within give each thread ``chunk`` points, and launch in blocks of ``block_dim`` threads."""
     name = "CPU_CHUNK" if is_cpu else "CUDA_CHUNK"
-    before, launch, count = getattr(buffers, name), wp.launch, {"in blocks": 0}
-
-    def in_blocks(*arguments: Any, **options: Any) -> Any:
-        if block_dim is not None and options.get("block_dim") is None:
-            count["in blocks"] += 1
-            options["block_dim"] = block_dim
-        return launch(*arguments, **options)
-
+    before = getattr(buffers, name), stages.BLOCK_DIM
     setattr(buffers, name, chunk)
-    wp.launch = in_blocks
+    stages.BLOCK_DIM = block_dim
     try:
-        yield count
+        yield
     finally:
-        wp.launch = launch
-        setattr(buffers, name, before)
+        setattr(buffers, name, before[0])
+        stages.BLOCK_DIM = before[1]
 
 
 # ---- what else runs on a GPU

@@ -19,6 +19,7 @@ import pytest
 import warp as wp
 from gpu_report import Report
 
+from warpriver.engine import stages
 from warpriver.engine import state as buffers
 
 
@@ -348,20 +349,19 @@ def test_values_are_compared_with_those_that_are_missing():
     assert gpu_speed.compared("heights", here, here, 0.0)["share_beyond"] == 0.0
 
 
-def test_launches_are_dealt_out_in_blocks_unless_they_have_their_own(monkeypatch):
+def test_launches_are_dealt_out_in_chunks_and_blocks(monkeypatch):
     given = []
     monkeypatch.setattr(wp, "launch", lambda *arguments, **options: given.append(options.get("block_dim")))
-    launch, chunks = wp.launch, (buffers.CPU_CHUNK, buffers.CUDA_CHUNK)
-    with gpu_speed.dealt_out(False, 16, 64) as count:
+    chunks, usual = (buffers.CPU_CHUNK, buffers.CUDA_CHUNK), stages.BLOCK_DIM
+    with gpu_speed.dealt_out(False, 16, 256):
         assert (buffers.CPU_CHUNK, buffers.CUDA_CHUNK) == (chunks[0], 16)
-        wp.launch("kernel", 1)
-        wp.launch("kernel", 1, block_dim=256)
-    assert given == [64, 256] and count == {"in blocks": 1}
-    with gpu_speed.dealt_out(True, 8, None):
+        stages.launch("kernel", 1, [], [], "cpu")
+    with gpu_speed.dealt_out(True, 8, 128):
         assert buffers.CPU_CHUNK == 8
-        wp.launch("kernel", 1)
-    assert given == [64, 256, None]
-    assert wp.launch is launch and (buffers.CPU_CHUNK, buffers.CUDA_CHUNK) == chunks
+        stages.launch("kernel", 1, [], [], "cpu")
+    stages.launch("kernel", 1, [], [], "cpu")
+    assert given == [256, 128, usual]
+    assert (buffers.CPU_CHUNK, buffers.CUDA_CHUNK) == chunks
 
 
 def test_rows_for_which_no_time_is_left_are_told(tmp_path):
