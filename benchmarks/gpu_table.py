@@ -81,7 +81,7 @@ def _speed(facts: dict[str, Any]) -> list[str]:
         lines.append(f"kernels {dtype}, us a step: all {total:.4g}, {', '.join(named)}")
     for dtype in dict.fromkeys(row["dtype"] for row in facts.get("layouts", [])):
         rows = sorted((r for r in facts["layouts"] if r["dtype"] == dtype), key=lambda r: r["ns_per_point"])
-        named = [f"{r['chunk']} x {r['block_dim'] or 'usual'} {r['ns_per_point']:.3g}" for r in rows[:MOST_LAYOUTS]]
+        named = [f"{r['chunk']} x {r['block_dim']} {r['ns_per_point']:.3g}" for r in rows[:MOST_LAYOUTS]]
         lines.append(f"chunk x block {dtype}, ns/point, best of {len(rows)}: {', '.join(named)}")
     return lines
 
