@@ -6,7 +6,6 @@ from scipy.spatial import cKDTree
 
 import warpriver as wr
 from warpriver.engine import state as engine
-from warpriver.engine.substeps import schedule_channels
 from warpriver.kernels.polyline import CUTS_NEEDED
 from warpriver.meander.cutoffs import CutOff
 from warpriver.meander.migration import Migrate
@@ -50,7 +49,7 @@ class State:
     def migrate(self, time_step):
         """Move all points over a time step, yr."""
         self.inner.params = self.inner.params.replace(time_step=time_step)
-        schedule_channels(self.inner, self.inner.substep)
+        self.inner.schedule(self.inner.substep)
         self.run(self.mover)
 
     def take_as_moved(self):

@@ -36,7 +36,7 @@ LAUNCHERS = {
     "routing": ["hydrology/routing.py"],
     "runs": ["engine/state.py"],
     "scans": ["engine/scans.py"],
-    "schedule": ["engine/substeps.py"],
+    "schedule": ["engine/state.py", "engine/substeps.py"],
     "shortcuts": ["shortest_path/shortcuts.py"],
     "smoothing": ["meander/smoothing.py"],
     "terrain": ["terrain.py"],

@@ -9,7 +9,8 @@ import warp as wp
 
 from warpriver import History, MeanderParams, Simulation
 from warpriver.engine import state as engine_state
-from warpriver.engine.phase import Phase, PhaseError
+from warpriver.engine.checks import PhaseError
+from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Stage, launch
 from warpriver.history import Event
 

@@ -14,7 +14,6 @@ from phases import any_step, crossings
 import warpriver as wr
 from warpriver.cli import main
 from warpriver.engine import state as engine
-from warpriver.engine.substeps import schedule_channels
 from warpriver.kernels.polyline import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT
 from warpriver.meander.resampling import Resample
 from warpriver.shortest_path.push import Push, push_limits
@@ -58,7 +57,7 @@ def pushed_points(state, time_step):
     """Points after one push of so many years, (n, 2)."""
     inner = state.inner
     inner.params = inner.params.replace(time_step=time_step)
-    schedule_channels(inner, inner.substep)
+    inner.schedule(inner.substep)
     inner.run(state.push.stages(inner))
     return inner.point_moved.numpy() + state.network.origin
 

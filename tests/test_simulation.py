@@ -12,7 +12,7 @@ from insides import loops_of, tighten
 from trees import random_tree
 
 from warpriver import Every, History, MeanderParams, PathMeander, RiverNetwork, Simulation, StopReason, generate
-from warpriver.engine.phase import PhaseError
+from warpriver.engine.checks import PhaseError
 from warpriver.meander.resampling import Resample
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from warpriver import progress as progress_bar
-from warpriver.engine.phase import Phase, PhaseError
+from warpriver.engine.checks import PhaseError
+from warpriver.engine.phase import Phase
 from warpriver.engine.stepper import Stepper, check_ground, check_saved
 from warpriver.history import History, Record, StopReason
 from warpriver.models import Model, model_of

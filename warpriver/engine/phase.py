@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from warpriver.engine.stages import Stage
+from warpriver.engine.state import Member, State
 from warpriver.history.events import Event
 from warpriver.kernels.polyline import DONE, HALT, STATUS_SIZE, TOUCH
 from warpriver.network import RiverNetwork
 
-if TYPE_CHECKING:
-    from warpriver.engine.state import State
-
-__all__ = ["Phase", "PhaseError", "Row", "require"]
-
-
-class PhaseError(AssertionError):
-    """A phase of a step broke its promise; the text says which, where and by how much."""
+__all__ = ["Phase", "Row"]
 
 
 class Row:
@@ -52,7 +46,7 @@ class Row:
         return times
 
 
-class Phase(Protocol):
+class Phase(Member, Protocol):
     """One process of a step.
 
     It owns the stages that it adds to every sub-step, the device arrays that only it uses, what it does on the host
@@ -100,10 +94,3 @@ class Phase(Protocol):
     def restore(self, state: State, saved: dict[str, np.ndarray]) -> None:
         """Take up what ``saved`` returned; called before ``install``, at the start of a run that is resumed."""
         return None
-
-
-def require(good: np.ndarray, phase: str, problem: str, kind: str) -> None:
-    """Raise :class:`PhaseError` unless all is good; it names the first of its kind that is not."""
-    if not good.all():
-        index = int(np.argmin(good))
-        raise PhaseError(f"after {phase!r}: {kind} {index} {problem} ({int((~good).sum())} in all)")

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
 
-from warpriver.engine.phase import Phase, require
+from warpriver.engine.checks import require
 from warpriver.engine.stages import Share, Stage, launch, run_stages
-from warpriver.engine.substeps import schedule_channels
 from warpriver.graph.edits import EditedChannels
-from warpriver.kernels import runs as kernels
+from warpriver.kernels import runs, schedule
 from warpriver.kernels.polyline import (
     COARSEST_SPACING,
     GOAL,
@@ -26,7 +25,7 @@ from warpriver.kernels.polyline import (
 from warpriver.network import PRECISIONS, RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -96,6 +95,30 @@ class Status:
         return self._view
 
 
+class Member(Protocol):
+    """What the state asks of each phase that shares it; see :class:`warpriver.engine.phase.Phase`."""
+
+    name: str
+    moves_nodes: bool
+
+    def allocate(self, state: State) -> None:
+        """Make the device arrays."""
+
+    def install(self, state: State) -> None:
+        """Take the channels of the network."""
+
+    def stages(self, state: State) -> list[Stage]:
+        """Return what is launched in a sub-step."""
+        ...
+
+    def saved(self, state: State) -> dict[str, np.ndarray]:
+        """Return what a record needs."""
+        ...
+
+    def restore(self, state: State, saved: dict[str, np.ndarray]) -> None:
+        """Take up what ``saved`` returned."""
+
+
 class State:
     """A network on its device, with what all phases of a step share: the points on their way, channels, shares of work.
 
@@ -143,7 +166,7 @@ class State:
     _slab_channel: wp.array
 
     def __init__(
-        self, network: RiverNetwork, params: Any, terrain: Terrain | None, phases: Sequence[Phase], limits: StepLimits
+        self, network: RiverNetwork, params: Any, terrain: Terrain | None, phases: Sequence[Member], limits: StepLimits
     ):
         """Allocate for a network, and take its channels.
 
@@ -366,6 +389,22 @@ class State:
         self.status.fetch()
         return self.status.read().tolist()
 
+    def schedule(self, substep: wp.array, most: wp.array | None = None, pace: wp.array | None = None) -> None:
+        """Set the time step of every channel in a sub-step, ``step``: 0 where it rests; nothing changes while halted.
+
+        Args:
+            substep: Three int32: the number of the sub-step, how many there are, 1 where that is settled.
+            most: ``self.most``, from which the first sub-step of a step takes how many there are; or None.
+            pace: ``self.pace``, to be cleared in the first sub-step.
+        """
+        launch(
+            schedule.build(self.scalar).schedule_channels,
+            dim=self.channel_capacity,
+            inputs=[self.parts, self.params.time_step, most],
+            outputs=[self.step, pace, substep, self.status.array],
+            device=self.device,
+        )
+
     def resample(self) -> None:
         """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
         while True:
@@ -419,7 +458,7 @@ class State:
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
         go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
-        schedule_channels(self, go_on)
+        self.schedule(go_on)
 
     def _gather(self, edited: EditedChannels, loops: wp.array | None, loop_sections: wp.array | None) -> None:
         """Bring the points of the network into the order of its edited channels, in ``point_moved``."""
@@ -432,7 +471,7 @@ class State:
             scale = wp.array(edited.run_scale.astype(real), dtype=self.vec2, device=device)
         chunk, filled = self.chunk or CPU_COPY_CHUNK, int(edited.run_start[-1])
         launch(
-            kernels.build(self.scalar).gather_runs,
+            runs.build(self.scalar).gather_runs,
             dim=math.ceil(filled / chunk),
             inputs=[network.point_xy, network.point_section, chunk, begin, start, scale],
             outputs=[self.point_moved, self.section_moved],

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import warp as wp
-
 from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.state import State
 from warpriver.kernels import schedule as kernels
 
-if TYPE_CHECKING:
-    from warpriver.engine.state import State
-
-__all__ = ["begin_substep", "schedule_channels"]
+__all__ = ["begin_substep"]
 
 
 def begin_substep(state: State) -> list[Stage]:
@@ -57,7 +51,7 @@ def begin_substep(state: State) -> list[Stage]:
         )
 
     def deal_out(_: Share) -> None:
-        schedule_channels(state, state.substep, state.most, state.pace)
+        state.schedule(state.substep, state.most, state.pace)
 
     felt = [] if terrain is None else [Stage("migrate", measure)]
     return [
@@ -66,23 +60,3 @@ def begin_substep(state: State) -> list[Stage]:
         Stage("migrate", choose, shared=False),
         Stage("migrate", deal_out, shared=False),
     ]
-
-
-def schedule_channels(
-    state: State, substep: wp.array, most: wp.array | None = None, pace: wp.array | None = None
-) -> None:
-    """Set the time step of every channel in a sub-step, ``state.step``: 0 where it rests.
-
-    Args:
-        state: With its status halted, nothing changes.
-        substep: Three int32: the number of the sub-step, how many there are, 1 where that is settled.
-        most: ``state.most``, from which the first sub-step of a step takes how many there are; or None.
-        pace: ``state.pace``, to be cleared in the first sub-step.
-    """
-    launch(
-        kernels.build(state.scalar).schedule_channels,
-        dim=state.channel_capacity,
-        inputs=[state.parts, state.params.time_step, most],
-        outputs=[state.step, pace, substep, state.status.array],
-        device=state.device,
-    )

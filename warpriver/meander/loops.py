@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from warpriver.engine.phase import Row, require
+from warpriver.engine.checks import require
+from warpriver.engine.phase import Row
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
