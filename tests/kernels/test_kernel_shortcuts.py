@@ -190,7 +190,8 @@ class Case(PackedLines):
     def path(self, pairs, saving, deal=64, room=None, head=None, ends_at=None):
         """Shortcuts on the shortest path by channel, each where it begins; checks the counts by share.
 
-        ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends.
+        ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends. In
+        ``swept`` is kept where the best shortcut to each point begins, and what is saved there.
         """
         given, kernel = self.packed_links(pairs, deal, room), routes.build(self.scalar)
         links = Links()
@@ -204,6 +205,7 @@ class Case(PackedLines):
         inputs = [self.channel_start, ..., self.closed, head]
         inputs += [given["by_channel"], given["total"], given["marks"], links]
         self.launch(kernel.find_path, deal, inputs, [before, saved, neck, cuts])
+        self.swept = before.numpy(), saved.numpy()
         kept, counts, share = [], np.zeros((self.shares(deal), 2), int), share_of_points(deal, self.start)
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):
             kept.append([(int(i), int(own[i] - first)) for i in np.flatnonzero(own >= 0)])
@@ -351,6 +353,22 @@ def test_any_tangle_of_links_gives_the_twins_route(counts, deal, seed, whole):
     if sum(map(len, pairs)) > 0:
         kept = case.path(pairs, np.concatenate(saving), deal)
         assert kept == [twin.best_chain(n, *given)[0] for n, *given in zip(counts, pairs, saving, strict=True)]
+
+
+def test_clusters_are_swept_apart_from_each_other():
+    """What is saved within one does not tell what those above have saved, nor in which order chunks came to them."""
+    rng = np.random.default_rng(3)
+    counts = rng.integers(3, 250, 40).tolist()
+    pairs = [tangled_links(rng, n) for n in counts]
+    saving = np.concatenate([rng.uniform(-1.0, 9.0, len(p)) for p in pairs])
+    case, results = Case([np.zeros((n, 2)) for n in counts]), []
+    for deal in (7, 1, 64, Backwards(7)):
+        case.path(pairs, saving, deal)
+        results.append(case.swept)
+    for source, saved in results[1:]:
+        np.testing.assert_array_equal(source, results[0][0])
+        np.testing.assert_array_equal(saved, results[0][1])
+    assert (results[0][0] > 0).sum() > 500
 
 
 def test_the_tangles_hold_what_they_are_to():
