@@ -64,9 +64,14 @@ class Status:
         self.array = wp.zeros(size, dtype=wp.int32, device=device)
         self._host = self.array if device.is_cpu else wp.zeros(size, dtype=wp.int32, device="cpu", pinned=True)
         self._view = self._host.numpy()
+        self._sent = False
 
     def begin(self, steps: int) -> None:
         """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
+        if self._sent:
+            # The copy to the device may still be on its way.
+            wp.synchronize_device(self.array.device)
+            self._sent = False
         points = self._view[POINTS]
         self._view.fill(0)
         self._view[GOAL], self._view[POINTS] = steps, points
@@ -75,6 +80,7 @@ class Status:
         """Copy the host's block to the device."""
         if self._host is not self.array:
             wp.copy(self.array, self._host)
+            self._sent = True
 
     def fetch(self) -> None:
         """Copy the device's block to the host, who has to wait for it; see ``read``."""
@@ -92,6 +98,7 @@ class Status:
         """Wait for the device and return the host's block."""
         if self._host is not self.array:
             wp.synchronize_device(self.array.device)
+            self._sent = False
         return self._view
 
 
