@@ -376,12 +376,12 @@ class Simulation:
     def _as_record(self) -> Record:
         """The state as it is stored."""
         network, count = self.network, self.network.point_count
-        section = None if network.point_section is None else network.point_section.numpy()[:count].copy()
+        section = None if network.point_section is None else network.point_section[:count].numpy().copy()
         return Record(
             step=self.step_count,
             time=self.time,
             events_before=len(self.history.events),
-            point_xy=network.point_xy.numpy()[:count].copy(),
+            point_xy=network.point_xy[:count].numpy().copy(),
             point_section=section,
             channel_start=network.starts(),
             channels=network.channels,
