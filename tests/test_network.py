@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, taubin_smooth
-from warpriver.network import bankfull_depth, bankfull_discharge, bankfull_width
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, bankfull_width
 
 LINE = np.array([[0.0, 0.0], [400.0, 100.0], [900.0, 0.0], [1500.0, 300.0]])
 

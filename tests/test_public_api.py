@@ -18,7 +18,9 @@ LEVELS = [
     {
         "channel_table",
         "crs",
+        "device",
         "extras",
+        "hydraulic_geometry",
         "network",
         "network_checks",
         "params",

@@ -12,7 +12,7 @@ import reference_terrain as twin
 import warp as wp
 
 import warpriver as wr
-import warpriver.raster as raster_module
+import warpriver.device as device_module
 from warpriver import Raster, Terrain, hydrology
 from warpriver.io.raster.terrains import read_raster, write_raster
 
@@ -616,6 +616,6 @@ def test_a_raster_that_cannot_fit_is_refused_before_anything_is_allocated(monkey
     monkeypatch.setattr(Raster, "shape", property(lambda self: (50_000, 50_000)))
     with pytest.raises(ValueError, match=r"50000 x 50000 cells; 2\^31 is the limit"):
         Raster(labels(), 1.0).sample([(0.5, -0.5)])
-    monkeypatch.setattr(raster_module, "available_memory", lambda device: 100)
+    monkeypatch.setattr(device_module, "available_memory", lambda device: 100)
     with pytest.raises(MemoryError, match="and 1e-07 GB are free"):
         Raster(rough(), 1.0)

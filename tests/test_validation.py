@@ -10,8 +10,8 @@ import pytest
 
 import warpriver as wr
 from warpriver import models
+from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.meander.migration import explicit_dt, stable_dt
-from warpriver.network import bankfull_depth
 
 WIDTHS = (50.0, 100.0, 200.0)
 DEFAULT = wr.MeanderParams()

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory, resolve_device
 from warpriver.kernels import terrain as kernels
-from warpriver.network import resolve_device
 from warpriver.raster import (
     Raster,
     checked_grid,
@@ -20,7 +20,6 @@ from warpriver.raster import (
     metric_crs,
     positive_number,
     refuse_infinite,
-    require_memory,
 )
 
 __all__ = ["NAME", "UNIT", "Terrain", "square_cells", "surface_of"]

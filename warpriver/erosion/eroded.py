@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
 from warpriver.params import LehenyParams
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
 
 __all__ = ["ErodedTerrain", "erosion_peak", "erosion_plane"]

@@ -16,12 +16,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
+from warpriver.device import PRECISIONS, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
-from warpriver.network import PRECISIONS, resolve_device
 from warpriver.params import LehenyParams
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
 
 __all__ = ["erode", "erode_ensemble"]

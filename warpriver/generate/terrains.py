@@ -13,8 +13,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import require_memory
 from warpriver.kernels import terrains as kernels
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain, square_cells
 
 __all__ = [

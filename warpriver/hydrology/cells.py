@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory
 from warpriver.kernels import cells as kernels
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
 
 __all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules", "table"]

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.channel_table import ChannelTable
+from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT, bankfull_depth, channel_width, discharge
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
-from warpriver.hydrology.geometry import WIDTH_COEFFICIENT, channel_width, discharge
 from warpriver.hydrology.routing import Flow, checked_areas, host_areas, route
-from warpriver.network import RiverNetwork, bankfull_depth
+from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import CPU_COPY_CHUNK, CUDA_CHUNK, State
 from warpriver.kernels import smoothing as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import RiverNetwork
 
 __all__ = ["Smooth", "taubin_smooth"]
 

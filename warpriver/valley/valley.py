@@ -17,9 +17,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import present_device, require_memory, resolve_device
 from warpriver.kernels import valley as kernels
-from warpriver.network import RiverNetwork, resolve_device
-from warpriver.raster import present_device, require_memory
+from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 from warpriver.valley.controls import Term
 from warpriver.valley.covariance import (
