@@ -27,6 +27,7 @@ LEVELS = [
         "progress",
         "raster",
         "terrain",
+        "validate",
     },
     {"history"},
     {"graph"},

@@ -26,6 +26,7 @@ from warpriver.network_checks import (
     ring_marks,
     ring_points,
 )
+from warpriver.validate import one_of
 
 __all__ = ["RiverNetwork"]
 
@@ -99,8 +100,7 @@ class RiverNetwork:
             ValueError: Arrays that do not fit together, a channel of fewer than 2 points or of no length, an identity
                 that stands twice, a node that is not there, or one that no channel touches.
         """
-        if dtype not in PRECISIONS:
-            raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
+        one_of(dtype, "dtype", tuple(PRECISIONS))
         if crs is not None and not isinstance(crs, str):
             raise ValueError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]

@@ -13,15 +13,13 @@ from warpriver.crs import is_geographic, pyproj_or_none, short_name
 from warpriver.device import PRECISIONS, present_device, require_memory, resolve_device
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
+from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = [
     "Raster",
     "checked_grid",
-    "checked_points",
     "checked_values",
-    "finite_numbers",
     "metric_crs",
-    "positive_number",
     "refuse_infinite",
 ]
 
@@ -325,7 +323,7 @@ class Raster:
 def checked_grid(cell_size: Any, origin: Any) -> tuple[float, tuple[float, float]]:
     """Return cell size and origin as numbers, or raise ``ValueError``."""
     west, north = finite_numbers(origin, 2, "origin")
-    return positive_number(cell_size, "cell_size", "m"), (west, north)
+    return positive(cell_size, "cell_size", "m"), (west, north)
 
 
 def metric_crs(crs: str | None) -> str | None:
@@ -389,41 +387,6 @@ def _cell_type(source: Any, integers: bool) -> np.dtype:
     if not integers or kind.kind not in "iub" or np.ma.is_masked(source):
         return np.dtype(np.float64)
     return np.dtype(np.uint8) if kind.kind == "b" else kind
-
-
-def checked_points(xy: Any, name: str, finite: bool = True) -> np.ndarray:
-    """Return points as (n, 2) float64, or raise ``ValueError``."""
-    try:
-        points = np.ascontiguousarray(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not an array of numbers ({error}); give (n, 2) in m") from error
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"{name} has shape {points.shape}; give (n, 2) points in m")
-    if finite and not np.isfinite(points).all():
-        raise ValueError(f"{name} holds a point that is not finite; remove or repair it")
-    return points
-
-
-def finite_numbers(values: Any, count: int, name: str) -> list[float]:
-    """Return that many finite numbers, or raise ``ValueError``."""
-    try:
-        numbers = [float(v) for v in values]
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {values!r}; give {count} numbers") from error
-    if len(numbers) != count or not all(math.isfinite(v) for v in numbers):
-        raise ValueError(f"{name} is {numbers}; give {count} finite numbers")
-    return numbers
-
-
-def positive_number(value: Any, name: str, unit: str) -> float:
-    """Return a positive finite number, or raise ``ValueError``."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {value!r}; give a positive number of {unit}") from error
-    if not (math.isfinite(number) and number > 0.0):
-        raise ValueError(f"{name} is {number:g}; give a positive number of {unit}")
-    return number
 
 
 def _text(value: Any, name: str) -> str:
