@@ -32,7 +32,7 @@ def test_what_is_negative_is_named(value):
 
 def test_words_and_columns_are_checked():
     assert one_of("d8", "method", ("d8", "mfd")) == "d8"
-    with pytest.raises(ValueError, match="^method is 'd9'; use 'd8' or 'mfd'$"):
+    with pytest.raises(ValueError, match=r"^method is 'd9'; use 'd8' or 'mfd'$"):
         one_of("d9", "method", ("d8", "mfd"))
-    with pytest.raises(ValueError, match="^area of channel 1 is nan; it must be positive and finite$"):
+    with pytest.raises(ValueError, match=r"^area of channel 1 is nan; it must be positive and finite$"):
         positive_numbers([1.0, math.nan], "area")
