@@ -10,20 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from warpriver import (
-    History,
-    LehenyParams,
-    RiverNetwork,
-    Terrain,
-    bench,
-    erode,
-    generate,
-    read_terrain,
-    write_network,
-    write_terrain,
-)
+from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, generate, read_terrain
 from warpriver.cli import main
 from warpriver.cli.info import describe_device, describe_gpus
+from warpriver.history import History
+from warpriver.io import write_network, write_terrain
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
 

@@ -39,8 +39,8 @@ class Terrain:
     cells without data one rule holds: of the four centres around a point the missing ones drop out, so that a height
     goes on unchanged through the outer half cell, and a point whose own cell is missing has height NaN.
 
-    Heights that were computed as a :class:`warpriver.Raster` become a terrain by :meth:`from_raster`. Terrains pickle
-    as rasters do.
+    Heights that were computed as a :class:`warpriver.raster.Raster` become a terrain by :meth:`from_raster`. Terrains
+    pickle as rasters do.
 
     Attributes:
         raster: The heights as a Raster, in the same memory; maps on the same cells are made by ``raster.like``.

@@ -359,7 +359,7 @@ def synthetic_valley(
     """Make a river valley of prescribed form, after Brown, Pasternack and Wallender [Brown2014].
 
     Args:
-        valley: "S1" to "S6", the examples of the paper, or parameters of your own; ``warpriver.read_valley`` reads
+        valley: "S1" to "S6", the examples of the paper, or parameters of your own; ``warpriver.io.read_valley`` reads
             them from a file.
         cell_size: Cells of ``.terrain`` in m; by default a twentieth of the bankfull width.
         origin: (x, y) in m of the upstream end of the valley axis; with a given centreline it moves the whole valley.
