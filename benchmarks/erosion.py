@@ -136,7 +136,7 @@ def measure(options: argparse.Namespace) -> dict:
     flat = wr.LehenyParams(slide_threshold=1e9)
     walks = [seconds(lambda n=n: wr.erode(plane, flat, events=n, seed=1), 5, device) for n in (10_000, 40_000)]
     grids = 16 if options.quick else 64
-    cost = seconds(lambda: wr.erode_ensemble(plane, events=10_000, seeds=range(grids)), 1, device)
+    cost = seconds(lambda: wr.erosion.erode_ensemble(plane, events=10_000, seeds=range(grids)), 1, device)
     rows.append(row("ensemble", PAGE, 10_000, cost, grids=grids))
     side, events = (512, 50_000) if options.quick else (1024, 200_000)
     large = wr.generate.erosion_plane((side, side), device=device)

@@ -28,6 +28,7 @@ from machine import (
 
 import warpriver as wr
 from warpriver import bench
+from warpriver.hydraulic_geometry import bankfull_depth
 
 CHANNEL_POINTS = 1000
 SHORT, LONG = 300, 1_000_000
@@ -170,7 +171,7 @@ def meanderpy_row(points: int, dtype: str) -> dict | None:
         return None
     width, spacing = bench.WIDTH, bench.SPACING
     line = bench.cut_lines([points])[0]
-    depth = float(wr.network.bankfull_depth(width))
+    depth = float(bankfull_depth(width))
     rate, step, padding = 60.0 / (365.25 * 86400.0), 106.0 * 86400.0, (20, 5)
     *_, arc = meanderpy.compute_derivatives(line[:, 0], line[:, 1], np.zeros(len(line)))
 

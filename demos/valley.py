@@ -15,9 +15,9 @@ from warpriver.valley import CovarianceTarget, ObjectField, sine
 TARGETS = (-0.9, 0.0, 0.9)
 
 
-def made(target: float) -> wr.Valley:
+def made(target: float) -> wr.valley.Valley:
     """A meandering valley of 600 m whose bed and width covary as asked for."""
-    params = wr.ValleyParams(
+    params = wr.valley.ValleyParams(
         name=f"covariance {target:+.1f}",
         length=600.0,
         slope=0.003,
@@ -45,7 +45,7 @@ def main(folder: Path) -> None:
         valley = made(target)
         name = f"valley{target:+.1f}".replace(".", "_")
         wr.viz.draw_valley(valley, folder / f"{name}.png")
-        wr.write_terrain(valley.terrain, folder / f"{name}.asc")
+        wr.io.write_terrain(valley.terrain, folder / f"{name}.asc")
         found = valley.covariance.mean_thalweg_width
         width, depth = valley.network.point_widths()[0], valley.network.point_depths()[0]
         wide = depth[width > np.quantile(width, 0.75)].mean()

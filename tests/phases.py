@@ -13,8 +13,6 @@ from warpriver.meander.resampling import Resample
 
 # Room for points beyond those at the start.
 HEADROOM = 4
-# A step so short that none of the local term is treated implicitly, yr.
-INSTANT = 1e-9
 
 
 def any_step(width, depth, params):
@@ -57,11 +55,10 @@ class State:
         wp.copy(self.inner.point_moved, self.network.point_xy)
 
 
-def rate_of(xy, width, params, *, device, depth=None, time_step=INSTANT, dtype="float64"):
-    """Migration rate of each point as it stands, (n,) m/yr, positive to the right of the flow."""
-    state = State(xy, width, params, device=device, depth=depth, dtype=dtype)
-    state.migrate(time_step)
-    return state.mover.point_rate.numpy()[: len(xy)].astype(np.float64)
+def rate_of(xy, width, params, *, device, depth=None, dtype="float64"):
+    """Migration rate of each point by the law alone, (n,) m/yr, positive to the right of the flow; no end is damped."""
+    network = wr.RiverNetwork.from_polylines([xy], width=width, depth=depth, dtype=dtype, device=device)
+    return wr.meander.migration_rate(network, params.replace(end_damping=0.0))[0]
 
 
 def curvature_of(xy, *, device):

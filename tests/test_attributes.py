@@ -11,10 +11,10 @@ from river_files import GIS, HAS_OGR, Y, collection, confluence, feature, foreig
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, extract_network, generate
 from warpriver.cli import main
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.hydrology import channel_width, horton_order, shreve_magnitude, strahler_order, width_of_discharge
 from warpriver.io import read_network, write_network
 from warpriver.io.vector import attributes
-from warpriver.network import bankfull_depth, bankfull_discharge
 
 CHANNEL = (
     "channel_id",

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from trees import random_tree
 
-from warpriver import History, MeanderParams, RiverNetwork, Simulation
+from warpriver import MeanderParams, RiverNetwork, Simulation
 from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.graph.edits import NetworkEdit
 from warpriver.graph.rings import split_rings
+from warpriver.history import History
 
 
 def table(**changes):

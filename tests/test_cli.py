@@ -10,20 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from warpriver import (
-    History,
-    LehenyParams,
-    RiverNetwork,
-    Terrain,
-    bench,
-    erode,
-    generate,
-    read_terrain,
-    write_network,
-    write_terrain,
-)
+from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, generate, read_terrain
 from warpriver.cli import main
 from warpriver.cli.info import describe_device, describe_gpus
+from warpriver.history import History
+from warpriver.io import write_network, write_terrain
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
@@ -317,7 +308,7 @@ def test_bad_ground_is_one_clear_line_and_exit_code_2(name, tmp_path, capsys):
 
 
 def test_a_grid_of_a_billion_cells_is_refused_before_it_is_read(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("warpriver.raster.available_memory", lambda device="cpu": 4 * 10**9)
+    monkeypatch.setattr("warpriver.device.available_memory", lambda device="cpu": 4 * 10**9)
     write_grid(tmp_path / "dem.asc", np.zeros((2, 2)))
     text = (tmp_path / "dem.asc").read_text().replace("ncols 2\nnrows 2", "ncols 31623\nnrows 31623")
     (tmp_path / "dem.asc").write_text(text)

@@ -4,8 +4,9 @@ from insides import phase_of
 from scipy.spatial import cKDTree
 from trees import assert_forest, random_tree
 
-from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason
+from warpriver import MeanderParams, RiverNetwork, Simulation
 from warpriver.graph.edits import NetworkEdit
+from warpriver.history import History, StopReason
 from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
 from warpriver.meander.collisions import Collide, collision_law, join_channels
 

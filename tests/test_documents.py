@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from warpriver import __version__, generate, write_terrain
+from warpriver import __version__, generate
 from warpriver.cli import _parser, main
+from warpriver.io import write_terrain
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(

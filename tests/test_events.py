@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from warpriver import Collision, Cutoff, Event, History, MeanderParams, RiverNetwork, Simulation, Split, generate
-from warpriver.history import EventLog, events
+from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver.history import Collision, Cutoff, Event, EventLog, History, Split, events
 from warpriver.history.segments import decode_events, encode
 
 

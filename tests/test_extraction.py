@@ -5,10 +5,10 @@ import pytest
 from trees import assert_forest
 
 from warpriver import Terrain, generate
+from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.hydrology import carve_depressions, discharge, drainage_area, fill_depressions, route
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.orders import shreve_magnitude, strahler_order
-from warpriver.network import bankfull_depth
 
 
 def valley(rows=60, columns=41, cell_size=10.0):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from river_files import CORE, GIS, SHP, Y, collection, confluence, feature, foreign, sine, write
 
-from warpriver import RiverNetwork, read_network, write_network
+from warpriver import RiverNetwork, read_network
 from warpriver.channel_table import ChannelTable
+from warpriver.io import write_network
 
 EXTRA = {
     "rock": np.array(["clay", "gravel", "Sandstein"]),

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from river_files import GIS, LINE, SHP, collection, confluence, feature, needs_ogr, needs_parquet, sine, write
 
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.io import read_network, write_network
-from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
+from warpriver.network import RiverNetwork
 
 
 def test_geojson_attributes(tmp_path):

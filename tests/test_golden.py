@@ -343,7 +343,7 @@ def test_cpp_statistics(device):
         line = sim.network.polylines()[0]
         bent[sim.step_count], waves[sim.step_count] = wr.metrics.sinuosity(line), wr.metrics.wavelength(line, width)
 
-    sim.run(steps=500, record_every=10**6, callbacks=[(wr.Every(steps=10), look)])
+    sim.run(steps=500, record_every=10**6, callbacks=[(wr.history.Every(steps=10), look)])
     early, late = case["step100_points_after"], case["step500_points_after"]
     their_bent = {100: wr.metrics.sinuosity(early), 500: wr.metrics.sinuosity(late)}
     their_waves = {100: wr.metrics.wavelength(early, width), 500: wr.metrics.wavelength(late, width)}

@@ -9,8 +9,8 @@ import textwrap
 import numpy as np
 import pytest
 
-from warpriver import History, MeanderParams, RiverNetwork, Simulation, StopReason, generate
-from warpriver.history import Record
+from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver.history import History, Record, StopReason
 from warpriver.history.segments import SegmentIndex
 
 
@@ -101,7 +101,8 @@ def test_a_full_disk_stops_the_run_with_a_reason_and_loses_nothing(tmp_path):
         import resource, signal
         import numpy as np
         import warpriver.history
-        from warpriver import History, RiverNetwork, Simulation, StopReason, generate
+        from warpriver import RiverNetwork, Simulation, generate
+        from warpriver.history import History, StopReason
         warpriver.history.SEGMENT_BYTES = 20_000
         line = generate.noisy_line(12_000.0, 50.0, 50.0, 5)
         sim = Simulation(RiverNetwork.from_polylines([line], width=50.0))

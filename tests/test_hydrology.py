@@ -7,7 +7,8 @@ import pytest
 import reference_hydrology as reference
 from data_folder import data_folder
 
-from warpriver import hydrology, network
+from warpriver import hydrology
+from warpriver.hydraulic_geometry import bankfull_discharge
 from warpriver.hydrology import cells as cells_module
 from warpriver.terrain import Terrain
 
@@ -214,7 +215,7 @@ def test_discharge_at_four_areas():
 def test_width_is_calibrated_at_100_km2_and_grows_with_the_root_of_area():
     flow = hydrology.discharge(1e8)
     assert np.isclose(hydrology.channel_width(1e8), hydrology.width_of_discharge(flow))
-    assert np.isclose(network.bankfull_discharge(hydrology.width_of_discharge(flow)), flow)
+    assert np.isclose(bankfull_discharge(hydrology.width_of_discharge(flow)), flow)
     assert np.isclose(hydrology.channel_width(4e8) / hydrology.channel_width(1e8), 2.0)
     assert np.isclose(hydrology.channel_width(1e8), 22.85, atol=0.01)
     assert np.isclose(hydrology.channel_width(1e8, coefficient=1e-3), 10.0)
@@ -371,7 +372,7 @@ def test_a_pit_at_the_edge_is_an_outlet_if_open_and_filled_if_closed(device):
 
 def test_a_terrain_too_large_is_refused_before_anything_is_allocated(monkeypatch):
     terrain = Terrain(np.zeros((3, 3)), 1.0)
-    monkeypatch.setattr("warpriver.raster.available_memory", lambda device="cpu": 100)
+    monkeypatch.setattr("warpriver.device.available_memory", lambda device="cpu": 100)
     for call in (hydrology.fill_depressions, hydrology.carve_depressions, hydrology.route):
         with pytest.raises(MemoryError, match=r"routing a terrain of 5 x 5 cells needs .* GB are free"):
             call(terrain)

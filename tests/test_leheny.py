@@ -76,7 +76,7 @@ def ensembles(device):
     for neighbors in (8, 4):
         params = wr.LehenyParams(neighbors=neighbors)
         for events in (10_000, 40_000):
-            made[neighbors, events] = wr.erode_ensemble(plane, params, events=events, seeds=range(1, 6))
+            made[neighbors, events] = wr.erosion.erode_ensemble(plane, params, events=events, seeds=range(1, 6))
     return made
 
 
@@ -310,7 +310,7 @@ def test_ensembles_are_single_runs_side_by_side(device):
         wr.Terrain(erosion_plane((30, 40)).to_numpy() * 2.0, 1.0, device=device),
     ]
     edges = starts[0].edges
-    made = wr.erode_ensemble(starts, events=400, seeds=[7, 2], edges=edges)
+    made = wr.erosion.erode_ensemble(starts, events=400, seeds=[7, 2], edges=edges)
     for start, seed, found in zip(starts, (7, 2), made, strict=True):
         # Exponentials of a GPU are rounded otherwise: one draw in 1e15 could fall between the two.
         alone = wr.erode(start, events=400, seed=seed, edges=edges)
@@ -454,7 +454,7 @@ def test_rivers_are_a_connected_graph_that_goes_on_living(threshold, device):
     assert mouth.sum() <= (area[-1] >= threshold * 2500.0).sum()
     sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), seed=0, device=device)
     history = sim.run(years=2)
-    assert history.stop_reason is wr.StopReason.COMPLETED
+    assert history.stop_reason is wr.history.StopReason.COMPLETED
     assert_forest(sim.network)
 
 
@@ -505,11 +505,11 @@ def test_starts_that_are_no_grids_are_refused():
     with pytest.raises(ValueError, match="neighbors"):
         wr.LehenyParams(neighbors=6)
     with pytest.raises(ValueError, match="seeds is empty"):
-        wr.erode_ensemble(erosion_plane((20, 20)), seeds=[])
+        wr.erosion.erode_ensemble(erosion_plane((20, 20)), seeds=[])
     with pytest.raises(ValueError, match="2 starts for 3 seeds"):
-        wr.erode_ensemble([erosion_plane((20, 20))] * 2, seeds=[1, 2, 3])
+        wr.erosion.erode_ensemble([erosion_plane((20, 20))] * 2, seeds=[1, 2, 3])
     with pytest.raises(ValueError, match="differ in shape"):
-        wr.erode_ensemble([erosion_plane((20, 20)), erosion_plane((20, 21))], seeds=[1, 2])
+        wr.erosion.erode_ensemble([erosion_plane((20, 20)), erosion_plane((20, 21))], seeds=[1, 2])
     with pytest.raises(ValueError, match="unit is 0"):
         wr.LehenyParams().scaled(0.0)
 

@@ -23,8 +23,9 @@ from river_files import (
     write,
 )
 
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.io import line_formats, read_network, write_network
-from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
+from warpriver.network import RiverNetwork
 
 
 @pytest.mark.parametrize("crs", ["EPSG:32619", None])

@@ -4,8 +4,9 @@ import pickle
 import numpy as np
 import pytest
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, taubin_smooth
-from warpriver.network import bankfull_depth, bankfull_discharge, bankfull_width
+from warpriver import MeanderParams, RiverNetwork, Simulation
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, bankfull_width
+from warpriver.meander import taubin_smooth
 
 LINE = np.array([[0.0, 0.0], [400.0, 100.0], [900.0, 0.0], [1500.0, 300.0]])
 

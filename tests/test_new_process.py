@@ -7,12 +7,12 @@ import pytest
 import test_stages
 import warp as wp
 
-from warpriver import History, MeanderParams, Simulation
+from warpriver import MeanderParams, Simulation
 from warpriver.engine import state as engine_state
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Stage, launch
-from warpriver.history import Event
+from warpriver.history import Event, History
 
 # m/yr
 WIND = (0.3, -0.7)

@@ -459,12 +459,12 @@ def test_a_run_goes_on_to_the_bit_from_disk(tmp_path, device):
 
 def test_command_line(tmp_path, capsys):
     line = wr.generate.noisy_line(9_000.0, 30.0, 60.0, 4)
-    wr.write_network(wr.RiverNetwork.from_polylines([line], width=60.0), tmp_path / "river.csv")
+    wr.io.write_network(wr.RiverNetwork.from_polylines([line], width=60.0), tmp_path / "river.csv")
     begin = ["simulate", str(tmp_path / "river.csv"), "--solver", "path", "--years", "60", "--no-progress"]
     knobs = "--displacement-rate 80 --downstream-share 0.5 --blur-length 1.4 --smoothing 0.3 --search-radius 1.3"
     knobs += " --cone-angle 30 --spacing 40"
     assert main([*begin, *knobs.split(), "-o", str(tmp_path / "out")]) == 0
-    params = wr.History.load(tmp_path / "out" / "run").params
+    params = wr.history.History.load(tmp_path / "out" / "run").params
     assert params == wr.PathMeander(
         displacement_rate=80, downstream_share=0.5, blur_length=1.4, smoothing=0.3, search_radius=1.3, cone_angle=30,
         spacing=40, time_step=params.time_step,

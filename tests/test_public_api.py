@@ -18,13 +18,16 @@ LEVELS = [
     {
         "channel_table",
         "crs",
+        "device",
         "extras",
+        "hydraulic_geometry",
         "network",
         "network_checks",
         "params",
         "progress",
         "raster",
         "terrain",
+        "validate",
     },
     {"history"},
     {"graph"},
@@ -105,7 +108,7 @@ def test_importing_loads_nothing_heavy_and_compiles_nothing():
     out = python(
         "import sys, warpriver as wr\n"
         "assert 'warp' not in sys.modules, 'the bare import waits for Warp'\n"
-        "wr.RiverNetwork, wr.Simulation, wr.read_network, wr.History\n"
+        "wr.RiverNetwork, wr.Simulation, wr.read_network, wr.history.History\n"
         f"print([m for m in {HEAVY!r} if m in sys.modules])\n"
     )
     assert out.strip().endswith("[]")
@@ -115,9 +118,16 @@ def test_every_public_name_is_there_and_has_a_docstring():
     for name in warpriver.__all__:
         thing = getattr(warpriver, name)
         assert inspect.getdoc(thing), name
+        for inner in getattr(thing, "__all__", ()) if inspect.ismodule(thing) else ():
+            assert inspect.getdoc(getattr(thing, inner)), f"{name}.{inner}"
     assert set(warpriver.__all__) <= set(dir(warpriver))
     with pytest.raises(AttributeError, match="no attribute 'Manager'"):
         _ = warpriver.Manager
+
+
+def test_the_top_level_stays_small():
+    """What belongs to one subject is exported by its room."""
+    assert len(warpriver.__all__) <= 20
 
 
 def test_the_package_list_is_the_tree():

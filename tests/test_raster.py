@@ -12,9 +12,10 @@ import reference_terrain as twin
 import warp as wp
 
 import warpriver as wr
-import warpriver.raster as raster_module
-from warpriver import Raster, Terrain, hydrology
+import warpriver.device as device_module
+from warpriver import Terrain, hydrology
 from warpriver.io.raster.terrains import read_raster, write_raster
+from warpriver.raster import Raster
 
 UTM = "EPSG:32619"
 ORIGIN, SIZE = (440_300.25, 5_100_200.5), 12.5
@@ -419,7 +420,7 @@ def test_a_grid_leaves_no_others_labels_beside_it(tmp_path):
     write_raster(area(crs=None, unit="", name=""), tmp_path / "a.asc")
     assert [p.name for p in tmp_path.iterdir()] == ["a.asc"]
     write_raster(area(), tmp_path / "a.asc")
-    wr.write_terrain(Terrain(rough(), 1.0), tmp_path / "a.asc")
+    wr.io.write_terrain(Terrain(rough(), 1.0), tmp_path / "a.asc")
     assert [p.name for p in tmp_path.iterdir()] == ["a.asc"]
     (tmp_path / "a.asc.aux.xml").write_text("<PAMDataset>")
     with pytest.raises(ValueError, match=r"a\.asc\.aux\.xml: not XML .*; repair or remove it"):
@@ -433,7 +434,7 @@ def test_files_of_terrains_are_rasters_too(tmp_path, suffix):
     if suffix == ".tif":
         pytest.importorskip("rasterio")
     terrain = Terrain(rough(), SIZE, ORIGIN)
-    wr.write_terrain(terrain, tmp_path / f"a{suffix}")
+    wr.io.write_terrain(terrain, tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(read_raster(tmp_path / f"a{suffix}").numpy(), rough())
     write_raster(terrain.raster, tmp_path / f"b{suffix}")
     if suffix == ".npz":
@@ -466,13 +467,13 @@ def test_xarray_out_and_in():
         assert array.dims == ("y", "x") and array.dtype == raster.dtype and array.name == (raster.name or None)
         assert array.attrs.get("units", "") == raster.unit
         assert float(array.x[0]) == ORIGIN[0] + 0.5 * SIZE and float(array.y[0]) == ORIGIN[1] - 0.5 * SIZE
-        same(wr.raster_from_xarray(array), raster)
-        same(wr.raster_from_xarray(array[::-1]), raster)
-        same(wr.raster_from_xarray(wr.to_xarray(raster)), raster)
+        same(wr.io.raster_from_xarray(array), raster)
+        same(wr.io.raster_from_xarray(array[::-1]), raster)
+        same(wr.io.raster_from_xarray(wr.io.to_xarray(raster)), raster)
     filled = area(labels()).to_xarray().assign_attrs(_FillValue=-1)
-    assert np.isnan(wr.raster_from_xarray(filled)).sum() == (labels() < 0).sum()
+    assert np.isnan(wr.io.raster_from_xarray(filled)).sum() == (labels() < 0).sum()
     with pytest.raises(ValueError, match=r"a raster needs \(y, x\)"):
-        wr.raster_from_xarray(filled.rename(y="time"))
+        wr.io.raster_from_xarray(filled.rename(y="time"))
 
 
 def test_a_missing_xarray_is_named(monkeypatch):
@@ -506,7 +507,7 @@ def test_eroded_terrain_comes_back_with_its_account_and_snapshots():
     eroded = wr.erode(wr.generate.erosion_plane((20, 24), 10.0), events=300, seed=1, record_every=100)
     other = pickle.loads(pickle.dumps(eroded))
     same(other.raster, eroded.raster)
-    assert isinstance(other, wr.ErodedTerrain) and repr(other) == repr(eroded) and other.params == eroded.params
+    assert isinstance(other, wr.erosion.ErodedTerrain) and repr(other) == repr(eroded) and other.params == eroded.params
     assert (other.edges, other.nodata, other.visits) == (eroded.edges, eroded.nodata, eroded.visits)
     assert [s.events for s in other.snapshots] == [s.events for s in eroded.snapshots]
     same(other.snapshots[1].raster, eroded.snapshots[1].raster)
@@ -536,7 +537,7 @@ def test_what_was_pickled_on_a_device_that_is_missing_comes_back_on_the_cpu_with
         raster.__setstate__(state)
     same(raster, area())
     valley = wr.synthetic_valley("S3", length=300.0)
-    other = wr.Valley.__new__(wr.Valley)
+    other = wr.valley.Valley.__new__(wr.valley.Valley)
     with pytest.warns(UserWarning, match="a valley was pickled on 'cuda:99'"):
         other.__setstate__(valley.__getstate__() | {"device": "cuda:99"})
     same(other.terrain.raster, valley.terrain.raster)
@@ -616,6 +617,6 @@ def test_a_raster_that_cannot_fit_is_refused_before_anything_is_allocated(monkey
     monkeypatch.setattr(Raster, "shape", property(lambda self: (50_000, 50_000)))
     with pytest.raises(ValueError, match=r"50000 x 50000 cells; 2\^31 is the limit"):
         Raster(labels(), 1.0).sample([(0.5, -0.5)])
-    monkeypatch.setattr(raster_module, "available_memory", lambda device: 100)
+    monkeypatch.setattr(device_module, "available_memory", lambda device: 100)
     with pytest.raises(MemoryError, match="and 1e-07 GB are free"):
         Raster(rough(), 1.0)

@@ -10,7 +10,7 @@ from data_folder import data_folder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import warpriver.raster as raster_module
+import warpriver.device as device_module
 from warpriver.io.raster.terrains import read_terrain, terrain_formats, write_terrain
 from warpriver.terrain import Terrain
 
@@ -309,7 +309,7 @@ def test_no_room_is_told_before_anything_is_read(tmp_path, suffix, monkeypatch):
     needs(suffix)
     path = tmp_path / f"a{suffix}"
     write_terrain(Terrain(rough(0.0, 200, 300), 5.0), path)
-    monkeypatch.setattr(raster_module, "available_memory", lambda device: 500_000)
+    monkeypatch.setattr(device_module, "available_memory", lambda device: 500_000)
     with pytest.raises(MemoryError, match=r"a raster of 200 x 300 cells needs .* GB and 0.0005 GB are free"):
         read_terrain(path, **({"cell_size": 5.0} if suffix == ".npy" else {}))
 

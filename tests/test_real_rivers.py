@@ -89,7 +89,7 @@ def test_river_runs_for_200_years(name, device):
     def look(sim):
         highest.append(wr.metrics.sinuosity(sim.network.polylines()[0]))
 
-    history = sim.run(years=YEARS, record_every=10**6, callbacks=[(wr.Every(years=10), look)])
+    history = sim.run(years=YEARS, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
     after = sim.network.polylines()[0]
     crossing = len(phases.crossings(after))
     print(
@@ -97,7 +97,7 @@ def test_river_runs_for_200_years(name, device):
         f"{sim.substeps} sub-steps; sinuosity {highest[0]:.2f}, at most {max(highest):.2f}, at the end "
         f"{highest[-1]:.2f}; {len(history.cutoffs)} cutoffs, {crossing} crossings left"
     )
-    assert history.stop_reason is wr.StopReason.COMPLETED
+    assert history.stop_reason is wr.history.StopReason.COMPLETED
     assert np.isfinite(after).all()
     assert max(highest) < SINUOSITY_LIMIT
     assert after[[0, -1]] == pytest.approx(before[[0, -1]], abs=1e-6)

@@ -8,7 +8,8 @@ import pytest
 from data_folder import data_folder
 from trees import assert_forest
 
-from warpriver import MeanderParams, Simulation, StopReason, read_terrain
+from warpriver import MeanderParams, Simulation, read_terrain
+from warpriver.history import StopReason
 from warpriver.hydrology import carve_depressions, channel_width, drainage_area, extract_network, route
 
 # File: how it is read, and the threshold in m2. Widths follow from areas, so that gullies are decimetres wide.

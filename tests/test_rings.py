@@ -6,7 +6,8 @@ import reference_rings as twin
 from devices import assert_bits, is_cpu
 
 import warpriver as wr
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics, taubin_smooth
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics
+from warpriver.meander import taubin_smooth
 
 
 def circle(count, radius, turn=1.0, middle=(0.0, 0.0)):
@@ -106,7 +107,7 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy, device):
         means.append(np.hypot(*(xy - xy.mean(axis=0)).T).mean())
         sizes.append((metrics.sinuosity(xy, closed=True), now.network.channel_lengths()[0]))
 
-    sim.run(steps=2000, record_every=2000, callbacks=[(wr.Every(steps=100), note)])
+    sim.run(steps=2000, record_every=2000, callbacks=[(wr.history.Every(steps=100), note)])
     assert len(sim.history.cutoffs) > 10 and np.isfinite(sim.network.points()).all()
     assert max(s for s, _ in sizes) > 2.0, "it meanders"
     if policy == "longer":
@@ -251,9 +252,9 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
     np.testing.assert_array_equal(rest.network.points(), whole.network.points())
     assert [c.xy.tobytes() for c in rest.history.cutoffs] == [c.xy.tobytes() for c in whole.history.cutoffs]
     assert rest.network.channel_id.tolist() == whole.network.channel_id.tolist()
-    again = wr.History.load(tmp_path / "run")
+    again = wr.history.History.load(tmp_path / "run")
     rest.history.save(tmp_path / "run.npz")
-    for found in (rest.history, again, wr.History.load(tmp_path / "run.npz")):
+    for found in (rest.history, again, wr.history.History.load(tmp_path / "run.npz")):
         for a, b in zip(found.splits, whole.history.splits, strict=True):
             assert (a.time, a.channel, a.other, a.width) == (b.time, b.channel, b.other, b.width)
             np.testing.assert_array_equal(a.xy, b.xy)
@@ -270,7 +271,7 @@ def test_a_run_without_rings_has_no_splits(tmp_path, device):
     sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0), device=device)
     assert not sim.history.record(-1).channels.closed.any() and sim.stepper.state.closed is None
     sim.history.save(tmp_path / "run.npz")
-    again = wr.History.load(tmp_path / "run.npz")
+    again = wr.history.History.load(tmp_path / "run.npz")
     assert again.splits == [] and again.record(-1).events_before == 0 and "split" not in repr(again)
     assert not sim.history.network(-1).channel_closed.any()
 
@@ -367,7 +368,7 @@ def test_files_keep_rings(tmp_path, suffix):
     line = np.stack([np.linspace(-900.0, 900.0, 40), np.full(40, 900.0)], axis=1)
     network = RiverNetwork.from_polylines([ring, line], 30.0, closed=[True, False])
     path = tmp_path / f"rings{suffix}"
-    wr.write_network(network, path)
+    wr.io.write_network(network, path)
     back = wr.read_network(path)
     assert back.channel_closed.tolist() == [True, False]
     for a, b in zip(back.polylines(), network.polylines(), strict=True):
@@ -411,13 +412,13 @@ def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path, device):
     np.testing.assert_allclose(network.polylines()[0], np.roll(xy, -mark, axis=0), rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(network.point_widths()[0], np.roll(width, -mark))
     np.testing.assert_allclose(network.node_xy[0], xy[mark], rtol=0.0, atol=1e-9)
-    wr.write_network(network, tmp_path / "ring.geojson")
+    wr.io.write_network(network, tmp_path / "ring.geojson")
     np.testing.assert_allclose(wr.read_network(tmp_path / "ring.geojson").polylines()[0][0], xy[mark], atol=1e-9)
     params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy="marked", cutoff_min_arc=3.0)
     sim = Simulation(network, params, device=device)
     history = sim.run(steps=2, record_every=1, store=tmp_path / "run")
     assert len(history.cutoffs) == 1 and sim.network.channel_lengths()[0] < 1600.0, "the lesser one goes on"
-    for kept in wr.History.load(tmp_path / "run").networks:
+    for kept in wr.history.History.load(tmp_path / "run").networks:
         assert np.hypot(*(kept.polylines()[0][0] - xy[mark])) < 1.0
 
 
@@ -508,7 +509,7 @@ def test_the_command_line_tells_splits(tmp_path, capsys, solver):
     options = ["--width", "40", "--closed", "--ring-policy", "both", "--years", "0.3", "--spacing", "20"]
     assert main(["simulate", str(path), *options, "--solver", solver, "-o", str(out), "--no-progress"]) == 0
     assert "0 cutoffs and 1 split of rings in all" in capsys.readouterr().out
-    assert len(wr.History.load(out / "run").splits) == 1
+    assert len(wr.history.History.load(out / "run").splits) == 1
     assert wr.read_network(out / "channels.csv").channel_closed.tolist() == [True, True]
 
 

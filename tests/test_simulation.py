@@ -11,8 +11,9 @@ import warp as wp
 from insides import loops_of, tighten
 from trees import random_tree
 
-from warpriver import Every, History, MeanderParams, PathMeander, RiverNetwork, Simulation, StopReason, generate
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, generate
 from warpriver.engine.checks import PhaseError
+from warpriver.history import Every, History, StopReason
 from warpriver.meander.resampling import Resample
 
 

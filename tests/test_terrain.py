@@ -8,9 +8,9 @@ from devices import assert_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import warpriver.raster as raster_module
+import warpriver.device as device_module
+from warpriver.device import available_memory, require_memory
 from warpriver.network import RiverNetwork
-from warpriver.raster import available_memory, require_memory
 from warpriver.terrain import Terrain, square_cells
 
 # Heights of up to 1e3 m over some ten operations in float64.
@@ -350,8 +350,8 @@ def test_square_cells_from_oblong_ones(device):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_kernels_can_look_up_points_that_are_relative_to_a_network(dtype, device):
     """``grid`` places a terrain in a network's own coordinates, which keeps float32 exact far from zero."""
+    from warpriver.device import PRECISIONS
     from warpriver.kernels import terrain as kernels
-    from warpriver.network import PRECISIONS
 
     x, y = twin.centers((50, 50), (4.5e5, 5.1e6, 30.0))
     t = Terrain(0.25 * (x - 4.5e5) - 0.125 * (y - 5.1e6), 30.0, (4.5e5, 5.1e6), device=device)
@@ -437,11 +437,11 @@ def test_a_terrain_that_cannot_fit_is_refused_before_anything_is_allocated():
 
 
 def test_a_billion_cells_are_refused_where_there_is_no_memory(monkeypatch):
-    monkeypatch.setattr(raster_module, "available_memory", lambda device: 4_000_000_000)
+    monkeypatch.setattr(device_module, "available_memory", lambda device: 4_000_000_000)
     with pytest.raises(MemoryError, match="31623 x 31623 cells needs 17 GB and 4 GB are free"):
         Terrain(np.broadcast_to(np.float32(1.0), (31_623, 31_623)), 1.0)
     require_memory((10, 10), 8)
-    monkeypatch.setattr(raster_module, "available_memory", lambda device: None)
+    monkeypatch.setattr(device_module, "available_memory", lambda device: None)
     require_memory((10**6, 10**6), 8)
 
 

@@ -9,8 +9,8 @@ from river_files import (
     write,
 )
 
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.io import read_network, write_network
-from warpriver.network import bankfull_depth, bankfull_discharge
 
 POINTS = [(0.0, 0.0), (100.0, 10.0), (200.0, -10.0), (300.5, 0.25)]
 

@@ -10,8 +10,8 @@ import pytest
 
 import warpriver as wr
 from warpriver import models
+from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.meander.migration import explicit_dt, stable_dt
-from warpriver.network import bankfull_depth
 
 WIDTHS = (50.0, 100.0, 200.0)
 DEFAULT = wr.MeanderParams()
@@ -289,8 +289,8 @@ def crossing_share(width, multiple, monkeypatch, *, device):
             crossing.append(bool(inner.any()))
             bent.append(wr.metrics.sinuosity(xy))
 
-    history = sim.run(years=300, record_every=10**6, callbacks=[(wr.Every(years=5), look)])
-    assert history.stop_reason is wr.StopReason.COMPLETED
+    history = sim.run(years=300, record_every=10**6, callbacks=[(wr.history.Every(years=5), look)])
+    assert history.stop_reason is wr.history.StopReason.COMPLETED
     return float(np.mean(crossing)), max(bent)
 
 
@@ -331,7 +331,7 @@ def test_long_steps_are_done_in_honest_sub_steps(time_step, device):
     bent = [wr.metrics.sinuosity(xy) for xy in sim.network.polylines()]
     cutoffs = len(history.cutoffs)
     print(f"step {time_step:g} yr in {sim.substeps}: sinuosity {np.round(bent, 2)} after 300 yr, {cutoffs} cutoffs")
-    assert history.stop_reason is wr.StopReason.COMPLETED
+    assert history.stop_reason is wr.history.StopReason.COMPLETED
     assert 1.5 < min(bent) and max(bent) < SINUOSITY_LIMIT
 
 
@@ -495,8 +495,8 @@ def grown(width, scaling, years, *, device):
         times.append(sim.time)
         lines.append(sim.network.polylines())
 
-    history = sim.run(years=years, record_every=10**6, callbacks=[(wr.Every(years=100), look)])
-    assert history.stop_reason is wr.StopReason.COMPLETED
+    history = sim.run(years=years, record_every=10**6, callbacks=[(wr.history.Every(years=100), look)])
+    assert history.stop_reason is wr.history.StopReason.COMPLETED
     sinuosity = np.array([[wr.metrics.sinuosity(xy) for xy in state] for state in lines])
     return SimpleNamespace(times=np.array(times), lines=lines, sinuosity=sinuosity, cutoffs=history.cutoffs)
 
@@ -557,7 +557,7 @@ def test_without_cutoffs_channels_become_much_more_bent(scaling, device):
     print(
         f"{scaling}: sinuosity {bent:.2f} after 500 yr without cutoffs, {cut:.2f} with; saturates at {SATURATION:.2f}"
     )
-    assert history.stop_reason is wr.StopReason.COMPLETED and not history.cutoffs
+    assert history.stop_reason is wr.history.StopReason.COMPLETED and not history.cutoffs
     assert bent > UNCUT[scaling] * cut
     if scaling == "upstream":
         assert bent < SATURATION
@@ -664,7 +664,7 @@ def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout(device):
             pairs = phases.crossings(sim.network.polylines()[0])
             states.append(bool(narrow[pairs].all(axis=1).any()))
 
-        history = sim.run(years=400, record_every=10**6, callbacks=[(wr.Every(years=10), look)])
+        history = sim.run(years=400, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
         cut = [c for c in history.cutoffs if c.width < 1.01 * NARROW]
         loops[wide] = float(np.median(wr.metrics.oxbow_lengths(cut))) if cut else np.nan
         crossing[wide] = np.mean(states)

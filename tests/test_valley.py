@@ -74,9 +74,9 @@ def test_the_network_carries_width_and_depth(examples):
 
 
 def test_depth_by_the_shields_stress():
-    params = wr.ValleyParams(grain_size=0.05, slope=0.004, shields=0.045, submerged_gravity=1.6)
+    params = wr.valley.ValleyParams(grain_size=0.05, slope=0.004, shields=0.045, submerged_gravity=1.6)
     assert params.bankfull_depth == pytest.approx(1.6 * 0.05 * 0.045 / 0.004, rel=1e-15)
-    assert wr.ValleyParams(depth=3.5).bankfull_depth == 3.5
+    assert wr.valley.ValleyParams(depth=3.5).bankfull_depth == 3.5
 
 
 def test_sinuosity_converges_to_the_integral(examples):
@@ -392,7 +392,7 @@ def meandered(*, device):
 def test_a_channel_that_meandered_takes_the_place_of_the_planform(device):
     network = meandered(device=device)
     given = network.polylines()[0]
-    params = wr.ValleyParams(
+    params = wr.valley.ValleyParams(
         line=network, width=50.0, depth=2.5, slope=5e-4, floor_height=2.0, top_height=15.0, increments=1200,
         controls={"thalweg": (g.sine(0.3, 25),), "width": (g.sine(0.1, 25),)},
     )  # fmt: skip

@@ -160,7 +160,7 @@ def test_every_term_evaluates_beyond_the_reach_and_keeps_its_shape():
         (lambda: g.Series([1.0, 2.0], positions=[0.0]), "1 positions for 2 values"),
         (lambda: g.Series([-1.0, 1.0], relative=True), "mean is positive"),
         (lambda: g.strongest_harmonics([1.0, math.inf, 2.0], 1), "3 or more finite numbers"),
-        (lambda: g.strongest_harmonics([1.0, 3.0, 2.0], 0), "keep at least 1"),
+        (lambda: g.strongest_harmonics([1.0, 3.0, 2.0], 0), "give a whole number of harmonics, 1 or more"),
         (lambda: evaluate((lambda u: u * math.nan,), U), "not finite"),
         (lambda: evaluate((lambda u: u[:3],), U), "one for each position"),
     ],

@@ -69,7 +69,7 @@ def brook(tmp_path):
 
 
 def test_a_file_becomes_a_valley(brook, device):
-    params = wr.read_valley(brook)
+    params = wr.io.read_valley(brook)
     assert params.name == "brook" and params.length == 200 and params.bankfull_depth == 0.7
     valley = wr.synthetic_valley(params, device=device)
     assert valley.covariance.mean_thalweg_width == pytest.approx(-0.5, abs=0.02)
@@ -81,12 +81,12 @@ def test_a_file_becomes_a_valley(brook, device):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_survive_a_file(name, tmp_path):
-    wr.write_valley(EXAMPLES[name], tmp_path / "v.toml")
-    assert wr.read_valley(tmp_path / "v.toml") == EXAMPLES[name]
+    wr.io.write_valley(EXAMPLES[name], tmp_path / "v.toml")
+    assert wr.io.read_valley(tmp_path / "v.toml") == EXAMPLES[name]
 
 
 def test_every_term_and_table_survives_a_file(tmp_path):
-    params = wr.ValleyParams(
+    params = wr.valley.ValleyParams(
         controls={
             "width": (g.Series((1.0, 2.0, 1.5), relative=True, amplitude=0.1),),
             "bank": tuple(kind() for kind in TERMS.values()),
@@ -95,24 +95,24 @@ def test_every_term_and_table_survives_a_file(tmp_path):
         covariance=g.CovarianceTarget("width", None, (1.0, 2.0), (0.5, -0.5)),
         threads=(g.Thread(),), objects=(g.ObjectField(), g.ObjectField(kind="log")), depth=1.0, valley_slope=0.01,
     )  # fmt: skip
-    wr.write_valley(params, tmp_path / "v.toml")
-    assert wr.read_valley(tmp_path / "v.toml") == params
+    wr.io.write_valley(params, tmp_path / "v.toml")
+    assert wr.io.read_valley(tmp_path / "v.toml") == params
     line = np.array([[0.0, 0.0], [100.0, 10.0], [200.0, -5.0], [300.0, 0.1]])
-    wr.write_valley(dataclasses.replace(params, line=line), tmp_path / "v.toml")
-    np.testing.assert_array_equal(wr.read_valley(tmp_path / "v.toml").line, line)
+    wr.io.write_valley(dataclasses.replace(params, line=line), tmp_path / "v.toml")
+    np.testing.assert_array_equal(wr.io.read_valley(tmp_path / "v.toml").line, line)
     with pytest.raises(ValueError, match="cannot hold <function"):
-        wr.write_valley(wr.ValleyParams(controls={"width": (lambda u: u,)}), tmp_path / "v.toml")
+        wr.io.write_valley(wr.valley.ValleyParams(controls={"width": (lambda u: u,)}), tmp_path / "v.toml")
 
 
 def test_a_line_may_lie_in_a_file_beside_it(tmp_path, device):
     line = generate.valley_line(900.0, 10.0, 40.0, 300.0, seed=1)
-    wr.write_network(wr.RiverNetwork.from_polylines([line], width=20.0), tmp_path / "river.csv")
+    wr.io.write_network(wr.RiverNetwork.from_polylines([line], width=20.0), tmp_path / "river.csv")
     (tmp_path / "v.toml").write_text('slope = 0.001\ndepth = 1.0\nwidth = 20.0\n[line]\nfile = "river.csv"\n')
-    valley = wr.synthetic_valley(wr.read_valley(tmp_path / "v.toml"), device=device)
+    valley = wr.synthetic_valley(wr.io.read_valley(tmp_path / "v.toml"), device=device)
     assert valley.sinuosity == pytest.approx(wr.metrics.sinuosity(line), rel=1e-3)
     (tmp_path / "v.toml").write_text('[line]\nfile = "river.csv"\nchannel = 3\n')
     with pytest.raises(ValueError, match=r"v\.toml: line\.channel = 3; river\.csv has channels 0 to 0"):
-        wr.read_valley(tmp_path / "v.toml")
+        wr.io.read_valley(tmp_path / "v.toml")
 
 
 @pytest.mark.parametrize(
@@ -171,23 +171,23 @@ def test_schema_errors_name_file_key_and_value(text, message, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(text + "\n")
     with pytest.raises(ValueError, match=message):
-        wr.read_valley("bad.toml")
+        wr.io.read_valley("bad.toml")
 
 
 def test_a_series_of_a_file_is_checked(tmp_path):
     (tmp_path / "widths.csv").write_text("s,width\n0,3\n1,x\n")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv", column = "depth"}]')
     with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth'; widths\.csv has s, width"):
-        wr.read_valley(tmp_path / "v.toml")
+        wr.io.read_valley(tmp_path / "v.toml")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv"}]')
     with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': could not convert"):
-        wr.read_valley(tmp_path / "v.toml")
+        wr.io.read_valley(tmp_path / "v.toml")
 
 
 def test_the_schema_lists_every_key(capsys):
     text = valley_schema()
     assert run(capsys, "valley", "--schema")[:2] == (0, text + "\n")
-    for kind in (wr.ValleyParams, g.CrossSection, g.CovarianceTarget, g.Thread, g.ObjectField, *TERMS.values()):
+    for kind in (wr.valley.ValleyParams, g.CrossSection, g.CovarianceTarget, g.Thread, g.ObjectField, *TERMS.values()):
         for f in dataclasses.fields(kind):
             if f.metadata:
                 assert f.name in text and f.metadata["doc"] in text
@@ -205,24 +205,24 @@ def small(device):
 def test_points_are_written(small, tmp_path):
     grid = small.grid(3.0)
     for name, options in (("p.xyz", {}), ("p.csv", {"delimiter": ",", "skiprows": 1})):
-        wr.write_points(grid, tmp_path / name)
+        wr.io.write_points(grid, tmp_path / name)
         np.testing.assert_allclose(np.loadtxt(tmp_path / name, **options), grid.points(), atol=1e-4)
-    wr.write_points(grid, tmp_path / "p.npz")
+    wr.io.write_points(grid, tmp_path / "p.npz")
     np.testing.assert_array_equal(np.load(tmp_path / "p.npz")["xyz"], grid.xyz)
     with pytest.raises(ValueError, match=r"p\.dat: the name must end in \.xyz"):
-        wr.write_points(grid, tmp_path / "p.dat")
+        wr.io.write_points(grid, tmp_path / "p.dat")
 
 
 def test_meshes_are_written(small, tmp_path):
     grid = small.grid(3.0)
-    wr.write_mesh(grid, tmp_path / "m.obj")
+    wr.io.write_mesh(grid, tmp_path / "m.obj")
     rows = (tmp_path / "m.obj").read_text().splitlines()
     assert sum(row.startswith("v ") for row in rows) == len(grid.points())
     faces = np.array([row.split()[1:] for row in rows if row.startswith("f ")], int)
     np.testing.assert_array_equal(faces - 1, grid.triangles())
     pyvista = pytest.importorskip("pyvista")
     for suffix in ("ply", "stl", "vtp"):
-        wr.write_mesh(grid, tmp_path / f"m.{suffix}")
+        wr.io.write_mesh(grid, tmp_path / f"m.{suffix}")
         mesh = pyvista.read(tmp_path / f"m.{suffix}")
         assert mesh.n_cells == len(grid.triangles())
         # PLY and STL hold float32: heights of 1,000 m to 1e-4 m.
@@ -233,14 +233,14 @@ def test_meshes_are_written(small, tmp_path):
 
 def test_breaklines_are_written(small, tmp_path):
     lines = small.breaklines()
-    wr.write_breaklines(lines, tmp_path / "b.geojson", crs="EPSG:32619")
+    wr.io.write_breaklines(lines, tmp_path / "b.geojson", crs="EPSG:32619")
     data = json.loads((tmp_path / "b.geojson").read_text())
     assert "EPSG::32619" in data["crs"]["properties"]["name"]
     found = {f["properties"]["name"]: np.array(f["geometry"]["coordinates"]) for f in data["features"]}
     assert set(found) == {"thalweg", "left_bank", "right_bank", "left_floor", "right_floor", "left_top", "right_top"}
     for name, xyz in lines.items():
         np.testing.assert_allclose(found[name], xyz, atol=1e-4)
-    wr.write_breaklines(lines, tmp_path / "b.csv")
+    wr.io.write_breaklines(lines, tmp_path / "b.csv")
     assert len((tmp_path / "b.csv").read_text().splitlines()) == 1 + sum(len(xyz) for xyz in lines.values())
 
 
@@ -270,9 +270,9 @@ def test_the_command_writes_a_folder(brook, tmp_path, capsys):
     assert network.channel_count == 4
     terrain = wr.read_terrain(next((tmp_path / "out").glob("terrain.*")))
     np.testing.assert_allclose(
-        terrain.to_numpy(), wr.synthetic_valley(wr.read_valley(brook)).terrain.to_numpy(), atol=1e-3
+        terrain.to_numpy(), wr.synthetic_valley(wr.io.read_valley(brook)).terrain.to_numpy(), atol=1e-3
     )
-    again = wr.read_valley(tmp_path / "out" / "valley.toml")
+    again = wr.io.read_valley(tmp_path / "out" / "valley.toml")
     assert again.length == 200.0
 
 

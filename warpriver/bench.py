@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS, resolve_device
 from warpriver.generate.lines import noisy_line
-from warpriver.network import PRECISIONS, RiverNetwork, resolve_device
+from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.simulation import Simulation
 from warpriver.terrain import Terrain

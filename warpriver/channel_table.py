@@ -13,31 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warpriver.validate import numbers, positive_numbers
+
 __all__ = ["ChannelTable"]
 
 
-def _numbers(name: str, values: Any) -> np.ndarray:
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not numbers ({error}); give one number a channel") from error
-    if np.isinf(array).any():
-        c = int(np.isinf(array).argmax())
-        raise ValueError(f"{name} of channel {c} is infinite; use NaN where it is not known")
-    return array
-
-
-def _positive(name: str, values: Any) -> np.ndarray:
-    array = _numbers(name, values)
-    wrong = ~(array > 0.0)
-    if wrong.any():
-        c = int(wrong.argmax())
-        raise ValueError(f"{name} of channel {c} is {array.flat[c]:g}; it must be positive and finite")
-    return array
-
-
-def _whole(dtype: Any) -> Callable[[str, Any], np.ndarray]:
-    def check(name: str, values: Any) -> np.ndarray:
+def _whole(dtype: Any) -> Callable[[Any, str], np.ndarray]:
+    def check(values: Any, name: str) -> np.ndarray:
         array = np.asarray(values)
         whole = array.dtype.kind in "iu" or (array.dtype.kind == "f" and np.array_equal(array, np.round(array)))
         if not whole:
@@ -47,7 +29,7 @@ def _whole(dtype: Any) -> Callable[[str, Any], np.ndarray]:
     return check
 
 
-def _flags(name: str, values: Any) -> np.ndarray:
+def _flags(values: Any, name: str) -> np.ndarray:
     array = np.array(values)
     if array.dtype.kind not in "biu" and array.size:
         raise ValueError(f"{name} is {array.dtype}; give True or False for each channel")
@@ -66,7 +48,7 @@ def _nowhere(count: int) -> np.ndarray:
     return np.zeros(count, bool)
 
 
-def _free(name: str, values: Any) -> np.ndarray:
+def _free(values: Any, name: str) -> np.ndarray:
     """Return a free column as bool, int64, float64 or text, or raise ``ValueError``."""
     array = np.array(values)
     if array.dtype.kind == "O" and all(isinstance(value, str) for value in array.flat):
@@ -91,17 +73,17 @@ class _Column(NamedTuple):
         required: Whether values must be given.
     """
 
-    check: Callable[[str, Any], np.ndarray]
+    check: Callable[[Any, str], np.ndarray]
     missing: Callable[[int], np.ndarray] | None = None
     required: bool = False
 
 
 COLUMNS = {
-    "width": _Column(_positive, required=True),
-    "depth": _Column(_positive, required=True),
-    "discharge": _Column(_positive, required=True),
-    "drainage_area": _Column(_positive),
-    "slope": _Column(_numbers, _unknown),
+    "width": _Column(positive_numbers, required=True),
+    "depth": _Column(positive_numbers, required=True),
+    "discharge": _Column(positive_numbers, required=True),
+    "drainage_area": _Column(positive_numbers),
+    "slope": _Column(numbers, _unknown),
     "id": _Column(_whole(np.int64), np.arange),
     "from_node": _Column(_whole(np.int32), _no_node),
     "to_node": _Column(_whole(np.int32), _no_node),
@@ -267,7 +249,7 @@ def _checked(name: str, values: Any, count: int) -> np.ndarray | None:
         if column.required:
             raise TypeError(f"{label} is missing; give one number a channel")
         return None if column.missing is None else column.missing(count)
-    return _of_length(label, column.check(label, values), count)
+    return _of_length(label, column.check(values, label), count)
 
 
 def _checked_extra(name: Any, values: Any, count: int) -> np.ndarray:
@@ -277,7 +259,7 @@ def _checked_extra(name: Any, values: Any, count: int) -> np.ndarray:
     if name in COLUMNS or name == "extra":
         raise ValueError(f"an extra column has the name {name!r}, which every table has; give it another")
     label = f"extra column {name!r}"
-    return _of_length(label, _free(label, values), count)
+    return _of_length(label, _free(values, label), count)
 
 
 def _label(name: str) -> str:

@@ -10,6 +10,8 @@ import warp as wp
 
 from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.crs import is_geographic, short_name
+from warpriver.device import PRECISIONS, resolve_device
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.network_checks import (
     NODE_TOLERANCE,
     check_graph,
@@ -24,37 +26,12 @@ from warpriver.network_checks import (
     ring_marks,
     ring_points,
 )
+from warpriver.validate import one_of
 
-__all__ = ["RiverNetwork", "bankfull_depth", "bankfull_discharge", "bankfull_width"]
-
-PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
+__all__ = ["RiverNetwork"]
 
 # Columns that the constructor takes by keyword, ``channel_width`` and so on; the nodes come as one tuple.
 KEYWORDS = tuple(f"channel_{name}" for name in COLUMNS if not name.endswith("_node"))
-
-
-def bankfull_depth(width: Any) -> Any:
-    """Bankfull depth in m of a channel ``width`` m wide, from w = 18.8 d^1.41 [Konsoer2013]."""
-    return (np.asarray(width, np.float64) / 18.8) ** (1.0 / 1.41)
-
-
-def bankfull_width(depth: Any) -> Any:
-    """Bankfull width in m of a channel ``depth`` m deep, w = 18.8 d^1.41 [Konsoer2013]."""
-    return 18.8 * np.asarray(depth, np.float64) ** 1.41
-
-
-def bankfull_discharge(width: Any) -> Any:
-    """Bankfull discharge in m3/s of a channel ``width`` m wide, from w = 7.2 Q^0.5 [Andreadis2013]."""
-    return (np.asarray(width, np.float64) / 7.2) ** 2
-
-
-def resolve_device(device: Any) -> Any:
-    """Return the Warp device of that name, or raise ``ValueError`` that lists the devices of this machine."""
-    try:
-        return wp.get_device(device)
-    except Exception as error:
-        known = ", ".join(d.alias for d in wp.get_devices())
-        raise ValueError(f"device {device!r} is not on this machine; it has: {known}") from error
 
 
 class RiverNetwork:
@@ -123,8 +100,7 @@ class RiverNetwork:
             ValueError: Arrays that do not fit together, a channel of fewer than 2 points or of no length, an identity
                 that stands twice, a node that is not there, or one that no channel touches.
         """
-        if dtype not in PRECISIONS:
-            raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
+        one_of(dtype, "dtype", tuple(PRECISIONS))
         if crs is not None and not isinstance(crs, str):
             raise ValueError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]

@@ -11,6 +11,7 @@ __all__ = [
     "SOLVER_PARAMS",
     "LehenyParams",
     "MeanderParams",
+    "Params",
     "PathMeander",
     "describe",
     "parameter",
@@ -64,41 +65,39 @@ def describe(params: type) -> list[tuple[str, Any, str, str, str]]:
     ]
 
 
-def check_ranges(params: Any) -> None:
-    """Raise ``ValueError`` for the first field of ``params`` that lies outside its declared range."""
-    kind = type(params).__name__
-    for field in dataclasses.fields(params):
-        value, meta = getattr(params, field.name), field.metadata
-        if not meta:  # a field that is no single constant
-            continue
-        if meta["choices"]:
-            if value not in meta["choices"]:
-                words = ", ".join(repr(c) for c in meta["choices"])
-                raise ValueError(f"{kind}.{field.name} is {value!r}; use one of {words}")
-            continue
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise ValueError(f"{kind}.{field.name} is {value!r}; give a finite number of unit {meta['unit']}")
-        below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
-        if below or value > meta["high"]:
-            left = "(" if meta["low_open"] else "["
-            raise ValueError(
-                f"{kind}.{field.name} is {value:g} {meta['unit']}; "
-                f"the range is {left}{meta['low']:g}, {meta['high']:g}]"
-            )
-        if isinstance(field.default, int) and value != int(value):
-            raise ValueError(f"{kind}.{field.name} is {value:g}; give a whole number")
-
-
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """What all constants of a process can do: their ranges are checked when they are made."""
+    """What all constants of a process can do: they are checked when they are made, and changed in copies."""
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        for field in dataclasses.fields(self):
+            value, label = getattr(self, field.name), f"{type(self).__name__}.{field.name}"
+            if field.metadata:
+                _check_constant(value, label, field)
+            elif field.type in ("bool", bool) and not isinstance(value, bool):
+                raise ValueError(f"{label} is {value!r}; give true or false")
 
     def replace(self: P, **changes: Any) -> P:
         """Return a copy with some fields changed (and checked again)."""
         return dataclasses.replace(self, **changes)
+
+
+def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
+    """Raise ``ValueError`` unless a value lies in the range that its field declares."""
+    meta = field.metadata
+    if meta["choices"]:
+        if value not in meta["choices"]:
+            words = ", ".join(repr(c) for c in meta["choices"])
+            raise ValueError(f"{label} is {value!r}; use one of {words}")
+        return
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError(f"{label} is {value!r}; give a finite number of unit {meta['unit']}")
+    below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
+    if below or value > meta["high"]:
+        left = "(" if meta["low_open"] else "["
+        raise ValueError(f"{label} is {value:g} {meta['unit']}; the range is {left}{meta['low']:g}, {meta['high']:g}]")
+    if isinstance(field.default, int) and value != int(value):
+        raise ValueError(f"{label} is {value:g}; give a whole number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -419,4 +418,4 @@ class PathMeander(Params):
 
 
 # The parameters of each solver that a simulation knows, by the name that files and the command line use.
-SOLVER_PARAMS: dict[str, type] = {"migration": MeanderParams, "path": PathMeander}
+SOLVER_PARAMS: dict[str, type[MeanderParams] | type[PathMeander]] = {"migration": MeanderParams, "path": PathMeander}

@@ -3,71 +3,28 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from warpriver.crs import is_geographic, pyproj_or_none, short_name
+from warpriver.device import PRECISIONS, present_device, require_memory, resolve_device
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
-from warpriver.network import PRECISIONS, resolve_device
+from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = [
     "Raster",
-    "available_memory",
     "checked_grid",
-    "checked_points",
     "checked_values",
-    "finite_numbers",
     "metric_crs",
-    "positive_number",
-    "present_device",
     "refuse_infinite",
-    "require_memory",
 ]
 
 # What the cells may hold on the device.
 CELL_TYPES = (wp.float64, wp.int8, wp.int16, wp.int32, wp.int64, wp.uint8, wp.uint16, wp.uint32, wp.uint64)
-
-
-def available_memory(device: Any = "cpu") -> int | None:
-    """Return the memory in bytes that can be had on a device now, or None where the system does not tell."""
-    device = resolve_device(device)
-    if device.is_cuda:
-        # What has been freed stays in the pool, and counts as taken, until the device has been waited for.
-        wp.synchronize_device(device)
-        return int(device.free_memory)
-    known = []
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        known += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-        group = Path("/sys/fs/cgroup")
-        limit, used = (group / "memory.max").read_text(), (group / "memory.current").read_text()
-        known += [int(limit) - int(used)] if limit.strip() != "max" else []
-    except (OSError, ValueError):
-        pass
-    return min(known, default=None)
-
-
-def require_memory(shape: Sequence[int], bytes_per_cell: int, device: Any = "cpu", what: str = "a terrain") -> None:
-    """Raise ``MemoryError`` if a raster of that shape cannot fit; call it before anything is allocated.
-
-    Args:
-        shape: Rows and columns.
-        bytes_per_cell: All that will be alive at a time, divided by the cells.
-        device: Where it is to lie.
-        what: The thing, for the message.
-    """
-    need, free = math.prod(int(n) for n in shape) * bytes_per_cell, available_memory(device)
-    if free is not None and need > free:
-        raise MemoryError(
-            f"{what} of {shape[0]} x {shape[1]} cells needs {need / 1e9:.3g} GB and {free / 1e9:.3g} GB are free on "
-            f"{resolve_device(device).alias}; use a coarser cell size or a part of it"
-        )
 
 
 class Raster:
@@ -363,19 +320,10 @@ class Raster:
         )
 
 
-def present_device(alias: str, what: str) -> Any:
-    """Return the device that something lay on when it was pickled, or the CPU with a ``UserWarning``."""
-    if alias in [device.alias for device in wp.get_devices()]:
-        return wp.get_device(alias)
-    text = f"{what} was pickled on {alias!r}, which this machine does not have; it lies on the CPU now"
-    warnings.warn(text, UserWarning, stacklevel=3)
-    return wp.get_device("cpu")
-
-
 def checked_grid(cell_size: Any, origin: Any) -> tuple[float, tuple[float, float]]:
     """Return cell size and origin as numbers, or raise ``ValueError``."""
     west, north = finite_numbers(origin, 2, "origin")
-    return positive_number(cell_size, "cell_size", "m"), (west, north)
+    return positive(cell_size, "cell_size", "m"), (west, north)
 
 
 def metric_crs(crs: str | None) -> str | None:
@@ -439,41 +387,6 @@ def _cell_type(source: Any, integers: bool) -> np.dtype:
     if not integers or kind.kind not in "iub" or np.ma.is_masked(source):
         return np.dtype(np.float64)
     return np.dtype(np.uint8) if kind.kind == "b" else kind
-
-
-def checked_points(xy: Any, name: str, finite: bool = True) -> np.ndarray:
-    """Return points as (n, 2) float64, or raise ``ValueError``."""
-    try:
-        points = np.ascontiguousarray(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not an array of numbers ({error}); give (n, 2) in m") from error
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"{name} has shape {points.shape}; give (n, 2) points in m")
-    if finite and not np.isfinite(points).all():
-        raise ValueError(f"{name} holds a point that is not finite; remove or repair it")
-    return points
-
-
-def finite_numbers(values: Any, count: int, name: str) -> list[float]:
-    """Return that many finite numbers, or raise ``ValueError``."""
-    try:
-        numbers = [float(v) for v in values]
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {values!r}; give {count} numbers") from error
-    if len(numbers) != count or not all(math.isfinite(v) for v in numbers):
-        raise ValueError(f"{name} is {numbers}; give {count} finite numbers")
-    return numbers
-
-
-def positive_number(value: Any, name: str, unit: str) -> float:
-    """Return a positive finite number, or raise ``ValueError``."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {value!r}; give a positive number of {unit}") from error
-    if not (math.isfinite(number) and number > 0.0):
-        raise ValueError(f"{name} is {number:g}; give a positive number of {unit}")
-    return number
 
 
 def _text(value: Any, name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import signal
@@ -18,41 +17,14 @@ from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.stepper import Stepper, check_ground, check_saved
 from warpriver.history import History, Record, StopReason
+from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
+from warpriver.validate import not_negative, whole
 
-__all__ = ["Every", "Simulation"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Every:
-    """A schedule: every so many steps, or every so many years.
-
-    Attributes:
-        steps: Interval in steps, or None.
-        years: Interval in years, or None.
-    """
-
-    steps: int | None = None
-    years: float | None = None
-
-    def __post_init__(self) -> None:
-        if (self.steps is None) == (self.years is None):
-            raise ValueError("give Every either steps or years, not both")
-        interval = self.steps if self.steps is not None else self.years
-        if not interval or not interval > 0 or (self.steps is not None and self.steps != int(self.steps)):
-            raise ValueError(f"Every({self}): the interval must be positive, and whole for steps")
-
-    def due(self, step: int, time_step: float) -> bool:
-        """Tell whether the state after ``step`` steps of ``time_step`` yr is on the schedule."""
-        if self.steps is not None:
-            return step % self.steps == 0
-        assert self.years is not None
-        # A part in 1e9 of slack, so that 10 steps of 0.1 yr make a year.
-        now = math.floor(step * time_step / self.years + 1e-9)
-        return now > math.floor((step - 1) * time_step / self.years + 1e-9)
+__all__ = ["Simulation"]
 
 
 class Simulation:
@@ -274,9 +246,7 @@ class Simulation:
             FloatingPointError: A point is no longer finite; the state before that step is kept.
             AssertionError: ``check`` is on and a phase broke its promise.
         """
-        if not math.isfinite(count) or count != int(count) or count < 1:
-            raise ValueError(f"count is {count!r}; give a whole number of time steps, 1 or more")
-        self._advance(int(count))
+        self._advance(whole(count, "count", 1, "time steps"))
 
     def run(
         self,
@@ -397,13 +367,8 @@ class Simulation:
         if (years is None) == (steps is None):
             raise ValueError("give run either years or steps")
         if steps is not None:
-            if steps != int(steps) or steps < 0:
-                raise ValueError(f"steps is {steps!r}; give a whole number, 0 or more")
-            return int(steps)
-        assert years is not None
-        if not (math.isfinite(years) and years >= 0):
-            raise ValueError(f"years is {years!r}; give a finite number, 0 or more")
-        return math.ceil(years / self.params.time_step * (1.0 - 1e-12))
+            return whole(steps, "steps")
+        return math.ceil(not_negative(years, "years") / self.params.time_step * (1.0 - 1e-12))
 
 
 def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, model: Model) -> None:

@@ -9,19 +9,16 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory, resolve_device
 from warpriver.kernels import terrain as kernels
-from warpriver.network import resolve_device
 from warpriver.raster import (
     Raster,
     checked_grid,
-    checked_points,
     checked_values,
-    finite_numbers,
     metric_crs,
-    positive_number,
     refuse_infinite,
-    require_memory,
 )
+from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = ["NAME", "UNIT", "Terrain", "square_cells", "surface_of"]
 
@@ -42,8 +39,8 @@ class Terrain:
     cells without data one rule holds: of the four centres around a point the missing ones drop out, so that a height
     goes on unchanged through the outer half cell, and a point whose own cell is missing has height NaN.
 
-    Heights that were computed as a :class:`warpriver.Raster` become a terrain by :meth:`from_raster`. Terrains pickle
-    as rasters do.
+    Heights that were computed as a :class:`warpriver.raster.Raster` become a terrain by :meth:`from_raster`. Terrains
+    pickle as rasters do.
 
     Attributes:
         raster: The heights as a Raster, in the same memory; maps on the same cells are made by ``raster.like``.
@@ -230,7 +227,7 @@ class Terrain:
         if kind not in BRUSHES:
             raise ValueError(f"brush kind is {kind!r}; use one of {', '.join(BRUSHES)}")
         x, y = finite_numbers(center, 2, "center")
-        radius = positive_number(radius, "radius", "m")
+        radius = positive(radius, "radius", "m")
         share = kind in ("smooth", "flatten")
         if not math.isfinite(amount) or amount < 0.0 or (share and amount > 1.0):
             raise ValueError(f"amount is {amount}; to {kind} give " + ("a share, 0 to 1" if share else "m, 0 or more"))
@@ -280,7 +277,7 @@ class Terrain:
             raise ValueError(f"line has {len(crest)} points; give at least 2, none of them twice in a row")
         rise = np.broadcast_to(np.asarray(height, np.float64), len(crest)) if np.ndim(height) == 0 else height
         rise = np.array(finite_numbers(rise, len(crest), "height"))
-        half = 0.5 * positive_number(width, "width", "m")
+        half = 0.5 * positive(width, "width", "m")
         (west, south), (east, north) = crest.min(axis=0) - half, crest.max(axis=0) + half
         window = self.raster._window(west, south, east, north)
         if window is None:
@@ -298,7 +295,7 @@ class Terrain:
         The number of rows and columns is rounded, so that the far edges move by half a new cell at most. Where finer,
         a cell has data if the old cell that its centre lies in has; where coarser, if half of its area has.
         """
-        size = positive_number(cell_size, "cell_size", "m")
+        size = positive(cell_size, "cell_size", "m")
         step = size / self.cell_size
         height = _resample(self.height, (step, step))
         return Terrain._of(height, size, self.origin, self.crs)

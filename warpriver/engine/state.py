@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.checks import require
 from warpriver.engine.stages import Share, Stage, launch, run_stages
 from warpriver.graph.edits import EditedChannels
@@ -22,7 +23,7 @@ from warpriver.kernels.polyline import (
     SUBSTEP_SIZE,
     Work,
 )
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 __all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]

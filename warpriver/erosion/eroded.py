@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
 from warpriver.params import LehenyParams
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
+from warpriver.validate import positive
 
 __all__ = ["ErodedTerrain", "erosion_peak", "erosion_plane"]
 
@@ -149,7 +149,6 @@ def _checked_start(shape: Sequence[int], slope: float) -> tuple[int, int]:
     rows, columns = (int(n) for n in shape)
     if min(rows, columns) < 2:
         raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each")
-    if not (math.isfinite(slope) and slope > 0.0):
-        raise ValueError(f"slope is {slope}; give a positive number: on level ground water goes nowhere")
+    positive(slope, "slope", hint=": on level ground water goes nowhere")
     require_memory((rows, columns), START_BYTES)
     return rows, columns

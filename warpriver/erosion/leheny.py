@@ -16,13 +16,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
+from warpriver.device import PRECISIONS, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
-from warpriver.network import PRECISIONS, resolve_device
 from warpriver.params import LehenyParams
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
+from warpriver.validate import one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
@@ -110,7 +110,7 @@ def erode(
             that water cannot leave (pits and level ground, without ``fill``), or more events than the precision holds.
         MemoryError: There is no room, told before anything is allocated.
     """
-    batch = _whole(batch, "batch", 1)
+    batch = whole(batch, "batch", 1)
     # A GPU has nothing to offer to a single thread.
     run = _Run(terrain, params, events, [seed], edges, nodata, fill, dtype, device="cpu" if batch == 1 else None)
     stops = _stops(run.first, run.first + run.events, record_every, batch)
@@ -196,12 +196,11 @@ class _Run:
         device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
-        self.seeds = [_whole(seed, "seed", 0) for seed in seeds]
-        self.events = _whole(events, "events", 0)
+        self.seeds = [whole(seed, "seed", 0) for seed in seeds]
+        self.events = whole(events, "events", 0)
         self.cell_state = np.zeros(0, np.uint8)
         self.first_height = np.zeros(0)
-        if dtype not in PRECISIONS:
-            raise ValueError(f"dtype is {dtype!r}; use 'float64' or 'float32'")
+        one_of(dtype, "dtype", tuple(PRECISIONS))
         start = _common_start(self.terrains, len(self.seeds))
         known = start if isinstance(start, ErodedTerrain) else None
         self.params = params if params is not None else known.params if known else LehenyParams()
@@ -480,7 +479,7 @@ def _stops(first: int, last: int, every: int | None, batch: int) -> list[tuple[i
     """Numbers of events at which to stop, and whether to record there; on ends of batches, or the last."""
     records = set()
     if every is not None:
-        every = _whole(every, "record_every", 1)
+        every = whole(every, "record_every", 1)
         records = {min(last, -(-stop // batch) * batch) for stop in range(first + every, last + 1, every)}
         if last > first:
             records.add(last)
@@ -548,10 +547,3 @@ def _common_start(terrains: Sequence[Terrain], grids: int) -> Terrain:
         if not same or terrain.device != first.device or getattr(terrain, "events", 0) != getattr(first, "events", 0):
             raise ValueError("the starts differ in shape, cell size, device or events; give starts that are alike")
     return first
-
-
-def _whole(value: Any, name: str, least: int) -> int:
-    """A whole number, or ``ValueError``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} is {value!r}; give a whole number, {least} or more")
-    return int(value)

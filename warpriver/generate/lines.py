@@ -11,6 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.validate import positive
+
 __all__ = ["kinoshita", "noisy_line", "sine_generated", "straight_line", "valley_line"]
 
 FloatArray = NDArray[np.float64]
@@ -81,8 +83,8 @@ def kinoshita(
     Raises:
         ValueError: a number is out of range, or the angle is so large that the curve does not advance.
     """
-    _positive(wavelength, "wavelength")
-    _positive(wavelengths, "wavelengths")
+    positive(wavelength, "wavelength")
+    positive(wavelengths, "wavelengths")
     _spacing(spacing, wavelength, "wavelength")
     if not (math.isfinite(angle) and angle >= 0.0 and math.isfinite(skewness) and math.isfinite(flatness)):
         raise ValueError(
@@ -114,7 +116,7 @@ def straight_line(length: float, spacing: float) -> FloatArray:
     Raises:
         ValueError: a number is not positive, or `spacing` is not below `length`.
     """
-    _positive(length, "length")
+    positive(length, "length")
     _spacing(spacing, length, "length")
     x = np.linspace(0.0, length, _steps(length, spacing) + 1)
     return np.column_stack([x, np.zeros_like(x)])
@@ -151,8 +153,8 @@ def noisy_line(
         ValueError: a number is out of range.
     """
     line = straight_line(length, spacing)
-    _positive(amplitude, "amplitude")
-    scale = 4.0 * spacing if correlation is None else _positive(correlation, "correlation")
+    positive(amplitude, "amplitude")
+    scale = 4.0 * spacing if correlation is None else positive(correlation, "correlation")
     fade = _fade(line[:, 0] / length, taper)
     # Twice as long as the line, because the filter wraps around.
     white = np.random.default_rng(seed).standard_normal(2 * len(line))
@@ -183,9 +185,9 @@ def valley_line(length: float, spacing: float, amplitude: float, wavelength: flo
     Raises:
         ValueError: a number is not positive, or `spacing` is too large.
     """
-    _positive(length, "length")
-    _positive(amplitude, "amplitude")
-    _positive(wavelength, "wavelength")
+    positive(length, "length")
+    positive(amplitude, "amplitude")
+    positive(wavelength, "wavelength")
     _spacing(spacing, min(wavelength, length), "the smaller of wavelength and length")
     fine = straight_line(length, spacing / 8.0)
     rng = np.random.default_rng(seed)
@@ -224,14 +226,7 @@ def _steps(length: float, spacing: float) -> int:
     return max(2, round(length / spacing))
 
 
-def _positive(value: float, name: str) -> float:
-    """The value; raises ValueError unless it is positive and finite."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value}; give a positive number.")
-    return value
-
-
 def _spacing(spacing: float, limit: float, name: str) -> None:
     """Raises ValueError unless the spacing is positive and below the limit."""
-    if _positive(spacing, "spacing") >= limit:
+    if positive(spacing, "spacing") >= limit:
         raise ValueError(f"spacing is {spacing} m, {name} {limit} m; give a spacing below it.")

@@ -13,9 +13,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import require_memory
 from warpriver.kernels import terrains as kernels
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain, square_cells
+from warpriver.validate import not_negative, positive, whole
 
 __all__ = [
     "cone",
@@ -80,7 +81,7 @@ def tilted_plain(
         device: Warp device name.
     """
     x, y = _centers(shape, cell_size)
-    height = -_number(slope, "slope") * (math.cos(direction) * x + math.sin(direction) * y)
+    height = -not_negative(slope, "slope") * (math.cos(direction) * x + math.sin(direction) * y)
     return _terrain(height - height.min(), cell_size, device)
 
 
@@ -96,7 +97,7 @@ def cone(shape: Sequence[int], cell_size: float, slope: float, *, device: Any = 
     x, y = _centers(shape, cell_size)
     middle = 0.5 * cell_size * shape[1], 0.5 * cell_size * shape[0]
     height = math.hypot(*middle) - np.hypot(x - middle[0], y - middle[1])
-    return _terrain(_number(slope, "slope") * height, cell_size, device)
+    return _terrain(not_negative(slope, "slope") * height, cell_size, device)
 
 
 def fractal_terrain(
@@ -123,7 +124,7 @@ def fractal_terrain(
         octaves: Number of octaves; by default down to 2.5 cells a wavelength.
         device: Warp device name.
     """
-    _number(relief, "relief")
+    not_negative(relief, "relief")
     size = _checked(shape, cell_size)
     longest = LONGEST * max(size) * cell_size
     count = max(1, 1 + math.floor(math.log2(longest / (FINEST * cell_size)))) if octaves is None else octaves
@@ -155,8 +156,8 @@ def fluvial_terrain(
         concavity: Exponent of area, 0.3 to 0.6 in nature.
         device: Warp device name.
     """
-    _number(relief, "relief")
-    _positive(concavity, "concavity")
+    not_negative(relief, "relief")
+    positive(concavity, "concavity")
     size = _checked(shape, cell_size, DRAINED_BYTES)
     if min(size) < 3:
         raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 3 of each: the edge is all sea.")
@@ -183,10 +184,10 @@ def intermontane_basin(
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-    if _positive(cell_size, "cell_size") > BASIN_COARSEST:
+    if positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise ValueError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
-    _number(relief, "relief")
-    _check_seed(seed)
+    not_negative(relief, "relief")
+    whole(seed, "seed")
     size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -221,9 +222,9 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
         seed: 0 or more.
         device: Warp device name.
     """
-    if _positive(cell_size, "cell_size") > COARSEST:
+    if positive(cell_size, "cell_size") > COARSEST:
         raise ValueError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
-    _check_seed(seed)
+    whole(seed, "seed")
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -244,7 +245,7 @@ def mountain_front_line(spacing: float = 50.0, seed: int = 0) -> FloatArray:
     x = np.linspace(FRONT_SIZE[0] - 500.0, 500.0, 4001)
     line = np.column_stack([x, _river_y(x, seed)])
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _positive(spacing, "spacing"))) + 1)
+    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / positive(spacing, "spacing"))) + 1)
     return np.column_stack([np.interp(even, s, line[:, 0]), np.interp(even, s, line[:, 1])])
 
 
@@ -287,7 +288,7 @@ def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
     flat = 1.0 - FLATNESS * math.sin(middle) ** 2
     width = math.radians(east - west) * EQUATOR / math.sqrt(flat) * math.cos(middle) / height.shape[1]
     length = math.radians(north - south) * EQUATOR * (1.0 - FLATNESS) / flat**1.5 / height.shape[0]
-    return _terrain(square_cells(height, width, length, _positive(cell_size, "cell_size")), cell_size, device)
+    return _terrain(square_cells(height, width, length, positive(cell_size, "cell_size")), cell_size, device)
 
 
 def _basin_axis(x: FloatArray, seed: int) -> FloatArray:
@@ -398,7 +399,7 @@ def _noise(
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise ValueError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
-    _check_seed(seed)
+    whole(seed, "seed")
     kernel = kernels.build(wp.float64)
     law = kernel.Octaves()
     law.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
@@ -426,7 +427,7 @@ def _checked(shape: Sequence[int], cell_size: float, bytes_per_cell: int = 34) -
     rows, columns = (int(n) for n in shape)
     if min(rows, columns) < 2:
         raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each.")
-    _positive(cell_size, "cell_size")
+    positive(cell_size, "cell_size")
     require_memory((rows, columns), bytes_per_cell)
     return rows, columns
 
@@ -435,23 +436,3 @@ def _smoothstep(part: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, smooth between."""
     p = np.clip(part, 0.0, 1.0)
     return p * p * (3.0 - 2.0 * p)
-
-
-def _check_seed(seed: int) -> None:
-    """Raise ValueError for a seed below 0."""
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; give a whole number, 0 or more.")
-
-
-def _number(value: float, name: str) -> float:
-    """The value; raises ValueError unless it is finite and 0 or more."""
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(f"{name} is {value}; give a number, 0 or more.")
-    return value
-
-
-def _positive(value: float, name: str) -> float:
-    """The value; raises ValueError unless it is positive and finite."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value}; give a positive number.")
-    return value

@@ -11,15 +11,13 @@ import dataclasses
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
+from warpriver.hydraulic_geometry import DEPTH_BY_WIDTH, DISCHARGE_BY_AREA, WIDTH_BY_FLOW
 from warpriver.network import RiverNetwork
 
 __all__ = ["EditedChannels", "NetworkEdit", "Rejoin", "check_forest"]
 
 # A new junction keeps this many points from both ends of the main channel, so that its parts are channels themselves.
 JUNCTION_CLEARANCE = 2
-
-# w ~ a^0.5, phi ~ a^0.69 [Paris2023, Peytavie2019]; w = 18.8 d^1.41 [Konsoer2013]
-WIDTH_EXPONENT, DISCHARGE_EXPONENT, DEPTH_EXPONENT = 0.5, 0.69, 1.0 / 1.41
 
 
 def check_forest(network: RiverNetwork) -> None:
@@ -317,9 +315,9 @@ class NetworkEdit:
             channel_start=np.concatenate([[0], np.cumsum(counts)]),
             channels=table.replace(
                 id=identity[heads],
-                width=table.width * gain**WIDTH_EXPONENT,
-                depth=table.depth * gain ** (WIDTH_EXPONENT * DEPTH_EXPONENT),
-                discharge=table.discharge * (gain if area is None else gain**DISCHARGE_EXPONENT),
+                width=table.width * gain**WIDTH_BY_FLOW,
+                depth=table.depth * gain ** (WIDTH_BY_FLOW * DEPTH_BY_WIDTH),
+                discharge=table.discharge * (gain if area is None else gain**DISCHARGE_BY_AREA),
                 drainage_area=None if area is None else area * gain,
                 slope=self._slopes(heads, chains),
                 from_node=above,
@@ -442,5 +440,5 @@ class NetworkEdit:
 
 def _section_gain(flow_gain: np.ndarray) -> np.ndarray:
     """Factors of width and depth, (n, 2), where the flow changes by those factors."""
-    width_gain = flow_gain**WIDTH_EXPONENT
-    return np.stack([width_gain, width_gain**DEPTH_EXPONENT], axis=1)
+    width_gain = flow_gain**WIDTH_BY_FLOW
+    return np.stack([width_gain, width_gain**DEPTH_BY_WIDTH], axis=1)

@@ -3,8 +3,9 @@
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.history import History, StopReason
 from warpriver.history.record import Record
+from warpriver.history.schedule import Every
 
-__all__ = ["Collision", "Cutoff", "Event", "EventLog", "History", "Record", "Split", "StopReason"]
+__all__ = ["Collision", "Cutoff", "Event", "EventLog", "Every", "History", "Record", "Split", "StopReason"]
 
 # A segment is written when it holds this much or when the last one is this old: a killed run loses no more than that.
 SEGMENT_BYTES = 16 * 2**20

@@ -4,9 +4,9 @@ It says where water goes on a surface, a terrain or a raster of heights: in rast
 network. It is not for water depth and velocity, ground water, or rain that varies.
 """
 
+from warpriver.hydraulic_geometry import channel_width, discharge, width_of_discharge
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.extraction import extract_network
-from warpriver.hydrology.geometry import channel_width, discharge, width_of_discharge
 from warpriver.hydrology.laws import NetworkLaws, network_laws
 from warpriver.hydrology.orders import (
     exceedance,

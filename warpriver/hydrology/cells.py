@@ -11,9 +11,10 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.device import require_memory
 from warpriver.kernels import cells as kernels
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
+from warpriver.validate import one_of
 
 __all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules", "table"]
 
@@ -79,8 +80,7 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
         MemoryError: There is no room for the copy and the scratch.
     """
     rules = side_rules(edges)
-    if nodata not in ("outlet", "wall"):
-        raise ValueError(f"nodata is {nodata!r}; use 'outlet' or 'wall'")
+    one_of(nodata, "nodata", ("outlet", "wall"))
     rows, columns = terrain.shape
     shape = (rows + 2, columns + 2)
     require_memory(shape, PADDED_BYTES + scratch_bytes, "cpu", "routing a terrain")

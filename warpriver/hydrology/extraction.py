@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.channel_table import ChannelTable
+from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT, bankfull_depth, channel_width, discharge
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
-from warpriver.hydrology.geometry import WIDTH_COEFFICIENT, channel_width, discharge
 from warpriver.hydrology.routing import Flow, checked_areas, host_areas, route
-from warpriver.network import RiverNetwork, bankfull_depth
+from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
+from warpriver.validate import positive, whole
 
 __all__ = ["extract_network"]
 
@@ -152,12 +152,11 @@ def extract_network(
             :func:`warpriver.hydrology.fill_depressions`.
         MemoryError: There is no room, told before anything is allocated.
     """
-    threshold = _positive(min_drainage_area, "min_drainage_area", "m2")
-    coefficient = _positive(width_coefficient, "width_coefficient", "m per m")
+    threshold = positive(min_drainage_area, "min_drainage_area", "m2")
+    coefficient = positive(width_coefficient, "width_coefficient", "m per m")
     ground = surface_of(terrain)
-    step = _positive(ground.cell_size if spacing is None else spacing, "spacing", "m")
-    if smoothing != int(smoothing) or smoothing < 0:
-        raise ValueError(f"smoothing is {smoothing}; give a whole number of passes, 0 or more")
+    step = positive(ground.cell_size if spacing is None else spacing, "spacing", "m")
+    smoothing = whole(smoothing, "smoothing", unit="passes")
     if flow is None:
         _refuse_level_ground(ground)
         surface = (carve_depressions if carve else fill_depressions)(ground, edges=edges, nodata=nodata)
@@ -203,13 +202,6 @@ def _refuse_level_ground(terrain: Terrain) -> None:
     lowest = np.fmin.reduce(height, axis=None)
     if lowest == np.fmax.reduce(height, axis=None):
         raise ValueError(f"the terrain is level, {lowest:g} m in every cell with data: water has no way to take")
-
-
-def _positive(value: float, name: str, unit: str) -> float:
-    """Return a positive number, or raise ``ValueError``."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value}; give a positive number of {unit}")
-    return float(value)
 
 
 def _cells_drained(flow: Flow, area: Any, cell_area: float) -> FloatArray:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
 from warpriver.hydrology.routing import Flow, host_areas, host_lengths
+from warpriver.validate import positive
 
 __all__ = ["NetworkLaws", "network_laws"]
 
@@ -58,8 +59,7 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
     Raises:
         ValueError: A threshold that is not positive, or that leaves less than two cells.
     """
-    if not (math.isfinite(min_drainage_area) and min_drainage_area > 0.0):
-        raise ValueError(f"min_drainage_area is {min_drainage_area}; give a positive number of m2")
+    positive(min_drainage_area, "min_drainage_area", "m2")
     size = flow.terrain.cell_size
     area = host_areas(flow).reshape(-1)
     receiver = flow.host_receiver.reshape(-1).astype(np.int64)

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.validate import positive_numbers
+
 __all__ = [
     "Exceedance",
     "HortonRatios",
@@ -405,11 +407,9 @@ def _stream_ends(graph: _Graph, order: IndexArray) -> NDArray[np.bool_]:
 
 def _per_channel(values: ArrayLike, graph: _Graph, name: str) -> FloatArray:
     """Return one number a channel, or raise ``ValueError``."""
-    array = np.asarray(values, np.float64).reshape(-1)
+    array = positive_numbers(values, name).reshape(-1)
     if len(array) != len(graph.down):
-        raise ValueError(f"{name} has {len(array)} values for {len(graph.down)} channels")
-    if not (np.isfinite(array) & (array > 0.0)).all():
-        raise ValueError(f"{name} must be positive and finite in every channel")
+        raise ValueError(f"{name} has {len(array)} values for {len(graph.down)} channels; give one a channel")
     return array
 
 

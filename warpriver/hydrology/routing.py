@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -14,6 +13,7 @@ from warpriver.hydrology.cells import Edges, NoData, flat, pad_terrain, table
 from warpriver.kernels import routing as kernels
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
+from warpriver.validate import one_of, positive, whole
 
 __all__ = [
     "Flow",
@@ -140,12 +140,9 @@ def route(
             neighbours, rule for ties or seed, or more than 2^31 cells.
         MemoryError: There is no room, told before anything is allocated.
     """
-    if neighbors not in (8, 4):
-        raise ValueError(f"neighbors is {neighbors!r}; use 8 or 4")
-    if ties not in ("first", "hash"):
-        raise ValueError(f"ties is {ties!r}; use 'first' or 'hash'")
-    if seed != int(seed) or seed < 0:
-        raise ValueError(f"seed is {seed}; give a whole number, 0 or more")
+    one_of(neighbors, "neighbors", (8, 4))
+    one_of(ties, "ties", ("first", "hash"))
+    seed = whole(seed, "seed")
     ground = surface_of(terrain)
     cells = pad_terrain(ground, edges, nodata, D8_BYTES)
     receiver = np.empty(ground.shape, np.int32)
@@ -192,10 +189,8 @@ def drainage_area(
         ValueError: An unknown method, an exponent that is not positive, edges beside a flow, and as :func:`route`.
         MemoryError: There is no room, told before anything is allocated.
     """
-    if method not in ("d8", "mfd"):
-        raise ValueError(f"method is {method!r}; use 'd8' or 'mfd'")
-    if not (math.isfinite(exponent) and exponent > 0.0):
-        raise ValueError(f"exponent is {exponent}; give a positive number, such as 1.1")
+    one_of(method, "method", ("d8", "mfd"))
+    positive(exponent, "exponent", hint=", such as 1.1")
     if method == "d8":
         flow = _flow(surface, edges, nodata)
         terrain, area = flow.terrain, host_areas(flow)

@@ -1,1 +1,21 @@
-"""What a meandering channel does in one step: migrate, cut off, be resampled."""
+"""What a meandering channel does in one step: migrate, cut off, be resampled; and the parts that can be used alone.
+
+:func:`migration_rate` tells how fast each point of a network migrates, :func:`step_limits` and :func:`stable_dt` how
+long a step may be. :func:`shape_junctions` gives tributaries the angle that fits their flows, and
+:func:`taubin_smooth` takes short waves out of lines.
+"""
+
+from warpriver.meander.junctions import JunctionParams, junction_angles, shape_junctions
+from warpriver.meander.migration import stable_dt, step_limits
+from warpriver.meander.rates import migration_rate
+from warpriver.meander.smoothing import taubin_smooth
+
+__all__ = [
+    "JunctionParams",
+    "junction_angles",
+    "migration_rate",
+    "shape_junctions",
+    "stable_dt",
+    "step_limits",
+    "taubin_smooth",
+]

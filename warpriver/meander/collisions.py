@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, launch
@@ -16,7 +17,7 @@ from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin, check_for
 from warpriver.history.events import Collision, Event
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, FAULT, FAULT_NONE
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
 __all__ = ["Collide", "collision_law", "gathered_nodes", "join_channels"]

@@ -19,13 +19,13 @@ from warpriver.engine.state import State
 from warpriver.graph.edits import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
-from warpriver.params import check_ranges, parameter
+from warpriver.params import Params, parameter
 
 __all__ = ["DriftJunctions", "JunctionParams", "junction_angles", "shape_junctions"]
 
 
 @dataclasses.dataclass(frozen=True)
-class JunctionParams:
+class JunctionParams(Params):
     """Constants of the junction templates."""
 
     narrow_angle: float = parameter(
@@ -61,7 +61,7 @@ class JunctionParams:
     )
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        super().__post_init__()
         if self.wide_angle < self.narrow_angle:
             raise ValueError(
                 f"JunctionParams.wide_angle ({self.wide_angle:g} deg) is below narrow_angle ({self.narrow_angle:g} deg)"

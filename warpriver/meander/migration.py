@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
-from warpriver.network import PRECISIONS
 from warpriver.params import MeanderParams
 
 __all__ = [

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import CPU_COPY_CHUNK, CUDA_CHUNK, State
 from warpriver.kernels import smoothing as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
-from warpriver.network import PRECISIONS, RiverNetwork
+from warpriver.network import RiverNetwork
+from warpriver.validate import whole
 
 __all__ = ["Smooth", "taubin_smooth"]
 
@@ -82,8 +84,7 @@ def taubin_smooth(
     Raises:
         ValueError: A number is out of its range, or the line is none.
     """
-    if passes != int(passes) or passes < 0:
-        raise ValueError(f"passes is {passes!r}; give a whole number, 0 or more")
+    passes = whole(passes, "passes")
     if not 0.0 < strength <= 1.0:
         raise ValueError(f"strength is {strength:g}; give a number above 0 and up to 1")
     if pass_band is not None and not 0.0 <= pass_band < 1.0:
@@ -108,7 +109,7 @@ def taubin_smooth(
     work.chunk = CPU_COPY_CHUNK if network.device.is_cpu else CUDA_CHUNK
     threads = math.ceil(network.point_count / work.chunk)
     there, back = network.point_xy, wp.empty_like(network.point_xy)
-    for _ in range(int(passes)):
+    for _ in range(passes):
         for swell, before, after in ((0, there, back), (1, back, there)):
             numbers = [network.channel_start, step, ring, strength, band, swell]
             _launch(network, numbers, work, threads, before, after)

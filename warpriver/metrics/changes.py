@@ -18,9 +18,9 @@ from warpriver.metrics.lines import (
     dot,
     norm,
     parabola_peak,
-    positive,
     unit,
 )
+from warpriver.validate import positive
 
 __all__ = ["LognormalFit", "lag", "lognormal_fit", "migration", "oxbow_lengths"]
 

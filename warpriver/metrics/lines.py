@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.validate import positive
+
 __all__ = [
     "FloatArray",
     "IndexArray",
@@ -21,7 +23,6 @@ __all__ = [
     "norm",
     "parabola_peak",
     "points_at",
-    "positive",
     "ratio",
     "sinuosity",
     "sinuosity_window",
@@ -149,14 +150,6 @@ def checked_ring(xy: ArrayLike) -> FloatArray:
     if (points[0] == points[-1]).all():
         raise ValueError("xy repeats its first point at its end; leave it out of a closed line.")
     return points
-
-
-def positive(value: float, name: str) -> float:
-    """The value as a float; raises ValueError unless it is positive and finite."""
-    number = float(value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise ValueError(f"{name} is {value}; give a positive number.")
-    return number
 
 
 def norm(vectors: FloatArray) -> FloatArray:

@@ -18,9 +18,9 @@ from warpriver.metrics.lines import (
     norm,
     parabola_peak,
     points_at,
-    positive,
     ratio,
 )
+from warpriver.validate import positive
 
 __all__ = [
     "Bends",

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.kernels import paths as kernels
 from warpriver.meander.migration import measure_rings
-from warpriver.network import PRECISIONS
 from warpriver.params import PathMeander
 
 __all__ = ["Push", "path_law", "push_limits", "push_rate"]

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.params import check_ranges, parameter
+from warpriver.params import Params, parameter
+from warpriver.validate import freeze_numbers, whole
 
 __all__ = [
     "TERMS",
@@ -31,10 +32,8 @@ __all__ = [
     "Spline",
     "Steps",
     "Term",
-    "check_fields",
     "cosine",
     "evaluate",
-    "freeze_numbers",
     "sine",
     "strongest_harmonics",
 ]
@@ -68,26 +67,8 @@ def _seed() -> Any:
     return parameter(0, "-", low=0.0, source="warpriver", doc="seed of what is random, a whole number")
 
 
-def check_fields(thing: Any) -> None:
-    """Raise ``ValueError`` for the first constant out of its declared range, or not whole where it has to be."""
-    check_ranges(thing)
-    for f in dataclasses.fields(thing):
-        value = getattr(thing, f.name)
-        if f.type == "int" and (isinstance(value, bool) or value != int(value)):
-            raise ValueError(f"{type(thing).__name__}.{f.name} is {value!r}; give a whole number")
-        if f.type == "bool" and not isinstance(value, bool):
-            raise ValueError(f"{type(thing).__name__}.{f.name} is {value!r}; give true or false")
-
-
-class _Checked:
-    """Terms whose numbers are checked against the ranges that their fields declare."""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
 @dataclasses.dataclass(frozen=True)
-class Harmonic(_Checked):
+class Harmonic(Params):
     """One sinusoid, f = amplitude sin(2 pi frequency u + phase), or its cosine [Brown2014], eq. 5."""
 
     amplitude: float = _amplitude()
@@ -112,7 +93,7 @@ def cosine(amplitude: float, frequency: float, phase: float = 0.0) -> Harmonic:
 
 
 @dataclasses.dataclass(frozen=True)
-class Kinoshita(_Checked):
+class Kinoshita(Params):
     """Sideways offset of a Kinoshita curve along its length, scaled to reach ``amplitude`` [Kinoshita1961].
 
     The direction is theta = angle sin p + angle^3 (skewness cos 3p - flatness sin 3p) with p = 2 pi frequency u +
@@ -147,7 +128,7 @@ class Kinoshita(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class SineGenerated(_Checked):
+class SineGenerated(Params):
     """Sideways offset of a sine-generated curve along its length, scaled to reach ``amplitude`` [Langbein1966].
 
     The direction is theta = angle sin(2 pi frequency u + phase) and the offset the integral of sin theta. As a
@@ -167,7 +148,7 @@ class SineGenerated(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Cnoidal(_Checked):
+class Cnoidal(Params):
     """Cnoidal wave: crests narrower than troughs, f = amplitude (2 cn^2(K p / pi | modulus) - mean) [Korteweg1895].
 
     p = 2 pi frequency u + phase and K the complete elliptic integral; crest to trough is twice the amplitude and the
@@ -190,7 +171,7 @@ class Cnoidal(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Autoregressive(_Checked):
+class Autoregressive(Params):
     """Second-order autoregressive series with a pseudo-period, normal noise and the damping h [Ferguson1976].
 
     x_i = 2 exp(-k h) cos(k sqrt(1 - h^2)) x_(i-1) - exp(-2 k h) x_(i-2) + e_i, where k is 2 pi frequency over the
@@ -222,7 +203,7 @@ class Autoregressive(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Spectral(_Checked):
+class Spectral(Params):
     """Sum of sines with power 1 / frequency^exponent and random phases [Newland1984].
 
     Whole numbers of cycles from ``lowest`` to ``highest``; ``amplitude`` is the standard deviation over the reach.
@@ -249,7 +230,7 @@ class Spectral(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class GradientNoise(_Checked):
+class GradientNoise(Params):
     """Perlin's gradient noise along the reach, summed over octaves [Perlin2002].
 
     Octave k has ``frequency`` 2^k lattice steps over the reach and ``roughness``^k of the height; the first one lies
@@ -283,7 +264,7 @@ class GradientNoise(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Steps(_Checked):
+class Steps(Params):
     """Level treads between risers, as of a step-pool reach or of terraces down the valley.
 
     ``levels[0]`` holds upstream of ``positions[0]``, ``levels[k]`` from ``positions[k - 1]`` on.
@@ -295,7 +276,7 @@ class Steps(_Checked):
 
     def __post_init__(self) -> None:
         freeze_numbers(self, "positions", "levels")
-        check_fields(self)
+        super().__post_init__()
         if len(self.levels) != len(self.positions) + 1:
             raise ValueError(
                 f"Steps.levels has {len(self.levels)} values for {len(self.positions)} positions; give one more"
@@ -313,7 +294,7 @@ class Steps(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Spline(_Checked):
+class Spline(Params):
     """Smooth curve through control points: a natural cubic, or one that does not overshoot (``monotone``)."""
 
     positions: tuple[float, ...] = (0.0, 1.0)
@@ -324,7 +305,7 @@ class Spline(_Checked):
 
     def __post_init__(self) -> None:
         freeze_numbers(self, "positions", "values")
-        check_fields(self)
+        super().__post_init__()
         if len(self.positions) != len(self.values) or len(self.values) < 2:
             raise ValueError(
                 f"Spline has {len(self.positions)} positions and {len(self.values)} values; give as many, 2 or more"
@@ -338,7 +319,7 @@ class Spline(_Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class Series(_Checked):
+class Series(Params):
     """A surveyed series, even along the reach unless ``positions`` are given.
 
     With ``relative`` the values stand for their variation about their mean, v / mean - 1: what a scaled element takes.
@@ -361,7 +342,7 @@ class Series(_Checked):
                 )
             if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
                 raise ValueError("Series.positions must rise")
-        check_fields(self)
+        super().__post_init__()
         if len(self.values) < 2:
             raise ValueError(f"Series.values has {len(self.values)} value; give 2 or more")
         if self.relative and not sum(self.values) / len(self.values) > 0.0:
@@ -437,8 +418,7 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
     value = np.asarray(values, np.float64)
     if value.ndim != 1 or len(value) < 3 or not np.isfinite(value).all():
         raise ValueError("values must be a series of 3 or more finite numbers")
-    if count < 1:
-        raise ValueError(f"count is {count}; keep at least 1 harmonic")
+    count = whole(count, "count", 1, "harmonics")
     samples = len(value)
     spectrum = np.fft.rfft(value) / samples
     size = 2.0 * np.abs(spectrum)
@@ -449,21 +429,6 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
     stretch = (samples - 1) / samples
     order = [k for k in np.argsort(-size, kind="stable")[:count] if size[k] > 0.0]
     return tuple(cosine(float(size[k]), float(k * stretch), float(np.angle(spectrum[k]))) for k in order)
-
-
-def freeze_numbers(term: Any, *names: str) -> None:
-    """Turn fields of a frozen dataclass into tuples of finite floats; raises ValueError that names the field."""
-    for name in names:
-        try:
-            value = np.array(getattr(term, name), np.float64)
-        except (TypeError, ValueError):
-            value = np.array(np.nan)
-        if value.ndim != 1 or len(value) == 0:
-            raise ValueError(f"{type(term).__name__}.{name} must be a list of numbers")
-        if not np.isfinite(value).all():
-            at = int(np.flatnonzero(~np.isfinite(value))[0])
-            raise ValueError(f"{type(term).__name__}.{name}[{at}] is {value[at]}; give finite numbers")
-        object.__setattr__(term, name, tuple(float(v) for v in value))
 
 
 def _interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "cubic") -> FloatArray:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.params import parameter
-from warpriver.valley.controls import Term, check_fields, freeze_numbers
+from warpriver.params import Params, parameter
+from warpriver.validate import freeze_numbers
+from warpriver.valley.controls import Term
 
 __all__ = ["ELEMENTS", "SECTION_FORMS", "CovarianceTarget", "CrossSection", "ObjectField", "Thread", "ValleyParams"]
 
@@ -35,7 +36,7 @@ MOST_THREADS = 8
 
 
 @dataclasses.dataclass(frozen=True)
-class CrossSection:
+class CrossSection(Params):
     """Form of the channel between its banks; Y runs from 0 at the left bank to 1 at the right, a is the deepest place.
 
     ============ ==================================================================================================
@@ -67,7 +68,7 @@ class CrossSection:
     threads: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.25, 2.0, 1.0), (0.5, 0.25, 2.0, 0.7))
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         try:
             table = np.array(self.threads, np.float64)
         except (TypeError, ValueError):
@@ -93,7 +94,7 @@ class CrossSection:
 
 
 @dataclasses.dataclass(frozen=True)
-class Thread:
+class Thread(Params):
     """A further channel that leaves the main one and comes back: its middle runs ``offset`` m to the left of it.
 
     The offset grows from 0 at ``start`` to its full value halfway and falls to 0 at ``end``, as a sine squared. Where
@@ -113,7 +114,7 @@ class Thread:
     )
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.end - self.start < 0.02:
             raise ValueError(
                 f"Thread.end is {self.end:g} and start {self.start:g}; a thread is 0.02 of the reach or more"
@@ -121,7 +122,7 @@ class Thread:
 
 
 @dataclasses.dataclass(frozen=True)
-class ObjectField:
+class ObjectField(Params):
     """Boulders or logs, strewn at random by a seed: the ground is raised where one lies, the highest holds.
 
     A boulder is the upper half of an ellipsoid whose height is ``height`` radii; a log half a round bar of random
@@ -140,13 +141,13 @@ class ObjectField:
     seed: int = parameter(0, "-", low=0, high=2**31 - 1, source="warpriver", doc="seed of the field")
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.largest < self.smallest:
             raise ValueError(f"ObjectField.largest is {self.largest:g} m, below smallest, {self.smallest:g} m")
 
 
 @dataclasses.dataclass(frozen=True)
-class CovarianceTarget:
+class CovarianceTarget(Params):
     """Covariance that the thalweg shall have with another series; the thalweg's control function follows from it.
 
     Attributes:
@@ -166,7 +167,7 @@ class CovarianceTarget:
     )
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         freeze_numbers(self, "frequencies")
         if self.by_frequency is not None:
             freeze_numbers(self, "by_frequency")
@@ -175,7 +176,7 @@ class CovarianceTarget:
 
 
 @dataclasses.dataclass(frozen=True)
-class ValleyParams:
+class ValleyParams(Params):
     """A valley by its reach averages and control functions [Brown2014].
 
     Attributes:
@@ -248,7 +249,7 @@ class ValleyParams:
     objects: tuple[ObjectField, ...] = ()
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         for key in self.controls:
             if key not in ELEMENTS:
                 raise ValueError(f"ValleyParams.controls has {key!r}; the elements are {', '.join(ELEMENTS)}")

@@ -17,10 +17,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import present_device, require_memory, resolve_device
 from warpriver.kernels import valley as kernels
-from warpriver.network import RiverNetwork, resolve_device
-from warpriver.raster import present_device, require_memory
+from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
+from warpriver.validate import positive
 from warpriver.valley.controls import Term
 from warpriver.valley.covariance import (
     Covariance,
@@ -106,7 +107,7 @@ class Valley:
         """Lay out the valley; see :func:`synthetic_valley` for the arguments."""
         self.params = params
         self.device = resolve_device(device)
-        self.cell_size = params.width / CELLS_ACROSS if cell_size is None else _positive(cell_size, "cell_size")
+        self.cell_size = params.width / CELLS_ACROSS if cell_size is None else positive(cell_size, "cell_size", "m")
         self.crs = crs
         self.thalweg = _thalweg(params)
         self.stations = _placed(lay_stations(params, self.thalweg), origin)
@@ -145,7 +146,7 @@ class Valley:
             ValueError: A cell size that is not positive, or bounds that hold fewer than 2 x 2 cells.
             MemoryError: The raster does not fit.
         """
-        size = _positive(cell_size, "cell_size")
+        size = positive(cell_size, "cell_size", "m")
         west, south, east, north = self.bounds if bounds is None else (float(v) for v in bounds)
         rows, columns = (math.floor((b - a) / size + 1e-6) for a, b in ((south, north), (west, east)))
         if rows < 2 or columns < 2:
@@ -202,7 +203,7 @@ class Valley:
             spacing: Greatest distance between points across the channel, m; by default 1/20 of its mean width.
                 The document's is 0.1 m.
         """
-        step = self.params.width / CELLS_ACROSS if spacing is None else _positive(spacing, "spacing")
+        step = self.params.width / CELLS_ACROSS if spacing is None else positive(spacing, "spacing", "m")
         reach = self.stations.reach
         across = math.ceil(float(self.stations.width[reach].max()) / step - 1e-9) + 1
         count = self.params.increments + 1
@@ -358,7 +359,7 @@ def synthetic_valley(
     """Make a river valley of prescribed form, after Brown, Pasternack and Wallender [Brown2014].
 
     Args:
-        valley: "S1" to "S6", the examples of the paper, or parameters of your own; ``warpriver.read_valley`` reads
+        valley: "S1" to "S6", the examples of the paper, or parameters of your own; ``warpriver.io.read_valley`` reads
             them from a file.
         cell_size: Cells of ``.terrain`` in m; by default a twentieth of the bankfull width.
         origin: (x, y) in m of the upstream end of the valley axis; with a given centreline it moves the whole valley.
@@ -383,7 +384,7 @@ def synthetic_valley(
     if unknown:
         raise ValueError(f"{sorted(unknown)[0]!r} is no field of ValleyParams")
     if changes:
-        valley = dataclasses.replace(valley, **changes)
+        valley = valley.replace(**changes)
     return Valley(valley, cell_size=cell_size, origin=origin, crs=crs, device=device)
 
 
@@ -487,10 +488,3 @@ def _object_row(kind: ObjectField) -> list[float]:
         length,
         0.5 * kind.largest,
     ]
-
-
-def _positive(value: Any, name: str) -> float:
-    """The value; raises ValueError unless it is positive and finite."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value!r}; give a positive number of metres")
-    return float(value)

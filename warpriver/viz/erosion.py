@@ -16,6 +16,7 @@ import numpy as np
 from warpriver.hydrology.orders import strahler_order
 from warpriver.hydrology.routing import host_areas
 from warpriver.terrain import surface_of
+from warpriver.validate import positive
 from warpriver.viz.maps import add_value_bar, draw_network
 from warpriver.viz.movie import write_frames
 from warpriver.viz.relief import hillshade
@@ -270,9 +271,7 @@ def _cells_per_pixel(sheet: Sheet, terrain: Any) -> int:
 def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
     """Drainage areas and the least of a river cell, m2."""
     area = host_areas(flow)
-    threshold = 10.0 * flow.terrain.cell_size**2 if least is None else float(least)
-    if not (np.isfinite(threshold) and threshold > 0.0):
-        raise ValueError(f"min_drainage_area is {least}; give a positive number of m2")
+    threshold = positive(10.0 * flow.terrain.cell_size**2 if least is None else least, "min_drainage_area", "m2")
     if threshold > np.nanmax(area):
         raise ValueError(
             f"no cell drains {threshold:g} m2 (min_drainage_area); the largest area is {np.nanmax(area):g}"

@@ -10,6 +10,7 @@ import numpy as np
 from warpriver.crs import short_name
 from warpriver.raster import Raster
 from warpriver.terrain import surface_of
+from warpriver.validate import positive
 from warpriver.viz.bands import Window
 
 __all__ = ["Relief", "check_ground", "height_grid", "hillshade", "relief_picture"]
@@ -64,8 +65,8 @@ def hillshade(
     """
     if not (0.0 < altitude <= 90.0 and np.isfinite(azimuth)):
         raise ValueError(f"azimuth is {azimuth}, altitude {altitude}; give degrees, the altitude above 0 and up to 90")
-    if exaggeration is not None and not (np.isfinite(exaggeration) and exaggeration > 0.0):
-        raise ValueError(f"exaggeration is {exaggeration}; give a positive number, or None")
+    if exaggeration is not None:
+        positive(exaggeration, "exaggeration", hint=", or None")
     height = surface_of(terrain).to_numpy()
     east, north = _gradient(height, float(terrain.cell_size))
     factor = _auto_exaggeration(east, north) if exaggeration is None else float(exaggeration)

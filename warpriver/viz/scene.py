@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.validate import not_negative
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
 from warpriver.viz.belt import OXBOW_RAMP, BeltPainter, checked_record, history_bounds, vegetation_noise
@@ -72,8 +73,8 @@ def render_scene(
     """
     if min(size) < 16:
         raise ValueError(f"size is {tuple(size)} pixels; give at least (16, 16)")
-    if exaggeration is not None and not (np.isfinite(exaggeration) and exaggeration >= 0.0):
-        raise ValueError(f"exaggeration is {exaggeration}; give a number of 0 or more")
+    if exaggeration is not None:
+        not_negative(exaggeration, "exaggeration")
     if camera is not None and np.shape(camera) != (3, 3):
         raise ValueError("camera: give position, focal point and up direction, each (x, y, z) in m")
     with replacing(path, (".png", ".jpg")) as temporary:

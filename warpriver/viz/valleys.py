@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.validate import positive
 from warpriver.viz.relief import relief_picture
 from warpriver.viz.sheet import BANK, FAINT, INK, WATER, need_matplotlib, replacing
 
@@ -116,8 +117,7 @@ def _draw_surface(axes: Any, bar: Any, terrain: Any, interval: float | None) -> 
     low, high = float(np.nanmin(height)), float(np.nanmax(height))
     if interval is None:
         interval = next((v for v in INTERVALS if (high - low) / v <= CONTOURS), INTERVALS[-1])
-    if not interval > 0.0:
-        raise ValueError(f"interval is {interval}; give a positive number of metres")
+    positive(interval, "interval", "m")
     west, south, east, north = terrain.bounds
     rows, columns = height.shape
     shade = relief_picture(terrain, terrain.bounds, (rows, columns)).shade

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.device import require_memory
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.raster.source import RasterSource, with_gaps
-from warpriver.raster import Raster, require_memory
+from warpriver.raster import Raster
 
 __all__ = ["TIFF", "read_geotiff", "write_geotiff"]
 

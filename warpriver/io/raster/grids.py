@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from warpriver.device import require_memory
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, is_number
 from warpriver.io.raster.source import RasterSource, north_up, with_gaps
-from warpriver.raster import Raster, require_memory
+from warpriver.raster import Raster
 
 __all__ = [
     "ASCII",

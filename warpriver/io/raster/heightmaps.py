@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.device import require_memory
 from warpriver.extras import need
 from warpriver.io.files import decoded
 from warpriver.io.raster.source import RasterSource, north_up
-from warpriver.raster import require_memory
 from warpriver.terrain import Terrain
 
 __all__ = ["PNG", "RAW", "read_heightmap", "write_heightmap"]

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
+from warpriver.device import require_memory
 from warpriver.extras import need
 from warpriver.io.raster.source import RasterSource, north_up
-from warpriver.raster import Raster, require_memory
+from warpriver.raster import Raster
 
 __all__ = ["warp"]
 

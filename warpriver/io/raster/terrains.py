@@ -40,6 +40,7 @@ from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.io.vector.source import Line, Source
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, square_cells
+from warpriver.validate import positive
 
 __all__ = [
     "read_raster",
@@ -357,9 +358,8 @@ def _settled(
 
 def _place(source: RasterSource, cell_size: float | None, origin: Sequence[float] | None) -> None:
     """Give cells their place from the arguments where the file does not tell it."""
-    for value in () if cell_size is None else (cell_size,):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"cell_size is {value:g}; give a positive number of m")
+    if cell_size is not None:
+        positive(cell_size, "cell_size", "m")
     if source.affine is not None and origin is not None:
         raise ValueError(f"{source.path}: the file tells its origin; leave origin= out")
     if source.affine is None:
@@ -375,8 +375,7 @@ def _scale_heights(source: RasterSource, z_factor: float | None) -> None:
     """Scale the heights to metres; warn of values that look like another unit or like no data."""
     source.values = np.asarray(source.values, np.float64)
     if z_factor is not None:
-        if not (math.isfinite(z_factor) and z_factor > 0.0):
-            raise ValueError(f"z_factor is {z_factor}; give a positive number, 0.3048 for feet")
+        positive(z_factor, "z_factor", hint=", 0.3048 for feet")
         source.values = source.values * z_factor
     elif source.units and FEET.match(source.units):
         warnings.warn(

@@ -24,7 +24,7 @@ UNEVEN = 0.02
 
 
 def to_xarray(terrain: Terrain | Raster) -> Any:
-    """Return a terrain or a raster as ``xarray.DataArray``, see :meth:`warpriver.Raster.to_xarray`."""
+    """Return a terrain or a raster as ``xarray.DataArray``, see :meth:`warpriver.raster.Raster.to_xarray`."""
     return (terrain.raster if isinstance(terrain, Terrain) else terrain).to_xarray()
 
 

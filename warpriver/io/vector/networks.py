@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.hydrology.geometry import channel_width, width_of_discharge
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width, width_of_discharge
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.files import beside, check_readable
 from warpriver.io.vector.attributes import ROLES
@@ -34,7 +34,7 @@ from warpriver.io.vector.features import (
 from warpriver.io.vector.source import Line, Source
 from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
-from warpriver.network import RiverNetwork, bankfull_depth, bankfull_discharge
+from warpriver.network import RiverNetwork
 
 __all__ = ["line_formats", "read_network", "write_network"]
 

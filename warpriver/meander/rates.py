@@ -1,0 +1,183 @@
+"""Migration rates of a network as it stands: what its points would do next, without a simulation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+from scipy.interpolate import CubicSpline
+
+from warpriver.device import PRECISIONS
+from warpriver.engine.stages import launch
+from warpriver.engine.state import CUDA_CHUNK
+from warpriver.engine.stepper import check_ground
+from warpriver.kernels import migration as kernels
+from warpriver.kernels.polyline import STATUS_SIZE, Work
+from warpriver.meander.migration import migration_law
+from warpriver.network import RiverNetwork
+from warpriver.params import MeanderParams
+from warpriver.terrain import Terrain
+
+__all__ = ["migration_rate"]
+
+# Segments that differ by more than this part count as uneven: the kernel takes all of a channel for equal.
+EVENNESS = 0.01
+# Places on each segment of an uneven line where the length of the cubic through it is measured.
+PLACES = 8
+
+
+def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrain | None = None) -> list[np.ndarray]:
+    """Return the migration rate of every point of a network as it stands, on the network's device.
+
+    It is the rate of the first, infinitely short step of a simulation [Howard1984, Paris2023], by the same kernel:
+    omega k w C, plus the weighted mean of k w C upstream, with the sinuosity of the whole channel. Nothing is smoothed.
+    The rate is multiplied by what steers a step:
+
+    - at both ends of a line it fades to 0 over ``params.end_damping`` widths, as 3 t^2 - 2 t^3 of the distance to the
+      end. With ``end_damping=0`` it is that of the law alone, also at the end points, which a simulation holds;
+    - on a terrain of slope s it is multiplied by 1 - t^2 (3 - 2 t), t = s / ``params.slope_threshold``: 0 from the
+      threshold on, off the map and where there is no data.
+
+    The kernel takes the points of a channel for evenly spaced, as those of a simulation are. A channel whose segments
+    differ by more than 1 % is evaluated at as many even points on the cubic spline through its own, and the rates are
+    brought back by arc length, with a cubic as well.
+
+    Example::
+
+        network = wr.RiverNetwork.from_polylines([xy], width=60.0)
+        rate = wr.meander.migration_rate(network, wr.MeanderParams())[0]      # m/yr, > 0: to the right of the flow
+
+    Args:
+        network: The network; it is left as it is.
+        params: Migration constants; those of time steps, cutoffs and collisions do not count.
+        terrain: The ground, on any device, or None for a plain.
+
+    Returns:
+        One (n,) float64 array a channel, m/yr, positive to the right of the flow. A bend to the left, of positive
+        curvature, has a local part to the right: it grows.
+
+    Raises:
+        TypeError: An argument is of another kind.
+        ValueError: The terrain lies elsewhere or in another CRS.
+    """
+    for name, value, kind in (("network", network, RiverNetwork), ("params", params, MeanderParams)):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} is a {type(value).__name__}; give a {kind.__name__}")
+    if terrain is not None and not isinstance(terrain, Terrain):
+        raise TypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
+    check_ground(network, terrain)
+    lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
+    rates = _compute_rates(network, lines, params)
+    for c, (line, rate) in enumerate(zip(lines, rates, strict=True)):
+        rates[c] = line.at_points(rate) * line.end_weight(params.end_damping * float(network.channel_width[c]))
+    if terrain is not None:
+        weight = _slope_weight(terrain, network.points(), params.slope_threshold)
+        rates = [r * w for r, w in zip(rates, np.split(weight, network.starts()[1:-1]), strict=True)]
+    return rates
+
+
+class _Line:
+    """A channel's line with the even points where its rates are evaluated: its own points, if they are even.
+
+    Attributes:
+        closed: Whether it is a ring.
+        spacing: Even spacing, m.
+        length: Length, m; of a ring all the way round.
+        arc: (n,) arc length of the channel's points, m.
+        even: (n,) arc length of the even points, m; None where those are the channel's own.
+        xy: (n, 2) the even points, m.
+    """
+
+    def __init__(self, xy: np.ndarray, closed: bool):
+        self.closed, self.xy = closed, xy
+        self.even: np.ndarray | None = None
+        around = np.concatenate([xy, xy[:1]]) if closed else xy
+        chord = np.hypot(*np.diff(around, axis=0).T)
+        arc = np.concatenate([[0.0], np.cumsum(chord)])
+        if np.ptp(chord) > EVENNESS * chord.mean():
+            arc, self.even, self.xy = self._sample_evenly(around, arc)
+        self.length, self.arc = float(arc[-1]), arc[: len(xy)]
+        self.spacing = self.length / len(chord)
+
+    def _sample_evenly(self, around: np.ndarray, chord_arc: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return arc lengths of the points along the cubic through them, and of as many even points, and those."""
+        kept = np.concatenate([[True], np.diff(chord_arc) > 0.0])  # points that stand twice count once
+        bounds = "periodic" if self.closed else "natural"
+        curve = CubicSpline(chord_arc[kept], around[kept], bc_type=bounds)
+        within = np.linspace(chord_arc[:-1], chord_arc[1:], PLACES + 1)[1:]
+        at = np.concatenate([chord_arc[:1], within.T.ravel()])
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve(at), axis=0).T))])
+        even = np.linspace(0.0, arc[-1], len(around))[: len(around) - self.closed]
+        return arc[::PLACES], even, curve(np.interp(even, arc, at))
+
+    def at_even(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the channel's points, such as widths, at the even points, linear in between."""
+        if self.even is None:
+            return values
+        return np.interp(self.even, self.arc, values, period=self.length if self.closed else None)
+
+    def at_points(self, rate: np.ndarray) -> np.ndarray:
+        """Return rates of the even points at the channel's points."""
+        if self.even is None:
+            return rate
+        if not self.closed:
+            return CubicSpline(self.even, rate)(self.arc)
+        again = np.append(self.even, self.length), np.append(rate, rate[0])
+        return CubicSpline(*again, bc_type="periodic")(self.arc)
+
+    def end_weight(self, reach: float) -> np.ndarray | float:
+        """Return the factor of the channel's points: 0 at both ends, 1 from ``reach`` m on; see the kernels."""
+        if self.closed or reach == 0.0:
+            return 1.0
+        away = np.minimum(self.arc, self.length - self.arc)
+        if self.even is None:  # exactly even, as for the kernel
+            index = np.arange(len(self.arc))
+            away = np.minimum(index, index[::-1]) * self.spacing
+        t = np.minimum(away / reach, 1.0)
+        return t * t * (3.0 - 2.0 * t)
+
+
+def _compute_rates(network: RiverNetwork, lines: list[_Line], params: MeanderParams) -> list[np.ndarray]:
+    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing."""
+    scalar, vec2, real = PRECISIONS[network.dtype]
+    kernel, device, start = kernels.build(scalar), network.device, network.starts()
+
+    def on_device(values: np.ndarray, kind: type, dtype: type = real) -> wp.array:
+        return wp.array(values.astype(dtype), dtype=kind, device=device)
+
+    section, widest = None, network.channel_width
+    if network.point_section is not None:
+        of_points = [network.point_widths(), network.point_depths()]
+        even = [np.concatenate([line.at_even(v) for line, v in zip(lines, part, strict=True)]) for part in of_points]
+        widest = np.maximum.reduceat(even[0], start[:-1])
+        section = on_device(np.column_stack(even), vec2)
+    spacing = np.array([line.spacing for line in lines])
+    form = np.column_stack([network.channel_width, network.channel_depth, widest, spacing])
+    # A channel of two points is straight: it rests, and its rates stay 0.
+    step = np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0)
+    closed = on_device(network.channel_closed, wp.int32, np.int32) if network.channel_closed.any() else None
+    area = None if closed is None else wp.zeros(len(lines), dtype=wp.int64, device=device)
+    point_xy = on_device(np.concatenate([line.xy for line in lines]) - network.origin, vec2)
+    work = Work()
+    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
+    work.chunk = network.point_count if device.is_cpu else CUDA_CHUNK
+    threads = math.ceil(network.point_count / work.chunk)
+    channel_start, channel_step = on_device(start, wp.int32, np.int32), on_device(step, scalar)
+    channel_spacing, rate = on_device(spacing, scalar), wp.zeros(network.point_count, dtype=scalar, device=device)
+    if closed is not None:
+        inputs = [point_xy, channel_start, channel_spacing, channel_step, closed, work]
+        launch(kernel.measure_rings, threads, inputs, [area], device)
+    inputs = [
+        point_xy, section, channel_start, on_device(form, wp.types.vector(4, scalar)), channel_spacing, channel_step,
+        closed, area, migration_law(params, network.dtype), work,
+    ]  # fmt: skip
+    launch(kernel.compute_rate, threads, inputs, [rate], device)
+    return np.split(rate.numpy().astype(np.float64), start[1:-1])
+
+
+def _slope_weight(terrain: Terrain, xy: np.ndarray, threshold: float) -> np.ndarray:
+    """Return the factor of points by the slope of the ground, (P,); see the kernels."""
+    slope = np.hypot(*terrain.gradient(xy).T)
+    t = np.where(slope < threshold, slope, threshold) / threshold
+    return 1.0 - t * t * (3.0 - 2.0 * t)
