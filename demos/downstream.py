@@ -15,7 +15,7 @@ def main(folder: Path) -> None:
     start = wr.generate.sine_generated(wavelength=1600.0, angle=1.0, wavelengths=8, spacing=25.0)
     params = wr.MeanderParams(spacing=25.0, time_step=0.1)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([start], width=WIDTH), params)
-    history = sim.run(years=60, record_every=wr.history.Every(years=3))
+    history = sim.run(years=60, record_every=wr.Every(years=3))
     print(sim)
     wr.viz.draw_belt(history, folder / "downstream.png", title="Eight bends, 60 years")
 

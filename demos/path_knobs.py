@@ -20,13 +20,13 @@ KNOBS = {
 }
 
 
-def simulate(params: wr.PathMeander) -> wr.history.History:
+def simulate(params: wr.PathMeander) -> wr.History:
     line = wr.generate.noisy_line(12_000.0, spacing=50.0, amplitude=50.0, seed=3)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params)
-    return sim.run(years=YEARS, record_every=wr.history.Every(years=10))
+    return sim.run(years=YEARS, record_every=wr.Every(years=10))
 
 
-def draw(history: wr.history.History, folder: Path, title: str) -> np.ndarray:
+def draw(history: wr.History, folder: Path, title: str) -> np.ndarray:
     picture = folder / "knob.png"
     wr.viz.draw_belt(history, picture, window=WINDOW, title=title, size=(800, 450), dpi=80.0, legend=False)
     image = matplotlib.image.imread(picture)

@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
 
     # The rivers live on, without the ground: the walls of the model's canyons are too steep for bends.
     sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0, migration_rate=25.0), seed=0)
-    history = sim.run(years=200, record_every=wr.history.Every(years=10), progress=True)
+    history = sim.run(years=200, record_every=wr.Every(years=10), progress=True)
     wr.viz.draw_belt(history, folder / "rain.png", title="Rivers from rain, after 200 years")
     before, after = (np.mean([wr.metrics.sinuosity(xy) for xy in n.polylines()]) for n in (network, sim.network))
     print(f"mean sinuosity {before:.3f} -> {after:.3f}, {len(history.cutoffs)} cutoffs; see {folder / 'rain.png'}")

@@ -16,7 +16,7 @@ def made_up(folder: Path) -> Path:
     xy = wr.generate.valley_line(20_000.0, spacing=40.0, amplitude=600.0, wavelength=6_000.0, seed=2)
     width = 80.0 + 15.0 * np.sin(np.linspace(0.0, 20.0, len(xy)))
     network = wr.RiverNetwork.from_polylines([xy + [600_000.0, 200_000.0]], width=[width], crs="EPSG:32619")
-    wr.io.write_network(network, folder / "made_up.csv")
+    wr.write_network(network, folder / "made_up.csv")
     return folder / "made_up.csv"
 
 
@@ -26,9 +26,9 @@ def main(folder: Path, source: Path | None = None, width: float | None = None) -
     print(network)
     narrowest = min(float(w.min()) for w in network.point_widths())
     sim = wr.Simulation(network, wr.MeanderParams(spacing=min(50.0, narrowest)))
-    history = sim.run(years=200, record_every=wr.history.Every(years=2), progress=True)
+    history = sim.run(years=200, record_every=wr.Every(years=2), progress=True)
     wr.viz.draw_belt(history, folder / "real_river.png")
-    wr.io.write_network(sim.network, folder / "after_200_years.csv")
+    wr.write_network(sim.network, folder / "after_200_years.csv")
 
     before, after = (n.polylines()[0] for n in (history.networks[0], history.networks[-1]))
     print(f"sinuosity {wr.metrics.sinuosity(before):.2f} -> {wr.metrics.sinuosity(after):.2f}, {history!r}")

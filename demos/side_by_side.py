@@ -31,12 +31,12 @@ def noisy_ring(seed: int) -> np.ndarray:
     return (RADIUS + bumps)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def simulate(params, xy: np.ndarray, closed: bool) -> wr.history.History:
+def simulate(params, xy: np.ndarray, closed: bool) -> wr.History:
     network = wr.RiverNetwork.from_polylines([xy], width=WIDTH, closed=closed)
-    return wr.Simulation(network, params).run(years=YEARS, record_every=wr.history.Every(years=2))
+    return wr.Simulation(network, params).run(years=YEARS, record_every=wr.Every(years=2))
 
 
-def draw(history: wr.history.History, folder: Path, title: str, closed: bool) -> np.ndarray:
+def draw(history: wr.History, folder: Path, title: str, closed: bool) -> np.ndarray:
     """Draw a belt and return the picture."""
     picture = folder / "belt.png"
     window, size = (RING_WINDOW, RING_SIZE) if closed else (LINE_WINDOW, LINE_SIZE)
@@ -46,7 +46,7 @@ def draw(history: wr.history.History, folder: Path, title: str, closed: bool) ->
     return image
 
 
-def measure(history: wr.history.History, closed: bool) -> tuple[float, float, float]:
+def measure(history: wr.History, closed: bool) -> tuple[float, float, float]:
     """Mean sinuosity and wavelength, in widths, over the second half of a run; geometric mean of loops in widths."""
     lines = [network.polylines()[0] for network in history.networks[len(history) // 2 :]]
     sinuosity = np.mean([wr.metrics.sinuosity(xy, closed) for xy in lines])
@@ -55,7 +55,7 @@ def measure(history: wr.history.History, closed: bool) -> tuple[float, float, fl
     return float(sinuosity), float(wave), float(np.exp(np.mean(np.log(loops))))
 
 
-def check(history: wr.history.History, sinuosity: float, wave: float, closed: bool) -> None:
+def check(history: wr.History, sinuosity: float, wave: float, closed: bool) -> None:
     """What must hold of each of the four."""
     assert history.stop_reason is wr.history.StopReason.COMPLETED and len(history.cutoffs) > 10
     assert 1.7 < sinuosity < 3.8 and 7.0 < wave < 30.0

@@ -45,7 +45,7 @@ def main(folder: Path) -> None:
         valley = made(target)
         name = f"valley{target:+.1f}".replace(".", "_")
         wr.viz.draw_valley(valley, folder / f"{name}.png")
-        wr.io.write_terrain(valley.terrain, folder / f"{name}.asc")
+        wr.write_terrain(valley.terrain, folder / f"{name}.asc")
         found = valley.covariance.mean_thalweg_width
         width, depth = valley.network.point_widths()[0], valley.network.point_depths()[0]
         wide = depth[width > np.quantile(width, 0.75)].mean()

@@ -28,7 +28,7 @@ LAUNCHERS = {
     "depressions": ["hydrology/depressions.py"],
     "junctions": ["meander/junctions.py"],
     "leheny": ["erosion/leheny.py"],
-    "migration": ["meander/migration.py"],
+    "migration": ["meander/migration.py", "meander/rates.py"],
     "paths": ["shortest_path/push.py"],
     "raster": ["raster.py"],
     "resampling": ["meander/resampling.py"],

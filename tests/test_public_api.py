@@ -127,7 +127,7 @@ def test_every_public_name_is_there_and_has_a_docstring():
 
 def test_the_top_level_stays_small():
     """What belongs to one subject is exported by its room."""
-    assert len(warpriver.__all__) <= 20
+    assert len(set(warpriver.__all__) - set(warpriver._ROOMS)) <= 20
 
 
 def test_the_package_list_is_the_tree():

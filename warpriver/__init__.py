@@ -13,26 +13,35 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from warpriver import erosion, generate, history, hydrology, io, meander, metrics, valley, viz
     from warpriver.erosion.leheny import erode
+    from warpriver.history import Every, History
     from warpriver.hydrology.extraction import extract_network
-    from warpriver.io.raster.terrains import read_terrain
-    from warpriver.io.vector.networks import read_network
+    from warpriver.io.raster.terrains import read_terrain, write_terrain
+    from warpriver.io.raster.xarrays import from_xarray, to_xarray
+    from warpriver.io.valleys import write_mesh
+    from warpriver.io.vector.networks import read_network, write_network
+    from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
+    from warpriver.raster import Raster
     from warpriver.simulation import Simulation
     from warpriver.terrain import Terrain
     from warpriver.valley.valley import synthetic_valley
 
-# Twenty at most: what a first script needs, and the rooms.
+# Twenty names at most, beside the rooms: what first scripts need.
 __all__ = [
+    "Every",
+    "History",
     "LehenyParams",
     "MeanderParams",
     "PathMeander",
+    "Raster",
     "RiverNetwork",
     "Simulation",
     "Terrain",
     "erode",
     "erosion",
     "extract_network",
+    "from_xarray",
     "generate",
     "history",
     "hydrology",
@@ -42,25 +51,39 @@ __all__ = [
     "read_network",
     "read_terrain",
     "synthetic_valley",
+    "taubin_smooth",
+    "to_xarray",
     "valley",
     "viz",
+    "write_mesh",
+    "write_network",
+    "write_terrain",
 ]
 
 __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "Every": "warpriver.history",
+    "History": "warpriver.history",
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
+    "Raster": "warpriver.raster",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
+    "from_xarray": "warpriver.io.raster.xarrays",
     "read_network": "warpriver.io.vector.networks",
     "read_terrain": "warpriver.io.raster.terrains",
     "synthetic_valley": "warpriver.valley.valley",
+    "taubin_smooth": "warpriver.meander.smoothing",
+    "to_xarray": "warpriver.io.raster.xarrays",
+    "write_mesh": "warpriver.io.valleys",
+    "write_network": "warpriver.io.vector.networks",
+    "write_terrain": "warpriver.io.raster.terrains",
 }
 _ROOMS = ("erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
 
