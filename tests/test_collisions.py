@@ -128,6 +128,26 @@ def test_a_captured_tributary_leaves_its_sibling_one_channel(device):
     assert network.channel_width[trunk] == pytest.approx(WIDTH * (5 / 7) ** 0.5)
 
 
+@pytest.mark.parametrize(("turn", "cases"), [(120.0, []), (160.0, ["downstream"])])
+def test_the_two_nodes_of_a_short_channel_count_as_one(turn, cases, device):
+    """Four widths part two junctions. The trunk turns back at ``turn`` and passes the upper one at 18 m.
+
+    Its way there from the lower junction is 178 m, within the reach of ten widths, or 258 m. The short channel and
+    the trunk begin at one node then: from the foot of the short one, 80 m more, both would be too far.
+    """
+    lines = [
+        line((-800.0, -400.0), (0.0, 0.0)),
+        line((-800.0, -900.0), (0.0, 0.0)),
+        line((0.0, 0.0), (80.0, 0.0)),
+        line((80.0, -800.0), (80.0, 0.0)),
+        line((80.0, 0.0), (turn, 0.0), (turn, 18.0), (0.0, 18.0), (0.0, 1000.0)),
+    ]
+    sim = joined(lines, [4.0, 2.0, 6.0, 1.0, 7.0], STILL.replace(cutoff_distance=0.0), device=device)
+    assert [(event.case, event.channel, event.other) for event in sim.history.collisions] == [
+        (case, 2, 4) for case in cases
+    ]
+
+
 def test_a_channel_consumed_whole_disappears(device):
     """A short source lies within the width of a larger river at its very head."""
     large = line((0.0, 2000.0), (0.0, -2000.0))
