@@ -6,7 +6,7 @@ noted: see ``chunk_visits.py``.
 
 import patched_warp
 
-POINTS = 1_000_000  # in one channel: 31,250 chunks
+POINTS = 600_000  # in one channel: 18,750 chunks
 # Chunks that a thread may visit: its own, what lies upstream and downstream, what lies near, and binary searches.
 MOST_CHUNKS = 64
 # Elements of any arrays that it may read and write: fewer than there are chunks, so that a walk along a list of them
@@ -27,7 +27,7 @@ def assert_counts(walked):
 
 
 def test_no_thread_walks_along_a_channel():
-    """One channel of a million points, a line and a ring, loses hundreds of loops in two steps by either solver."""
+    """One channel of 600,000 points, a line and a ring, loses hundreds of loops in two steps by either solver."""
     counted = patched_warp.run("chunk_visits.py", str(POINTS))
     assert_counts(counted["walked"])
     assert list(counted["scenes"]) == ["plain", "plain, a ring", "paths", "paths, a ring"]

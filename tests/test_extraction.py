@@ -114,6 +114,28 @@ def test_points_are_even_and_near_the_cells(smoothing):
     assert off.mean() < 0.6 and off.max() < 2.0
 
 
+@pytest.mark.parametrize("passes", [0, 1, 2, 4])
+@pytest.mark.parametrize(("period", "factor"), [(2, 0.0), (4, 0.5)])
+def test_a_pass_of_smoothing_damps_waves_by_their_length(period, factor, passes):
+    """The filter 1/4, 1/2, 1/4 multiplies a wave of p points by cos(pi / p)^2; sources and outlets stay."""
+    rows, cell_size = 81, 10.0
+    row, column = np.mgrid[:rows, :41].astype(float)
+    swing = np.array({2: [0, 1], 4: [0, 1, 2, 1]}[period])
+    course = 20 + swing[np.arange(rows) % period]
+    height = rows - row + 5.0 * np.abs(column - course[:, None])
+    terrain = Terrain(height, cell_size, origin=(0.0, cell_size * rows))
+    # Twenty points a cell: the crests of the cubic are among them.
+    network = extract_network(terrain, min_drainage_area=200 * cell_size**2, smoothing=passes, spacing=0.5)
+    (line,) = network.polylines()
+    source = (cell_size * (rows - 0.5) - line[0, 1]) / cell_size
+    assert line[0, 0] == (course[round(source)] + 0.5) * cell_size
+    assert line[-1].tolist() == [(course[-1] + 0.5) * cell_size, 0.5 * cell_size]
+    # The middle half: as many cells away from the ends as no pass carries anything.
+    x = line[len(line) // 4 : -len(line) // 4, 0] / cell_size
+    crest = 0.5 * swing.max() * factor**passes
+    assert [x.min(), x.max()] == pytest.approx([20.5 + 0.5 * swing.max() + k * crest for k in (-1, 1)], abs=1e-4)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_water_is_lost(seed):
     rng = np.random.default_rng(seed)

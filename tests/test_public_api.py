@@ -104,6 +104,63 @@ def test_imports_go_one_way():
     assert not wrong, wrong
 
 
+def foreign_private_names(source):
+    """What a module takes from others although one underscore marks it as theirs, in the order of the lines.
+
+    A private attribute is a module's own if the object is ``self``, ``cls`` or ``super()``; or if a class of the module
+    has the attribute and the object has not been imported. Two underscores on both sides are Python's.
+    """
+    tree = ast.parse(source)
+    nodes = list(ast.walk(tree))
+    imports = [alias for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names]
+    foreign = {(alias.asname or alias.name).split(".")[0] for alias in imports}
+    own = set()
+    for kind in (node for node in nodes if isinstance(node, ast.ClassDef)):
+        for node in kind.body:
+            own |= {node.name} if isinstance(node, ast.FunctionDef) else set()
+            own |= {target.id for target in getattr(node, "targets", []) if isinstance(target, ast.Name)}
+            own |= {node.target.id} if isinstance(node, ast.AnnAssign) else set()
+        own |= {
+            node.attr
+            for node in ast.walk(kind)
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self"
+        }
+    found = [(node.lineno, alias.name) for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names]
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) not in ("self", "cls", "super()"):
+            imported = isinstance(node.value, ast.Name) and node.value.id in foreign
+            if imported or node.attr not in own:
+                found.append((node.lineno, node.attr))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "setattr", "hasattr"):
+            found += [(node.lineno, arg.value) for arg in node.args[1:2] if isinstance(arg, ast.Constant)]
+    return [f"{line}: {name}" for line, name in sorted(found) if re.match("_(?!_)", name)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from warpriver.terrain import _resample",
+        "def f(pool): return pool._max_workers",
+        "def f(sim): sim.state._step = 3",
+        "def f(event): return getattr(event, '_kind')",
+        "from warpriver.raster import Raster\nclass Terrain:\n    def _of(self): return Raster._of(self)",
+    ],
+)
+def test_what_belongs_to_another_module_is_noticed(line):
+    assert len(foreign_private_names(line)) == 1
+
+
+def test_what_belongs_to_a_module_itself_is_its_own():
+    source = "class A:\n    _b: int\n    def _c(self, other): self._d = super()._e; return other._b, other._c, other._d"
+    assert foreign_private_names(source) == []
+
+
+def test_no_module_touches_what_is_private_to_another():
+    paths = [*(ROOT / "warpriver").rglob("*.py"), *(ROOT / "kernels").rglob("*.py")]
+    wrong = {str(path.relative_to(ROOT)): foreign_private_names(path.read_text()) for path in paths}
+    assert not {path: names for path, names in wrong.items() if names}
+
+
 def test_importing_loads_nothing_heavy_and_compiles_nothing():
     out = python(
         "import sys, warpriver as wr\n"

@@ -115,18 +115,19 @@ def path_rings_in_two(**options):
     return Simulation(network, PathMeander(spacing=25.0, ring_policy="both"), **options)
 
 
+# Each with a number of steps in which more than ten times happens what it is there for.
 MODELS = {
     "plain": (plain, 250),
     "varied": (varied, 80),
     "on hills": (on_hills, 80),
-    "tree": (tree, 250),
-    "tree in parts": (tree_in_parts, 60),
-    "single precision": (single_precision, 150),
-    "paths": (paths, 250),
-    "paths in parts": (paths_in_parts, 60),
-    "rings": (rings, 100),
+    "tree": (tree, 130),
+    "tree in parts": (tree_in_parts, 40),
+    "single precision": (single_precision, 100),
+    "paths": (paths, 150),
+    "paths in parts": (paths_in_parts, 40),
+    "rings": (rings, 80),
     "rings in two": (rings_in_two, 200),
-    "path rings in two": (path_rings_in_two, 90),
+    "path rings in two": (path_rings_in_two, 50),
 }
 
 
@@ -200,10 +201,11 @@ def test_slabs_and_threads_change_no_bit(references, monkeypatch, name, threads,
 
 WAYS = ({"capture": False}, {"check": True}, {"threads": 2})
 SLABS = (70, 110, 1000)
-# Each model in each way, with slabs of every size, and each way with each size.
+# Each model in each way, with slabs of every size, and each way with each size. Where nothing is replayed many slabs
+# take long: the longest models have the smallest ones where threads replay them.
 DEALT = [
-    (name, way, SLABS[(m + k) % len(SLABS)])
-    for m, name in enumerate(["on hills", "tree", "paths in parts", "rings in two"])
+    (name, way, SLABS[(first + k) % len(SLABS)])
+    for name, first in {"on hills": 2, "tree": 1, "paths in parts": 1, "rings in two": 0}.items()
     for k, way in enumerate(WAYS)
 ]
 

@@ -116,6 +116,30 @@ def test_small_waves_grow_and_travel_as_in_theory(width, alpha_wavelength, devic
     assert (orders > LINEAR_ORDER).all()
 
 
+# Widths from the end of a line, and the part of its speed that a bend has there: 3 t^2 - 2 t^3 over five widths.
+FADING = {1.25: 0.15625, 2.5: 0.5, 3.75: 0.84375, 5.0: 1.0, 7.5: 1.0}
+
+
+def test_bends_fade_over_five_widths_next_to_a_held_end(device):
+    """By default, against the bends a wavelength upstream: no kink grows at the end, nothing farther away is held."""
+    width, h = 50.0, 12.5
+    wavelength = 12.0 * width
+    # The head, from where on the rate settles down to that of the wave, is far from the bends that are compared.
+    x = h * np.arange(round(12 * wavelength / h) + 1)
+    for distance, part in FADING.items():
+        # A crest at the place that is looked at: the rate does not vanish there.
+        start = np.column_stack([x, 0.1 * np.cos(2.0 * np.pi * (x - x[-1] + distance * width) / wavelength)])
+        network = wr.RiverNetwork.from_polylines([start], width=width)
+        sim = wr.Simulation(network, wr.MeanderParams(spacing=h, time_step=0.05), device=device)
+        before = sim.network.polylines()[0]
+        sim.step()
+        after = sim.network.polylines()[0]
+        at = x[-1] - width * distance - np.array([0.0, wavelength])
+        moved = np.interp(at, *after.T) - np.interp(at, *before.T)
+        print(f"{distance:g} widths from the end: {moved[0] / moved[1]:.4f} of the speed")
+        assert moved[0] / moved[1] == pytest.approx(part, abs=0.003)
+
+
 def test_fastest_and_neutral_wave_lie_where_theory_has_them():
     for width in WIDTHS:
         a = memory(width)

@@ -89,7 +89,7 @@ class Raster:
         self.values = wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device=target)
 
     @classmethod
-    def _of(
+    def wrap(
         cls,
         values: wp.array,
         cell_size: float,
@@ -98,7 +98,7 @@ class Raster:
         unit: str = "",
         name: str = "",
     ) -> Raster:
-        """Wrap a device array and a place that are known to be sound, without a copy."""
+        """Wrap a device array and a place that are known to be sound, without a copy or a check."""
         raster = cls.__new__(cls)
         raster.values, raster.cell_size, raster.origin, raster._crs = values, cell_size, origin, crs
         raster.unit, raster.name = unit, name
@@ -165,7 +165,7 @@ class Raster:
         place = (self.cell_size, self.origin, self.crs)
         if isinstance(values, wp.array) and values.dtype in CELL_TYPES and values.is_contiguous:
             here = values if values.device == self.device else wp.clone(values, device=self.device)
-            made = Raster._of(here, *place, _text(unit, "unit"), _text(name, "name"))
+            made = Raster.wrap(here, *place, _text(unit, "unit"), _text(name, "name"))
         else:
             made = Raster(values, *place, unit, name, device=self.device)
         if made.values.shape != self.values.shape:
@@ -184,7 +184,7 @@ class Raster:
     def to(self, device: Any) -> Raster:
         """Return a copy on another device."""
         values = wp.clone(self.values, device=resolve_device(device))
-        return Raster._of(values, self.cell_size, self.origin, self.crs, self.unit, self.name)
+        return Raster.wrap(values, self.cell_size, self.origin, self.crs, self.unit, self.name)
 
     def grid(self, dtype: str = "float64", origin: Sequence[float] | np.ndarray = (0.0, 0.0)) -> Any:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside the values.
@@ -233,14 +233,10 @@ class Raster:
         value = wp.indexedarray(self.values.flatten(), [cell]).numpy()
         return np.where(inside.numpy(), value.astype(np.float64), np.nan)
 
-    def crop(self, bounds: Sequence[float] | np.ndarray) -> Raster:
-        """Return the cells whose centres lie within (west, south, east, north) in m."""
-        return self._crop(bounds, "raster")
-
-    def _crop(self, bounds: Any, what: str) -> Raster:
-        """Crop; ``what`` is the thing, for the message."""
+    def crop(self, bounds: Sequence[float] | np.ndarray, *, what: str = "raster") -> Raster:
+        """Return the cells whose centres lie within (west, south, east, north) in m; errors call it ``what``."""
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
-        window = self._window(west, south, east, north)
+        window = self.window(west, south, east, north)
         if not (west < east and south < north) or window is None or min(window[2:]) < 2:
             raise ValueError(
                 f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold fewer than 2 x 2 cells of the {what}, which "
@@ -249,9 +245,9 @@ class Raster:
         row, column, rows, columns = window
         part = wp.clone(self.values[row : row + rows, column : column + columns].contiguous())
         origin = (self.origin[0] + column * self.cell_size, self.origin[1] - row * self.cell_size)
-        return Raster._of(part, self.cell_size, origin, self.crs, self.unit, self.name)
+        return Raster.wrap(part, self.cell_size, origin, self.crs, self.unit, self.name)
 
-    def _window(self, west: float, south: float, east: float, north: float) -> tuple[int, int, int, int] | None:
+    def window(self, west: float, south: float, east: float, north: float) -> tuple[int, int, int, int] | None:
         """Return (first row, first column, rows, columns) of the cells with centres in a box; None if none has."""
         size, (rows, columns) = self.cell_size, self.shape
         first_column = max(math.ceil((west - self.origin[0]) / size - 0.5), 0)
@@ -302,9 +298,9 @@ class Raster:
 
     def __repr__(self) -> str:
         label = self.name or "unnamed"
-        return f"Raster({label}{f' in {self.unit}' if self.unit else ''}, {self._summary('values', self.unit)})"
+        return f"Raster({label}{f' in {self.unit}' if self.unit else ''}, {self.summary('values', self.unit)})"
 
-    def _summary(self, word: str, unit: str) -> str:
+    def summary(self, word: str, unit: str) -> str:
         """Size, place and span of the values, for a ``repr``."""
         array = self.values.numpy()
         (rows, columns), gap = self.shape, np.isnan(array)

@@ -76,19 +76,19 @@ class Terrain:
         array = checked_values(height, target, integers=False, word="height", unit=UNIT, what="a terrain")
         _require_data(array)
         values: wp.array = wp.array(array, dtype=wp.float64, device=target)
-        self.raster = Raster._of(values, *place, UNIT, NAME)
+        self.raster = Raster.wrap(values, *place, UNIT, NAME)
 
-    @classmethod
-    def _holding(cls, raster: Raster) -> Terrain:
-        """Wrap a raster of heights that is known to be sound, without a copy."""
-        terrain = cls.__new__(cls)
+    @staticmethod
+    def wrap_raster(raster: Raster) -> Terrain:
+        """Wrap a raster of heights that is known to be sound, without a copy or a check."""
+        terrain = Terrain.__new__(Terrain)
         terrain.raster = raster
         return terrain
 
-    @classmethod
-    def _of(cls, height: wp.array, cell_size: float, origin: tuple[float, float], crs: str | None) -> Terrain:
-        """Wrap a device array that is known to be sound, without a copy."""
-        return cls._holding(Raster._of(height, cell_size, origin, crs, UNIT, NAME))
+    @staticmethod
+    def wrap(height: wp.array, cell_size: float, origin: tuple[float, float], crs: str | None) -> Terrain:
+        """Wrap a device array that is known to be sound, without a copy or a check."""
+        return Terrain.wrap_raster(Raster.wrap(height, cell_size, origin, crs, UNIT, NAME))
 
     @classmethod
     def from_raster(cls, raster: Raster) -> Terrain:
@@ -108,7 +108,7 @@ class Terrain:
         height = raster.values.numpy()
         refuse_infinite(height, "height")
         _require_data(height)
-        return Terrain._holding(raster.like(raster.values, unit=UNIT, name=NAME))
+        return Terrain.wrap_raster(raster.like(raster.values, unit=UNIT, name=NAME))
 
     @property
     def height(self) -> wp.array:
@@ -155,11 +155,11 @@ class Terrain:
 
     def copy(self) -> Terrain:
         """Return a copy on the same device."""
-        return Terrain._holding(self.raster.copy())
+        return Terrain.wrap_raster(self.raster.copy())
 
     def to(self, device: Any) -> Terrain:
         """Return a copy on another device."""
-        return Terrain._holding(self.raster.to(device))
+        return Terrain.wrap_raster(self.raster.to(device))
 
     def grid(self, dtype: str = "float64", origin: Sequence[float] | np.ndarray = (0.0, 0.0)) -> Any:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside ``height``, as :meth:`Raster.grid`."""
@@ -238,7 +238,7 @@ class Terrain:
         brush = kernels.build(wp.float64).Brush()
         brush.center, brush.radius, brush.level = wp.vec2d(x, y), radius, 0.0 if level is None else float(level)
         brush.amount = -float(amount) if kind == "lower" else float(amount)
-        window = self.raster._window(x - radius, y - radius, x + radius, y + radius)
+        window = self.raster.window(x - radius, y - radius, x + radius, y + radius)
         if window is None:
             return
         name = "flatten_cells" if kind == "flatten" else "raise_cells"
@@ -279,7 +279,7 @@ class Terrain:
         rise = np.array(finite_numbers(rise, len(crest), "height"))
         half = 0.5 * positive(width, "width", "m")
         (west, south), (east, north) = crest.min(axis=0) - half, crest.max(axis=0) + half
-        window = self.raster._window(west, south, east, north)
+        window = self.raster.window(west, south, east, north)
         if window is None:
             return
         crest_xy: wp.array = wp.array(crest, dtype=wp.vec2d, device=self.device)
@@ -298,14 +298,14 @@ class Terrain:
         size = positive(cell_size, "cell_size", "m")
         step = size / self.cell_size
         height = _resample(self.height, (step, step))
-        return Terrain._of(height, size, self.origin, self.crs)
+        return Terrain.wrap(height, size, self.origin, self.crs)
 
     def crop(self, bounds: Sequence[float] | np.ndarray) -> Terrain:
         """Return the cells whose centres lie within (west, south, east, north) in m."""
-        return Terrain._holding(self.raster._crop(bounds, "terrain"))
+        return Terrain.wrap_raster(self.raster.crop(bounds, what="terrain"))
 
     def __repr__(self) -> str:
-        return f"Terrain({self.raster._summary('heights', UNIT)})"
+        return f"Terrain({self.raster.summary('heights', UNIT)})"
 
     def _launch(self, name: str, dim: Any, inputs: list[Any], outputs: list[Any]) -> None:
         """Launch one of the float64 kernels."""

@@ -259,6 +259,30 @@ def test_contacts_do_not_depend_on_the_table_or_the_order_of_its_lists(deal, dev
             assert crowded.contacts == plain
 
 
+@pytest.mark.parametrize("ends", ["feet", "foot and head", "head and foot", "heads"])
+def test_no_contact_near_an_end_that_two_channels_share(ends, device, dtype):
+    """Of two lines that run side by side, whichever ends of theirs count as one node.
+
+    They share a head where the upper one is so short that its two nodes count as one.
+    """
+    c, d = {"feet": (1, 1), "foot and head": (1, 0), "head and foot": (0, 1), "heads": (0, 0)}[ends]
+    along = SPACING * np.arange(30.0)[:, None] * [1.0, 0.0]
+    lines = [along, along + [0.0, 0.5 * WIDTH]]
+    # The shared end lies in the west.
+    lines = [xy[::-1] if end == 1 else xy for xy, end in zip(lines, (c, d), strict=True)]
+    nodes = np.arange(4).reshape(2, 2)
+    nodes[1, d] = nodes[0, c]
+    width = [WIDTH, WIDTH]
+    pairs = touching_pairs(lines, width, nodes.tolist())
+    arcs = np.array(sorted(pairs)) - [0, 30]
+    arcs = np.where([c, d], 29 - arcs, arcs)
+    # Ten widths are twelve points: each pair, opposite or neighbours, is twelve or more away from the node.
+    assert arcs.sum(axis=1).min() == 12
+    found = Search(lines, width, nodes.tolist(), 64, 0.1, dtype, device)
+    assert found.contacts == expected_contacts(lines, pairs, width, 0.1)
+    assert 0 < found.count < 30
+
+
 def test_points_near_a_shared_node_do_not_touch(device, dtype):
     """Two tributaries at 15 degrees and the channel below them: nothing within ten widths of their node counts."""
     angle = np.radians(7.5)

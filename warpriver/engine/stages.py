@@ -76,7 +76,13 @@ class Replay:
     """Stages recorded once, to be replayed with little overhead, by several threads where there are slabs for them."""
 
     def __init__(
-        self, stages: list[Stage], whole: Share, slabs: list[Share], device: Any, pool: ThreadPoolExecutor | None = None
+        self,
+        stages: list[Stage],
+        whole: Share,
+        slabs: list[Share],
+        device: Any,
+        pool: ThreadPoolExecutor | None = None,
+        helpers: int = 0,
     ):
         """Record the stages, which also compiles their kernels.
 
@@ -86,8 +92,8 @@ class Replay:
             slabs: The same in parts.
             device: Warp device.
             pool: Threads that help the calling one; replays release the interpreter, so that they run side by side.
+            helpers: How many threads the pool has.
         """
-        helpers = 0 if pool is None else pool._max_workers
         hands = [part.tolist() for part in np.array_split(np.arange(len(slabs)), min(1 + helpers, len(slabs)))]
         self._pool = pool if len(hands) > 1 else None
         if self._pool is None:

@@ -196,7 +196,8 @@ class Stepper:
         state, groups = self.state, [("step", stages)]
         if self.seconds is not None:
             groups = [(name, list(group)) for name, group in itertools.groupby(stages, lambda stage: stage.phase)]
-        return [(name, Replay(group, state.whole, state.slabs, state.device, self._pool)) for name, group in groups]
+        work = state.whole, state.slabs, state.device
+        return [(name, Replay(group, *work, self._pool, self.threads - 1)) for name, group in groups]
 
     def time_phases(self, seconds: dict[str, float] | None) -> None:
         """Add the time of each phase up in ``seconds`` from now on; None: no longer.

@@ -49,7 +49,7 @@ class ErodedTerrain(Terrain):
     snapshots: tuple[ErodedTerrain, ...]
 
     @classmethod
-    def _with_account(
+    def with_account(
         cls,
         terrain: Terrain,
         height: wp.array,
@@ -58,17 +58,17 @@ class ErodedTerrain(Terrain):
         params: LehenyParams,
         account: tuple[int, int, int, float] = (0, 0, 0, 0.0),
     ) -> ErodedTerrain:
-        """Wrap device heights that lie where a terrain does."""
+        """Wrap device heights that lie where a terrain does, without a copy or a check."""
         eroded = cls.__new__(cls)
-        eroded.raster = Terrain._of(height, terrain.cell_size, terrain.origin, terrain.crs).raster
+        eroded.raster = Terrain.wrap(height, terrain.cell_size, terrain.origin, terrain.crs).raster
         eroded.edges, eroded.nodata, eroded.params = dict(edges), nodata, params
         eroded.events, eroded.visits, eroded.slides, eroded.volume_removed = account
         eroded.snapshots = ()
         return eroded
 
     @property
-    def _account(self) -> tuple[int, int, int, float]:
-        """What has happened so far."""
+    def account(self) -> tuple[int, int, int, float]:
+        """What has happened so far: events, visits, slides, and the volume removed in m3."""
         return self.events, self.visits, self.slides, self.volume_removed
 
     def copy(self) -> ErodedTerrain:
@@ -78,7 +78,7 @@ class ErodedTerrain(Terrain):
     def to(self, device: Any) -> ErodedTerrain:
         """Return a copy on another device, with its account and without snapshots."""
         moved = super().to(device)
-        return ErodedTerrain._with_account(moved, moved.height, self.edges, self.nodata, self.params, self._account)
+        return ErodedTerrain.with_account(moved, moved.height, self.edges, self.nodata, self.params, self.account)
 
     def flow(self, seed: int = 0) -> Flow:
         """Route water by steepest descent over it, as rivers are identified: among its neighbours, ties by chance.
@@ -121,7 +121,7 @@ def erosion_plane(
     rows, columns = _checked_start(shape, slope)
     height = np.repeat((slope * cell_size * np.arange(rows)[::-1])[:, None], columns, axis=1)
     terrain = Terrain(height, cell_size, (0.0, rows * cell_size), device=device)
-    return ErodedTerrain._with_account(terrain, terrain.height, PLANE_EDGES, "outlet", LehenyParams())
+    return ErodedTerrain.with_account(terrain, terrain.height, PLANE_EDGES, "outlet", LehenyParams())
 
 
 def erosion_peak(
@@ -141,7 +141,7 @@ def erosion_peak(
     y, x = np.arange(rows)[:, None] - 0.5 * (rows - 1), np.arange(columns)[None, :] - 0.5 * (columns - 1)
     far = np.hypot(x, y)
     terrain = Terrain(slope * cell_size * (far.max() - far), cell_size, (0.0, rows * cell_size), device=device)
-    return ErodedTerrain._with_account(terrain, terrain.height, side_rules("open"), "outlet", LehenyParams())
+    return ErodedTerrain.with_account(terrain, terrain.height, side_rules("open"), "outlet", LehenyParams())
 
 
 def _checked_start(shape: Sequence[int], slope: float) -> tuple[int, int]:

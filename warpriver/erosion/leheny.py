@@ -408,10 +408,10 @@ class _Run:
             raise RuntimeError(f"{stuck} walks ended in a pit, which cannot be: please report this with the input")
         removed = float(np.nansum(before - height)) * start.cell_size**2
         slides += int(self.start_slides[grid])
-        earlier = start._account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
+        earlier = start.account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
         account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
         array: wp.array = wp.array(height, dtype=wp.float64, device=start.device)
-        return ErodedTerrain._with_account(start, array, self.rules, self.nodata, self.params, account)
+        return ErodedTerrain.with_account(start, array, self.rules, self.nodata, self.params, account)
 
 
 class _HostedArray:

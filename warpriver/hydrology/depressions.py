@@ -163,4 +163,4 @@ def _with_heights(surface: Surface, cells: PaddedCells) -> Surface:
     height = table(cells.interior(cells.height))
     if isinstance(surface, Raster):
         return surface.like(height, unit=surface.unit, name=surface.name)
-    return Terrain._holding(surface.raster.like(height, unit=UNIT, name=NAME))
+    return Terrain.wrap_raster(surface.raster.like(height, unit=UNIT, name=NAME))

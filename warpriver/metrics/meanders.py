@@ -226,8 +226,8 @@ def _ring_bends(ring: FloatArray, width: float | None) -> Bends:
     # Rounding must not count the bend at the seam twice, or not at all.
     seam = around * (1.0 - 1e-9)
     kept = (laps.start >= seam) & (laps.start < seam + around)
-    lap = Bends(*(values[kept] for values in laps))
-    return lap._replace(start=lap.start - around, end=lap.end - around, apex=lap.apex - around)
+    start, end, arc, chord, sinuosity, apex, *turn = (values[kept] for values in laps)
+    return Bends(start - around, end - around, arc, chord, sinuosity, apex - around, *turn)
 
 
 def _bend_curvature(points: FloatArray, width: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:

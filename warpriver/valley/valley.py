@@ -168,7 +168,7 @@ class Valley:
             outputs=[height],
             device=self.device,
         )
-        return Terrain._of(height, size, (west, north), self.crs)
+        return Terrain.wrap(height, size, (west, north), self.crs)
 
     def height(self, xy: Any) -> FloatArray:
         """Evaluate the surface at any places.
