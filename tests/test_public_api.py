@@ -19,6 +19,7 @@ LEVELS = [
         "channel_table",
         "crs",
         "device",
+        "errors",
         "extras",
         "hydraulic_geometry",
         "network",
@@ -205,3 +206,21 @@ def test_every_source_key_is_in_the_bibliography():
         for path in (ROOT / folder).rglob("*.py"):
             used |= set(re.findall(r"\b([A-Z][a-z]+(?:19|20)\d\d)\b", path.read_text()))
     assert used <= known, used - known
+
+
+def test_every_refusal_is_a_warpriver_error():
+    """What is raised on purpose derives from one class; errors of protocols of Python are as Python wants them."""
+    protocols = {"AttributeError", "KeyError", "NotImplementedError", "StopIteration", "SystemExit"}
+    wrong = []
+    for name in [name for name in modules() if not name.endswith("__main__")]:
+        path = Path(importlib.util.find_spec(name).origin)
+        known = vars(importlib.import_module(name))
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
+                raised = node.exc.func.id
+                kind = known.get(raised)
+                if raised not in protocols and not (
+                    kind is not None and issubclass(kind, warpriver.errors.WarpriverError)
+                ):
+                    wrong.append(f"{path.name}:{node.lineno} raises {raised}")
+    assert not wrong, "\n".join(wrong)

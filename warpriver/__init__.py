@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from warpriver import erosion, generate, history, hydrology, io, meander, metrics, valley, viz
     from warpriver.erosion.leheny import erode
+    from warpriver.errors import WarpriverError
     from warpriver.history import Every, History
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.raster.terrains import read_terrain, write_terrain
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
-    from warpriver.raster import Raster
     from warpriver.simulation import Simulation
     from warpriver.terrain import Terrain
     from warpriver.valley.valley import synthetic_valley
@@ -34,10 +34,10 @@ __all__ = [
     "LehenyParams",
     "MeanderParams",
     "PathMeander",
-    "Raster",
     "RiverNetwork",
     "Simulation",
     "Terrain",
+    "WarpriverError",
     "erode",
     "erosion",
     "extract_network",
@@ -69,10 +69,10 @@ _HOMES = {
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
-    "Raster": "warpriver.raster",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
+    "WarpriverError": "warpriver.errors",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",

@@ -18,6 +18,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import PRECISIONS, resolve_device
+from warpriver.errors import InputError
 from warpriver.generate.lines import noisy_line
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
@@ -309,7 +310,7 @@ def made_up(
         ValueError: Fewer than 3 points a channel, or no channel.
     """
     if channels < 1 or points < 3 * channels:
-        raise ValueError(f"{points} points in {channels} channels: give at least 1 channel and 3 points for each")
+        raise InputError(f"{points} points in {channels} channels: give at least 1 channel and 3 points for each")
     device = resolve_device(device)
     lines = lay_out(cut_lines([points // channels] * channels, river_points=RIVER_POINTS if points > 2_000 else 2_000))
     network = RiverNetwork.from_polylines(lines, width=WIDTH, device=device, dtype=dtype)

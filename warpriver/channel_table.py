@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warpriver.errors import InputError, InputTypeError
 from warpriver.validate import numbers, positive_numbers
 
 __all__ = ["ChannelTable"]
@@ -23,7 +24,7 @@ def _whole(dtype: Any) -> Callable[[Any, str], np.ndarray]:
         array = np.asarray(values)
         whole = array.dtype.kind in "iu" or (array.dtype.kind == "f" and np.array_equal(array, np.round(array)))
         if not whole:
-            raise ValueError(f"{name} is {array.dtype}; give one whole number a channel")
+            raise InputError(f"{name} is {array.dtype}; give one whole number a channel")
         return array.astype(dtype)
 
     return check
@@ -32,7 +33,7 @@ def _whole(dtype: Any) -> Callable[[Any, str], np.ndarray]:
 def _flags(values: Any, name: str) -> np.ndarray:
     array = np.array(values)
     if array.dtype.kind not in "biu" and array.size:
-        raise ValueError(f"{name} is {array.dtype}; give True or False for each channel")
+        raise InputError(f"{name} is {array.dtype}; give True or False for each channel")
     return array.astype(bool)
 
 
@@ -55,9 +56,9 @@ def _free(values: Any, name: str) -> np.ndarray:
         array = array.astype(str)
     kind = array.dtype.kind
     if kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-        raise ValueError(f"{name} holds {array.max()}, which does not fit into a signed number of 64 bits")
+        raise InputError(f"{name} holds {array.max()}, which does not fit into a signed number of 64 bits")
     if kind not in "biufU":
-        raise ValueError(
+        raise InputError(
             f"{name} is {array.dtype}; give numbers, words or True and False, one a channel (NaN or '' where nothing "
             "is known)"
         )
@@ -136,7 +137,7 @@ class ChannelTable:
         """
         for name in columns:
             if name not in COLUMNS:
-                raise TypeError(
+                raise InputTypeError(
                     f"a table of channels has no column {name!r}; a free one goes into extra={{{name!r}: ...}}"
                 )
         count = 0 if columns.get("width") is None else np.size(columns["width"])
@@ -219,7 +220,7 @@ class ChannelTable:
             elif name in free:
                 free[name] = _checked_extra(name, values, len(self))
             else:
-                raise ValueError(
+                raise InputError(
                     f"no column {name!r}; there are {', '.join(self)}. A new one is added by extra={{{name!r}: ...}}"
                 )
         for name, values in (extra or {}).items():
@@ -247,7 +248,7 @@ def _checked(name: str, values: Any, count: int) -> np.ndarray | None:
     column, label = COLUMNS[name], _label(name)
     if values is None:
         if column.required:
-            raise TypeError(f"{label} is missing; give one number a channel")
+            raise InputTypeError(f"{label} is missing; give one number a channel")
         return None if column.missing is None else column.missing(count)
     return _of_length(label, column.check(values, label), count)
 
@@ -255,9 +256,9 @@ def _checked(name: str, values: Any, count: int) -> np.ndarray | None:
 def _checked_extra(name: Any, values: Any, count: int) -> np.ndarray:
     """Return a free column of given values."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise ValueError(f"an extra column has the name {name!r}; give it one of letters that can be printed")
+        raise InputError(f"an extra column has the name {name!r}; give it one of letters that can be printed")
     if name in COLUMNS or name == "extra":
-        raise ValueError(f"an extra column has the name {name!r}, which every table has; give it another")
+        raise InputError(f"an extra column has the name {name!r}, which every table has; give it another")
     label = f"extra column {name!r}"
     return _of_length(label, _free(values, label), count)
 
@@ -270,5 +271,5 @@ def _label(name: str) -> str:
 def _of_length(label: str, array: np.ndarray, count: int) -> np.ndarray:
     if array.shape != (count,):
         unit = "whole number" if array.dtype.kind == "i" else "value"
-        raise ValueError(f"{label} has shape {array.shape} for {count} channels; give one {unit} a channel")
+        raise InputError(f"{label} has shape {array.shape} for {count} channels; give one {unit} a channel")
     return array

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.errors import InputError, OutOfMemoryError
+
 __all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device"]
 
 # Warp's types of a real number and a point, and NumPy's type, by the name of the precision.
@@ -23,7 +25,7 @@ def resolve_device(device: Any) -> Any:
         return wp.get_device(device)
     except Exception as error:
         known = ", ".join(d.alias for d in wp.get_devices())
-        raise ValueError(f"device {device!r} is not on this machine; it has: {known}") from error
+        raise InputError(f"device {device!r} is not on this machine; it has: {known}") from error
 
 
 def present_device(alias: str, what: str) -> Any:
@@ -65,7 +67,7 @@ def require_memory(shape: Sequence[int], bytes_per_cell: int, device: Any = "cpu
     """
     need, free = math.prod(int(n) for n in shape) * bytes_per_cell, available_memory(device)
     if free is not None and need > free:
-        raise MemoryError(
+        raise OutOfMemoryError(
             f"{what} of {shape[0]} x {shape[1]} cells needs {need / 1e9:.3g} GB and {free / 1e9:.3g} GB are free on "
             f"{resolve_device(device).alias}; use a coarser cell size or a part of it"
         )

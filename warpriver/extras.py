@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from warpriver.errors import MissingExtraError
+
 __all__ = ["need"]
 
 
@@ -15,5 +17,5 @@ def need(purpose: str, *names: str) -> list[Any]:
         try:
             modules.append(importlib.import_module(name))
         except ImportError as error:
-            raise ImportError(f'{purpose} needs {name.split(".")[0]}: pip install "warpriver[gis]"') from error
+            raise MissingExtraError(f'{purpose} needs {name.split(".")[0]}: pip install "warpriver[gis]"') from error
     return modules

@@ -8,6 +8,7 @@ from typing import Any
 
 from warpriver.engine.phase import Phase
 from warpriver.engine.state import StepLimits
+from warpriver.errors import InputError
 from warpriver.meander.collisions import Collide
 from warpriver.meander.cutoffs import CutOff
 from warpriver.meander.junctions import DriftJunctions
@@ -75,5 +76,5 @@ def model_of(params: Any) -> Model:
         make = MODELS[type(params)]
     except KeyError:
         kinds = " or ".join(kind.__name__ for kind in MODELS)
-        raise ValueError(f"params is a {type(params).__name__}; give {kinds}") from None
+        raise InputError(f"params is a {type(params).__name__}; give {kinds}") from None
     return make(params)

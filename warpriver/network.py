@@ -11,6 +11,7 @@ import warp as wp
 from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.crs import is_geographic, short_name
 from warpriver.device import PRECISIONS, resolve_device
+from warpriver.errors import InputError, InputTypeError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.network_checks import (
     NODE_TOLERANCE,
@@ -102,18 +103,18 @@ class RiverNetwork:
         """
         one_of(dtype, "dtype", tuple(PRECISIONS))
         if crs is not None and not isinstance(crs, str):
-            raise ValueError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
+            raise InputError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]
         self.dtype = dtype
         self.device = resolve_device(device)
         self.origin = np.array(origin, np.float64)
         if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
-            raise ValueError(f"origin is {origin!r}; give x and y in metres, both finite")
+            raise InputError(f"origin is {origin!r}; give x and y in metres, both finite")
         self.crs = crs
         if channels is None:
             channels, node_xy = _table_of_keywords(columns, channel_nodes)
         elif columns or channel_nodes is not None:
-            raise TypeError(f"RiverNetwork takes a table of channels, or {', '.join(KEYWORDS)}, but not both")
+            raise InputTypeError(f"RiverNetwork takes a table of channels, or {', '.join(KEYWORDS)}, but not both")
         start, xy = np.array(channel_start, np.int32), np.asarray(point_xy)
         check_packed(xy, start, len(channels))
         if node_xy is None:
@@ -195,13 +196,13 @@ class RiverNetwork:
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
         if crs is not None and is_geographic(crs):
-            raise ValueError(
+            raise InputError(
                 f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
                 'with read_network(..., to_crs="utm")'
             )
         lines = [checked_line(xy, c) for c, xy in enumerate(polylines)]
         if not lines:
-            raise ValueError("a network needs at least one line; got none")
+            raise InputError("a network needs at least one line; got none")
         rings = ring_flags(closed, len(lines))
         counts = [len(xy) for xy in lines]
         point_width = per_point(width, counts, "width", "m")
@@ -221,7 +222,7 @@ class RiverNetwork:
         for c, (xy, w) in enumerate(zip(lines, point_width, strict=True)):
             length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
             if w.max() > length and not allow_short:
-                raise ValueError(
+                raise InputError(
                     f"channel {c}: its width, {w.max():g} m, exceeds its length, {length:g} m; "
                     "check the units of both, or drop the channel"
                 )
@@ -465,7 +466,7 @@ def _table_of_keywords(columns: dict[str, Any], nodes: tuple[Any, Any, Any] | No
     """Return the table of columns by keyword, and the positions of its nodes (None: they are still to be found)."""
     for name in columns:
         if name not in KEYWORDS:
-            raise TypeError(f"RiverNetwork takes no {name}; it takes {', '.join(KEYWORDS)}")
+            raise InputTypeError(f"RiverNetwork takes no {name}; it takes {', '.join(KEYWORDS)}")
     values = {name.removeprefix("channel_"): array for name, array in columns.items()}
     if nodes is None:
         return ChannelTable(**values), None

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
+from warpriver.errors import InputError
 from warpriver.kernels.polyline import RING_POINTS
 
 __all__ = [
@@ -57,7 +58,7 @@ def ring_flags(closed: Any, count: int) -> np.ndarray:
     """Spread ``closed`` over the channels, (C,) bool."""
     flags = np.asarray(closed)
     if flags.dtype != bool or flags.shape not in ((), (count,)):
-        raise ValueError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
+        raise InputError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
     return np.broadcast_to(flags, (count,)).copy()
 
 
@@ -67,20 +68,20 @@ def ring_marks(marks: Any, rings: np.ndarray, counts: list[int]) -> list[tuple[i
         return []
     if np.ndim(marks) == 0:
         if not rings.any():
-            raise ValueError("marks: there is no ring among the channels; leave marks out, or pass closed=True")
+            raise InputError("marks: there is no ring among the channels; leave marks out, or pass closed=True")
         marks = [marks if ring else None for ring in rings]
     if len(marks) != len(rings):
-        raise ValueError(f"marks: {len(marks)} values for {len(rings)} channels; give one index, or one a channel")
+        raise InputError(f"marks: {len(marks)} values for {len(rings)} channels; give one index, or one a channel")
     found = []
     for c, mark in enumerate(marks):
         if mark is None:
             continue
         if not rings[c]:
-            raise ValueError(f"marks: channel {c} is no ring and has no marked point; give None for it, or close it")
+            raise InputError(f"marks: channel {c} is no ring and has no marked point; give None for it, or close it")
         if isinstance(mark, bool) or not isinstance(mark, (int, np.integer)):
-            raise ValueError(f"mark of channel {c} is {mark!r}; give the index of a point, or None")
+            raise InputError(f"mark of channel {c} is {mark!r}; give the index of a point, or None")
         if not 0 <= mark < counts[c]:
-            raise ValueError(f"mark of channel {c} is {mark}; its points are numbered from 0 to {counts[c] - 1}")
+            raise InputError(f"mark of channel {c} is {mark}; its points are numbered from 0 to {counts[c] - 1}")
         found.append((c, int(mark)))
     return found
 
@@ -92,12 +93,12 @@ def ring_points(xy: np.ndarray, width: float, channel: int) -> int:
     count = len(xy) - 1 if gap <= NODE_TOLERANCE * width else len(xy)
     limit = RING_GAP * max(float(step.max()), width)
     if gap > limit:
-        raise ValueError(
+        raise InputError(
             f"channel {channel}: closed, but its ends are {gap:g} m apart, more than {limit:g} m (three of its longest "
             "segments or widths); close the line, or pass closed=False for it"
         )
     if count < RING_POINTS:
-        raise ValueError(
+        raise InputError(
             f"channel {channel}: a ring of {count} points; a ring needs at least {RING_POINTS}, add points"
         )
     return count
@@ -122,7 +123,7 @@ def check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[n
         met += [(int(owner[nearest[k]]), int(c), ends[k]) for k in (0, 1) if away[k] <= tolerance]
     if met:
         ring, other, (x, y) = met[0]
-        raise ValueError(
+        raise InputError(
             f"channel {ring} is a ring and meets channel {other} at ({x:.6g}, {y:.6g}); rings join no other channel: "
             "open it there with closed=False, or move them apart"
         )
@@ -131,7 +132,7 @@ def check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[n
 def check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
     """Raise ``ValueError`` unless points and offsets are those of so many channels, none of them without length."""
     if len(start) != count + 1 or count == 0 or start[0] != 0 or start[-1] > len(xy):
-        raise ValueError(
+        raise InputError(
             f"channel_start is {len(start)} offsets, from {start[0] if len(start) else '-'} to "
             f"{start[-1] if len(start) else '-'}, for {count} channels and {len(xy)} points; it runs from 0 to the "
             "number of points, one more than channels, of which a network has at least one"
@@ -139,13 +140,13 @@ def check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
     short = np.diff(start) < 2
     if short.any():
         c = int(short.argmax())
-        raise ValueError(f"channel {c} has {start[c + 1] - start[c]} point(s); a channel needs at least 2, drop it")
+        raise InputError(f"channel {c} has {start[c + 1] - start[c]} point(s); a channel needs at least 2, drop it")
     # A channel has length if any of its points differs from its first one.
     used = xy[: start[-1]]
     apart = (used != np.repeat(used[start[:-1]], np.diff(start), axis=0)).any(axis=1)
     empty = ~np.logical_or.reduceat(apart, start[:-1])
     if empty.any():
-        raise ValueError(f"channel {int(empty.argmax())} has no length: all its points are in one place; drop it")
+        raise InputError(f"channel {int(empty.argmax())} has no length: all its points are in one place; drop it")
 
 
 def check_graph(channels: ChannelTable, node_xy: np.ndarray) -> None:
@@ -155,32 +156,32 @@ def check_graph(channels: ChannelTable, node_xy: np.ndarray) -> None:
     twice = np.flatnonzero(identity[order][1:] == identity[order][:-1])
     if len(twice):
         first, second = order[twice[0] : twice[0] + 2]
-        raise ValueError(
+        raise InputError(
             f"channel_id {identity[first]} stands twice, at channels {first} and {second} ({len(twice)} such pairs in "
             "all); identities must differ"
         )
     if node_xy.ndim != 2 or node_xy.shape[1] != 2:
-        raise ValueError(f"node_xy has shape {node_xy.shape}; give (N, 2) x, y in metres")
+        raise InputError(f"node_xy has shape {node_xy.shape}; give (N, 2) x, y in metres")
     ends = np.concatenate([above, below])
     if ends.min() < 0 or ends.max() >= len(node_xy):
         c = int(np.flatnonzero((ends < 0) | (ends >= len(node_xy)))[0]) % len(channels)
-        raise ValueError(f"channel {c} runs from node {above[c]} to {below[c]}, but there are {len(node_xy)} nodes")
+        raise InputError(f"channel {c} runs from node {above[c]} to {below[c]}, but there are {len(node_xy)} nodes")
     free = np.bincount(ends, minlength=len(node_xy)) == 0
     if free.any():
-        raise ValueError(f"node {int(free.argmax())} belongs to no channel ({int(free.sum())} such in all); remove it")
+        raise InputError(f"node {int(free.argmax())} belongs to no channel ({int(free.sum())} such in all); remove it")
 
 
 def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return finite values of the points, float64, or raise ``ValueError``; a width and depth must be positive."""
     array = np.asarray(values, np.float64)
     if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}; give {shape}, a row for each point")
+        raise InputError(f"{name} has shape {array.shape}; give {shape}, a row for each point")
     wrong = ~np.isfinite(array)
     if name == "point_section":
         wrong |= ~(array > 0.0)
     if wrong.any():
         point = int(np.argwhere(wrong)[0][0])
-        raise ValueError(f"{name} of point {point} is {array[point].tolist()}; {RANGES[name]}")
+        raise InputError(f"{name} of point {point} is {array[point].tolist()}; {RANGES[name]}")
     return array
 
 
@@ -188,10 +189,10 @@ def checked_slope(slope: Any, count: int) -> np.ndarray:
     """Return one slope a channel, NaN where it is not known, or raise ``ValueError``."""
     array = np.array(slope, np.float64)
     if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
-        raise ValueError(f"slope: shape {array.shape} for {count} channels; give one number or one a channel")
+        raise InputError(f"slope: shape {array.shape} for {count} channels; give one number or one a channel")
     array = np.broadcast_to(array, (count,)).copy()
     if np.isinf(array).any():
-        raise ValueError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
+        raise InputError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
     return array
 
 
@@ -200,18 +201,18 @@ def checked_line(xy: Any, channel: int) -> np.ndarray:
     try:
         line = np.array(xy, np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"channel {channel}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
+        raise InputError(f"channel {channel}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
     if line.ndim != 2 or line.shape[1] != 2:
-        raise ValueError(f"channel {channel}: shape {line.shape}; give (n, 2) x, y in metres")
+        raise InputError(f"channel {channel}: shape {line.shape}; give (n, 2) x, y in metres")
     if len(line) < 3:
-        raise ValueError(f"channel {channel}: {len(line)} point(s); a channel needs at least 3, drop it or add points")
+        raise InputError(f"channel {channel}: {len(line)} point(s); a channel needs at least 3, drop it or add points")
     bad = ~np.isfinite(line).all(axis=1)
     if bad.any():
-        raise ValueError(f"channel {channel}: point {int(bad.argmax())} is not finite; remove or repair it")
+        raise InputError(f"channel {channel}: point {int(bad.argmax())} is not finite; remove or repair it")
     repeated = (np.diff(line, axis=0) == 0.0).all(axis=1)
     if repeated.any():
         k = int(repeated.argmax())
-        raise ValueError(
+        raise InputError(
             f"channel {channel}: points {k} and {k + 1} are both at ({line[k, 0]:g}, {line[k, 1]:g}); remove one "
             f"({int(repeated.sum())} such pairs in all)"
         )
@@ -225,16 +226,16 @@ def per_point(value: Any, counts: list[int], name: str, unit: str, *, positive: 
     else:
         values = list(value)
     if len(values) != len(counts):
-        raise ValueError(f"{name}: {len(values)} values for {len(counts)} channels; give one number or one a channel")
+        raise InputError(f"{name}: {len(values)} values for {len(counts)} channels; give one number or one a channel")
     spread = []
     for c, (v, n) in enumerate(zip(values, counts, strict=True)):
         array = np.array(v, np.float64)
         if array.ndim > 1 or (array.ndim == 1 and len(array) != n):
-            raise ValueError(f"{name} of channel {c}: shape {array.shape} for {n} points; give one number or ({n},)")
+            raise InputError(f"{name} of channel {c}: shape {array.shape} for {n} points; give one number or ({n},)")
         array = np.broadcast_to(array, (n,)).copy()
         fits = np.isfinite(array) & (array > 0.0) if positive else np.isfinite(array)
         if not fits.all():
             must = "positive and finite" if positive else "finite"
-            raise ValueError(f"{name} of channel {c} is {array[~fits][0]:g} {unit}; it must be {must}")
+            raise InputError(f"{name} of channel {c} is {array[~fits][0]:g} {unit}; it must be {must}")
         spread.append(array)
     return spread

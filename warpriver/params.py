@@ -6,6 +6,8 @@ import dataclasses
 import math
 from typing import Any, TypeVar
 
+from warpriver.errors import InputError
+
 __all__ = [
     "DAYS_PER_YEAR",
     "SOLVER_PARAMS",
@@ -75,7 +77,7 @@ class Params:
             if field.metadata:
                 _check_constant(value, label, field)
             elif field.type in ("bool", bool) and not isinstance(value, bool):
-                raise ValueError(f"{label} is {value!r}; give true or false")
+                raise InputError(f"{label} is {value!r}; give true or false")
 
     def replace(self: P, **changes: Any) -> P:
         """Return a copy with some fields changed (and checked again)."""
@@ -88,16 +90,16 @@ def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
     if meta["choices"]:
         if value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
-            raise ValueError(f"{label} is {value!r}; use one of {words}")
+            raise InputError(f"{label} is {value!r}; use one of {words}")
         return
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(f"{label} is {value!r}; give a finite number of unit {meta['unit']}")
+        raise InputError(f"{label} is {value!r}; give a finite number of unit {meta['unit']}")
     below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
     if below or value > meta["high"]:
         left = "(" if meta["low_open"] else "["
-        raise ValueError(f"{label} is {value:g} {meta['unit']}; the range is {left}{meta['low']:g}, {meta['high']:g}]")
+        raise InputError(f"{label} is {value:g} {meta['unit']}; the range is {left}{meta['low']:g}, {meta['high']:g}]")
     if isinstance(field.default, int) and value != int(value):
-        raise ValueError(f"{label} is {value:g}; give a whole number")
+        raise InputError(f"{label} is {value:g}; give a whole number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -249,7 +251,7 @@ class MeanderParams(Params):
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
-            raise ValueError(
+            raise InputError(
                 f"MeanderParams.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above cutoff_distance "
                 f"({self.cutoff_distance:g} widths): a straight line would be cut"
             )
@@ -303,7 +305,7 @@ class LehenyParams(Params):
     def scaled(self, unit: float) -> LehenyParams:
         """Return the constants for a model whose unit of height is ``unit`` m: E / unit, D unit, M unit."""
         if not (math.isfinite(unit) and unit > 0.0):
-            raise ValueError(f"unit is {unit}; give a positive length in m")
+            raise InputError(f"unit is {unit}; give a positive length in m")
         return self.replace(
             flow_bias=self.flow_bias / unit, depth=self.depth * unit, slide_threshold=self.slide_threshold * unit
         )
@@ -411,7 +413,7 @@ class PathMeander(Params):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.cutoff_min_arc <= self.search_radius:
-            raise ValueError(
+            raise InputError(
                 f"PathMeander.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above search_radius "
                 f"({self.search_radius:g} widths): a straight line would be cut"
             )

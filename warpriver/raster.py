@@ -11,6 +11,7 @@ import warp as wp
 
 from warpriver.crs import is_geographic, pyproj_or_none, short_name
 from warpriver.device import PRECISIONS, present_device, require_memory, resolve_device
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
 from warpriver.validate import checked_points, finite_numbers, positive
@@ -145,7 +146,7 @@ class Raster:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         if copy is False:
-            raise ValueError("the values of a raster are copied to become a NumPy array; see Raster.numpy")
+            raise InputError("the values of a raster are copied to become a NumPy array; see Raster.numpy")
         return np.asarray(self.numpy(), dtype)
 
     def like(self, values: Any, *, unit: str = "", name: str = "") -> Raster:
@@ -169,7 +170,7 @@ class Raster:
         else:
             made = Raster(values, *place, unit, name, device=self.device)
         if made.values.shape != self.values.shape:
-            raise ValueError(f"values have shape {tuple(made.values.shape)}; the raster has {self.shape}")
+            raise InputError(f"values have shape {tuple(made.values.shape)}; the raster has {self.shape}")
         return made
 
     def matches(self, other: Any) -> bool:
@@ -222,7 +223,7 @@ class Raster:
         """Return whole numbers of the cells that points lie in, as float64; NaN off the raster."""
         rows, columns = self.shape
         if rows * columns >= 2**31:
-            raise ValueError(f"whole numbers of {rows} x {columns} cells; 2^31 is the limit, sample a crop of them")
+            raise InputError(f"whole numbers of {rows} x {columns} cells; 2^31 is the limit, sample a crop of them")
         cell = wp.empty(len(points), dtype=wp.int32, device=self.device)
         inside = wp.empty(len(points), dtype=wp.uint8, device=self.device)
         inputs = [rows, columns, self.grid(), points]
@@ -238,7 +239,7 @@ class Raster:
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
         window = self.window(west, south, east, north)
         if not (west < east and south < north) or window is None or min(window[2:]) < 2:
-            raise ValueError(
+            raise InputError(
                 f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold fewer than 2 x 2 cells of the {what}, which "
                 f"lies within {tuple(round(b, 3) for b in self.bounds)}; give (west, south, east, north) in m"
             )
@@ -325,7 +326,7 @@ def checked_grid(cell_size: Any, origin: Any) -> tuple[float, tuple[float, float
 def metric_crs(crs: str | None) -> str | None:
     """Return a CRS, or raise ``ValueError`` if it is known to be in degrees."""
     if crs is not None and is_geographic(crs):
-        raise ValueError(
+        raise InputError(
             f"{short_name(crs)} is longitude and latitude, not metres; read the file with "
             'to_crs="utm", or reproject the cells'
         )
@@ -349,7 +350,7 @@ def checked_values(
         source = values.numpy() if isinstance(values, wp.array) else values
         source = source if hasattr(source, "shape") else np.asarray(source)
         if len(source.shape) != 2 or min(source.shape) < 2:
-            raise ValueError(f"its shape is {source.shape}")
+            raise InputError(f"its shape is {source.shape}")
         kind = _cell_type(source, integers)
         # The device's copy and a mask; and the array's own, unless it has the right type already.
         own = 0 if getattr(source, "dtype", None) == kind else kind.itemsize
@@ -359,7 +360,7 @@ def checked_values(
         array = np.asarray(source, kind)
     except (TypeError, ValueError) as error:
         asked = f"numbers as (rows, columns), {f'in {unit}, ' if unit else ''}at least 2 of each"
-        raise ValueError(f"{word} cannot be used ({error}); give {asked}") from error
+        raise InputError(f"{word} cannot be used ({error}); give {asked}") from error
     refuse_infinite(array, word)
     return array
 
@@ -369,7 +370,7 @@ def refuse_infinite(values: np.ndarray, word: str) -> None:
     infinite = np.isinf(values)
     if infinite.any():
         row, column = np.unravel_index(int(infinite.argmax()), values.shape)
-        raise ValueError(
+        raise InputError(
             f"{word}: infinite in {int(infinite.sum())} cells, the first at row {row}, column {column}; "
             "write NaN for no data"
         )
@@ -379,7 +380,7 @@ def _cell_type(source: Any, integers: bool) -> np.dtype:
     """Return the type that values get in the cells: float64, or the whole type that they have."""
     kind = np.dtype(getattr(source, "dtype", np.float64)).newbyteorder("=")
     if kind.kind == "c":
-        raise ValueError("its numbers are complex")
+        raise InputError("its numbers are complex")
     if not integers or kind.kind not in "iub" or np.ma.is_masked(source):
         return np.dtype(np.float64)
     return np.dtype(np.uint8) if kind.kind == "b" else kind
@@ -388,5 +389,5 @@ def _cell_type(source: Any, integers: bool) -> np.dtype:
 def _text(value: Any, name: str) -> str:
     """Return a word, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise ValueError(f'{name} is {value!r}; give text, such as "{"m2" if name == "unit" else "drainage_area"}"')
+        raise InputError(f'{name} is {value!r}; give text, such as "{"m2" if name == "unit" else "drainage_area"}"')
     return value

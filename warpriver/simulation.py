@@ -16,6 +16,7 @@ from warpriver import progress as progress_bar
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.stepper import Stepper, check_ground, check_saved
+from warpriver.errors import InputError
 from warpriver.history import History, Record, StopReason
 from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
@@ -126,7 +127,7 @@ class Simulation:
         if not isinstance(history, History):
             history = History.load(history)
         if len(history) == 0:
-            raise ValueError("the history holds no record to go on from")
+            raise InputError("the history holds no record to go on from")
         self = cls.__new__(cls)
         options = {"check": check, "capture": capture, "threads": threads}
         self._take_up(history, history.record(-1), terrain, device, phases, **options)
@@ -365,7 +366,7 @@ class Simulation:
 
     def _count_steps(self, years: float | None, steps: int | None) -> int:
         if (years is None) == (steps is None):
-            raise ValueError("give run either years or steps")
+            raise InputError("give run either years or steps")
         if steps is not None:
             return whole(steps, "steps")
         return math.ceil(not_negative(years, "years") / self.params.time_step * (1.0 - 1e-12))
@@ -375,7 +376,7 @@ def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, m
     """Raise ``ValueError`` for a network that a simulation cannot take."""
     looped = (network.channel_from == network.channel_to) & ~network.channel_closed
     if looped.any():
-        raise ValueError(
+        raise InputError(
             f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
             "closed=True), or open it"
         )
@@ -387,7 +388,7 @@ def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, m
     c = int(np.argmin(narrow))
     if params.spacing > narrow[c]:
         kind = type(params).__name__
-        raise ValueError(
+        raise InputError(
             f"spacing {params.spacing:g} m is coarser than channel {c} is wide ({narrow[c]:g} m): bends would "
             f"be missed; set {kind}(spacing=...) to {narrow[c]:g} or less, or spacing_in_widths=1"
         )

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import require_memory, resolve_device
+from warpriver.errors import InputError
 from warpriver.kernels import terrain as kernels
 from warpriver.raster import (
     Raster,
@@ -101,10 +102,10 @@ class Terrain:
             ValueError: It holds whole numbers, another unit, no data at all or an infinite height.
         """
         if not isinstance(raster, Raster):
-            raise ValueError(f"raster is a {type(raster).__name__}; give a Raster, or Terrain(height, cell_size)")
+            raise InputError(f"raster is a {type(raster).__name__}; give a Raster, or Terrain(height, cell_size)")
         if raster.is_integer or raster.unit not in ("", UNIT):
             held = raster.dtype if raster.is_integer else f"in {raster.unit!r}"
-            raise ValueError(f"raster {raster.name!r} is {held}; a terrain needs float64 heights in m")
+            raise InputError(f"raster {raster.name!r} is {held}; a terrain needs float64 heights in m")
         height = raster.values.numpy()
         refuse_infinite(height, "height")
         _require_data(height)
@@ -225,16 +226,16 @@ class Terrain:
             ValueError: Another kind, a number out of range, or no height at the centre to flatten to.
         """
         if kind not in BRUSHES:
-            raise ValueError(f"brush kind is {kind!r}; use one of {', '.join(BRUSHES)}")
+            raise InputError(f"brush kind is {kind!r}; use one of {', '.join(BRUSHES)}")
         x, y = finite_numbers(center, 2, "center")
         radius = positive(radius, "radius", "m")
         share = kind in ("smooth", "flatten")
         if not math.isfinite(amount) or amount < 0.0 or (share and amount > 1.0):
-            raise ValueError(f"amount is {amount}; to {kind} give " + ("a share, 0 to 1" if share else "m, 0 or more"))
+            raise InputError(f"amount is {amount}; to {kind} give " + ("a share, 0 to 1" if share else "m, 0 or more"))
         if kind == "flatten" and level is None:
             level = float(self.sample([(x, y)])[0])
         if kind == "flatten" and not math.isfinite(level or 0.0):
-            raise ValueError(f"there is no height at the centre ({x:g}, {y:g}) to flatten to; give level= in m")
+            raise InputError(f"there is no height at the centre ({x:g}, {y:g}) to flatten to; give level= in m")
         brush = kernels.build(wp.float64).Brush()
         brush.center, brush.radius, brush.level = wp.vec2d(x, y), radius, 0.0 if level is None else float(level)
         brush.amount = -float(amount) if kind == "lower" else float(amount)
@@ -274,7 +275,7 @@ class Terrain:
         """
         crest = checked_points(line, "line")
         if len(crest) < 2 or (np.diff(crest, axis=0) == 0.0).all(axis=1).any():
-            raise ValueError(f"line has {len(crest)} points; give at least 2, none of them twice in a row")
+            raise InputError(f"line has {len(crest)} points; give at least 2, none of them twice in a row")
         rise = np.broadcast_to(np.asarray(height, np.float64), len(crest)) if np.ndim(height) == 0 else height
         rise = np.array(finite_numbers(rise, len(crest), "height"))
         half = 0.5 * positive(width, "width", "m")
@@ -317,7 +318,7 @@ def surface_of(surface: Any) -> Terrain:
     if isinstance(surface, Raster):
         return Terrain.from_raster(surface)
     if not isinstance(surface, Terrain):
-        raise ValueError(f"the surface is a {type(surface).__name__}; give a Terrain, or a Raster of heights in m")
+        raise InputError(f"the surface is a {type(surface).__name__}; give a Terrain, or a Raster of heights in m")
     return surface
 
 
@@ -334,7 +335,7 @@ def _resample(height: wp.array, step: tuple[float, float]) -> wp.array:
     """Heights on cells of ``step`` = (columns, rows) of the old ones, on the device."""
     shape = tuple(math.floor(n / s + 0.5) for n, s in zip(height.shape, step[::-1], strict=True))
     if min(shape) < 2:
-        raise ValueError(f"the cell size leaves {shape[0]} x {shape[1]} cells; a terrain needs at least 2 x 2")
+        raise InputError(f"the cell size leaves {shape[0]} x {shape[1]} cells; a terrain needs at least 2 x 2")
     require_memory(shape, 8, height.device)
     out = wp.empty(shape, dtype=wp.float64, device=height.device)
     ways = [0 if s <= 1.0 else 1 if abs(s - round(s)) < WHOLE * s else 2 for s in step]
@@ -347,4 +348,4 @@ def _resample(height: wp.array, step: tuple[float, float]) -> wp.array:
 def _require_data(height: np.ndarray) -> None:
     """Raise ``ValueError`` where no cell has a height."""
     if np.isnan(height).all():
-        raise ValueError("height is NaN in every cell; a terrain needs data")
+        raise InputError("height is NaN in every cell; a terrain needs data")

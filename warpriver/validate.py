@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from warpriver.errors import InputError
+
 __all__ = [
     "checked_points",
     "finite_numbers",
@@ -31,7 +33,7 @@ def whole(value: Any, name: str, least: int = 0, unit: str = "") -> int:
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
-        raise ValueError(f"{name} is {_shown(value)}; give a whole number{_of(unit)}, {least} or more")
+        raise InputError(f"{name} is {_shown(value)}; give a whole number{_of(unit)}, {least} or more")
     return number
 
 
@@ -39,7 +41,7 @@ def positive(value: Any, name: str, unit: str = "", hint: str = "") -> float:
     """Return a finite number above 0; ``hint`` ends the message."""
     number = _number(value)
     if not (math.isfinite(number) and number > 0.0):
-        raise ValueError(f"{name} is {_shown(value)}; give a positive number{_of(unit)}{hint}")
+        raise InputError(f"{name} is {_shown(value)}; give a positive number{_of(unit)}{hint}")
     return number
 
 
@@ -47,7 +49,7 @@ def not_negative(value: Any, name: str, unit: str = "", hint: str = "") -> float
     """Return a finite number of 0 or more; ``hint`` ends the message."""
     number = _number(value)
     if not (math.isfinite(number) and number >= 0.0):
-        raise ValueError(f"{name} is {_shown(value)}; give a finite number{_of(unit)}, 0 or more{hint}")
+        raise InputError(f"{name} is {_shown(value)}; give a finite number{_of(unit)}, 0 or more{hint}")
     return number
 
 
@@ -55,7 +57,7 @@ def one_of(value: T, name: str, choices: Sequence[T]) -> T:
     """Return a value that is one of a few."""
     if value not in choices:
         *first, last = (repr(choice) for choice in choices)
-        raise ValueError(f"{name} is {value!r}; use {', '.join(first)} or {last}")
+        raise InputError(f"{name} is {value!r}; use {', '.join(first)} or {last}")
     return value
 
 
@@ -64,9 +66,9 @@ def finite_numbers(values: Any, count: int, name: str) -> list[float]:
     try:
         found = [float(v) for v in values]
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is {values!r}; give {count} numbers") from error
+        raise InputError(f"{name} is {values!r}; give {count} numbers") from error
     if len(found) != count or not all(math.isfinite(v) for v in found):
-        raise ValueError(f"{name} is {found}; give {count} finite numbers")
+        raise InputError(f"{name} is {found}; give {count} finite numbers")
     return found
 
 
@@ -75,10 +77,10 @@ def numbers(values: Any, name: str) -> np.ndarray:
     try:
         array = np.array(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not numbers ({error}); give one number a channel") from error
+        raise InputError(f"{name} is not numbers ({error}); give one number a channel") from error
     if np.isinf(array).any():
         c = int(np.isinf(array).argmax())
-        raise ValueError(f"{name} of channel {c} is infinite; use NaN where it is not known")
+        raise InputError(f"{name} of channel {c} is infinite; use NaN where it is not known")
     return array
 
 
@@ -88,7 +90,7 @@ def positive_numbers(values: Any, name: str) -> np.ndarray:
     wrong = ~(array > 0.0)
     if wrong.any():
         c = int(wrong.argmax())
-        raise ValueError(f"{name} of channel {c} is {array.flat[c]:g}; it must be positive and finite")
+        raise InputError(f"{name} of channel {c} is {array.flat[c]:g}; it must be positive and finite")
     return array
 
 
@@ -97,11 +99,11 @@ def checked_points(xy: Any, name: str, finite: bool = True) -> np.ndarray:
     try:
         points = np.ascontiguousarray(xy, np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is not an array of numbers ({error}); give (n, 2) in m") from error
+        raise InputError(f"{name} is not an array of numbers ({error}); give (n, 2) in m") from error
     if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"{name} has shape {points.shape}; give (n, 2) points in m")
+        raise InputError(f"{name} has shape {points.shape}; give (n, 2) points in m")
     if finite and not np.isfinite(points).all():
-        raise ValueError(f"{name} holds a point that is not finite; remove or repair it")
+        raise InputError(f"{name} holds a point that is not finite; remove or repair it")
     return points
 
 
@@ -113,10 +115,10 @@ def freeze_numbers(params: Any, *names: str) -> None:
         except (TypeError, ValueError):
             value = np.array(np.nan)
         if value.ndim != 1 or len(value) == 0:
-            raise ValueError(f"{type(params).__name__}.{name} must be a list of numbers")
+            raise InputError(f"{type(params).__name__}.{name} must be a list of numbers")
         if not np.isfinite(value).all():
             at = int(np.flatnonzero(~np.isfinite(value))[0])
-            raise ValueError(f"{type(params).__name__}.{name}[{at}] is {value[at]}; give finite numbers")
+            raise InputError(f"{type(params).__name__}.{name}[{at}] is {value[at]}; give finite numbers")
         object.__setattr__(params, name, tuple(float(v) for v in value))
 
 

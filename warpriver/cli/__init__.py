@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from warpriver import __version__
 from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
 from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
+from warpriver.errors import WarpriverError
 
 __all__ = ["main"]
 
@@ -26,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"warpriver {options.name}: warning: {message}", file=sys.stderr
             )
             return options.command(options)
-    except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
+    except (WarpriverError, ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
             text += f": {error.filename}"

@@ -8,6 +8,7 @@ from typing import Any
 
 from warpriver import __version__
 from warpriver.cli.shared import OK, command, quiet_warp
+from warpriver.errors import InputError
 
 __all__ = ["add"]
 
@@ -50,7 +51,7 @@ def _bench(options: argparse.Namespace) -> int:
 
     target = None if options.json is None else Path(options.json)
     if target is not None and not target.parent.is_dir():
-        raise ValueError(f"--json {target}: there is no folder {target.parent}")
+        raise InputError(f"--json {target}: there is no folder {target.parent}")
     found = bench.measure(
         options.points,
         options.channels,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.shared import OK, add_heights, can_draw, command, quiet_warp, read_ground
+from warpriver.errors import InputError
 from warpriver.params import LehenyParams
 
 if TYPE_CHECKING:
@@ -97,9 +98,9 @@ def _erode(options: argparse.Namespace) -> int:
 
     quiet_warp()
     if options.movie is not None and Path(options.movie).suffix.lower() not in (".gif", ".mp4"):
-        raise ValueError(f"--movie {options.movie}: the ending says the format; use .gif or .mp4")
+        raise InputError(f"--movie {options.movie}: the ending says the format; use .gif or .mp4")
     if options.frames < 2:
-        raise ValueError(f"--frames {options.frames}: give 2 or more")
+        raise InputError(f"--frames {options.frames}: give 2 or more")
     start = _erosion_start(options)
     edges = options.edges.split(",") if options.edges and "," in options.edges else options.edges
     begin = time.perf_counter()
@@ -142,12 +143,12 @@ def _erosion_start(options: argparse.Namespace) -> Terrain:
     if options.start not in made:
         for flag in ("size", "cell_size", "slope"):
             if getattr(options, flag) is not None:
-                raise ValueError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
+                raise InputError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
         return read_ground(options.start, options.crs, options, options.device)
     try:
         columns, rows = (int(n) for n in (options.size or "300x200").lower().split("x"))
     except ValueError:
-        raise ValueError(f"--size {options.size}: give columns and rows, such as 300x200") from None
+        raise InputError(f"--size {options.size}: give columns and rows, such as 300x200") from None
     size = 1.0 if options.cell_size is None else options.cell_size
     slope = 1.0 if options.slope is None else options.slope
     return made[options.start]((rows, columns), size, slope, device=options.device)

@@ -16,6 +16,7 @@ from warpriver.cli.shared import (
     read_lines,
     stored_run,
 )
+from warpriver.errors import InputError
 
 if TYPE_CHECKING:
     pass
@@ -61,14 +62,14 @@ def _render(options: argparse.Namespace) -> int:
     source, out = Path(options.input), Path(options.out)
     is_movie = out.suffix.lower() in (".gif", ".mp4")
     if not is_movie and out.suffix.lower() != ".png":
-        raise ValueError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
+        raise InputError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
     window, terrain = options.window, None
     if options.terrain is not None:
         terrain = read_ground(options.terrain, options.terrain_crs, options)
     run = stored_run(source)
     if run is None:
         if is_movie:
-            raise ValueError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
+            raise InputError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
         network = read_lines(source, options)
         if options.scene:
             viz.render_scene(network, out, window=window, terrain=terrain)
@@ -81,7 +82,7 @@ def _render(options: argparse.Namespace) -> int:
     if options.until is not None:
         until = int((history.times <= options.until).sum()) - 1
         if until < 0:
-            raise ValueError(f"--until {options.until:g}: the run begins at {history.times[0]:g} yr")
+            raise InputError(f"--until {options.until:g}: the run begins at {history.times[0]:g} yr")
     if is_movie:
         viz.movie(
             history, out, fps=options.fps, window=window, terrain=terrain, every=options.every, title=options.title

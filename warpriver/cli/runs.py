@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.shared import INTERRUPTED, OK, STOPPED_EARLY, can_draw
+from warpriver.errors import InputError
 from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, MeanderParams, PathMeander
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def make_simulation(network: RiverNetwork, options: argparse.Namespace, terrain:
     given = {name: getattr(options, name) for name in every if getattr(options, name, None) is not None}
     strange = sorted(set(given) - own)
     if strange:
-        raise ValueError(f"{_flag(strange[0])} means nothing to --solver {options.solver}; leave it out")
+        raise InputError(f"{_flag(strange[0])} means nothing to --solver {options.solver}; leave it out")
     if options.spacing is None and options.spacing_in_widths is None:
         given["spacing_in_widths"] = 1.0
     if options.step_days is not None:

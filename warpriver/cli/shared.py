@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.errors import InputError
+
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
@@ -130,7 +132,7 @@ def fresh_folder(path: str) -> Path:
     """Make the folder for results; one that holds an earlier run is not written over."""
     folder = Path(path)
     if (folder / "run").exists():
-        raise ValueError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
+        raise InputError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.shared import OK, command, quiet_warp
+from warpriver.errors import InputError
 
 if TYPE_CHECKING:
     from warpriver.valley.valley import Valley
@@ -74,7 +75,7 @@ def _valley(options: argparse.Namespace) -> int:
         print(valley_schema())
         return OK
     if options.valley is None:
-        raise ValueError("name an example, S1 to S6, or a TOML file")
+        raise InputError("name an example, S1 to S6, or a TOML file")
     quiet_warp()
     is_file = Path(options.valley).suffix.lower() == ".toml"
     params = read_valley(options.valley) if is_file else options.valley
@@ -139,7 +140,7 @@ def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
     elif suffix in line_formats():
         write_network(valley.network, path)
     else:
-        raise ValueError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
+        raise InputError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
 
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:
@@ -148,7 +149,7 @@ def _settings(texts: Sequence[str]) -> dict[str, Any]:
     for text in texts:
         key, sign, word = text.partition("=")
         if not sign or not key.strip() or not word.strip():
-            raise ValueError(f"--set {text}: give KEY=VALUE, as --set width=40")
+            raise InputError(f"--set {text}: give KEY=VALUE, as --set width=40")
         value: Any = word.strip()
         for kind in (float, int):
             with contextlib.suppress(ValueError):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpriver.errors import WarpriverError
+
 __all__ = ["PhaseError", "require"]
 
 
-class PhaseError(AssertionError):
+class PhaseError(WarpriverError, AssertionError):
     """A phase of a step broke its promise; the text says which, where and by how much."""
 
 

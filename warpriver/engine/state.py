@@ -12,6 +12,7 @@ import warp as wp
 from warpriver.device import PRECISIONS
 from warpriver.engine.checks import require
 from warpriver.engine.stages import Share, Stage, launch, run_stages
+from warpriver.errors import InputError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import runs, schedule
 from warpriver.kernels.polyline import (
@@ -335,7 +336,7 @@ class State:
         self.stable_dt = float(np.min(limit[:, :2]))
         needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
-            raise ValueError(
+            raise InputError(
                 f"a time step of {self.params.time_step:g} yr is {math.ceil(needed)} times what these channels allow "
                 f"({self.stable_dt:.3g} yr); is it in years, and are the widths in metres?"
             )

@@ -17,6 +17,7 @@ from warpriver.engine.phase import Phase, Row
 from warpriver.engine.stages import Replay, Stage
 from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
 from warpriver.engine.substeps import begin_substep
+from warpriver.errors import InputError, NotFiniteError
 from warpriver.history.events import Event
 from warpriver.kernels.polyline import (
     CONTACTS,
@@ -220,7 +221,7 @@ class Stepper:
         """
         self._calm = 0
         if status[FAULT] == FAULT_NOT_FINITE:
-            raise FloatingPointError(
+            raise NotFiniteError(
                 f"step {self.step_count + 1}: a point is no longer finite; the state before it is kept"
             )
         if not any([phase.grow(self.state, status) for phase in self.phases]):
@@ -232,7 +233,7 @@ def _thread_count(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if threads != int(threads) or threads < 1:
-        raise ValueError(f"threads is {threads!r}; give a whole number, 1 or more")
+        raise InputError(f"threads is {threads!r}; give a whole number, 1 or more")
     return int(threads)
 
 
@@ -254,7 +255,7 @@ def check_saved(saved: Any, count: int, step: int) -> None:
         array = saved.get(name, np.empty(0))
         fits = array.shape == shape and bool(np.isfinite(array).all())
         if not fits or (array.reshape(count, -1)[:, :lengths] <= 0.0).any():
-            raise ValueError(
+            raise InputError(
                 f"the run cannot go on from its record of step {step}: {name} is missing or damaged; resume from a "
                 "copy of the run"
             )
@@ -265,7 +266,7 @@ def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
     if terrain is None:
         return
     if terrain.crs is not None and network.crs is not None and terrain.crs != network.crs:
-        raise ValueError(
+        raise InputError(
             f"the terrain is in {short_name(terrain.crs)}, the network in {short_name(network.crs)}; "
             "read one of them with to_crs="
         )
@@ -273,7 +274,7 @@ def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
     xy = network.points()
     inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
     if not inside.any():
-        raise ValueError(
+        raise InputError(
             f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
             f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
         )

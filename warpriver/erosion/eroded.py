@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
 from warpriver.params import LehenyParams
@@ -148,7 +149,7 @@ def _checked_start(shape: Sequence[int], slope: float) -> tuple[int, int]:
     """Rows and columns; raises ``ValueError`` unless there are two of each and the ground slopes."""
     rows, columns = (int(n) for n in shape)
     if min(rows, columns) < 2:
-        raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each")
+        raise InputError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each")
     positive(slope, "slope", hint=": on level ground water goes nowhere")
     require_memory((rows, columns), START_BYTES)
     return rows, columns

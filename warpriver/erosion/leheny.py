@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpriver import progress as progress_bar
 from warpriver.device import PRECISIONS, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
+from warpriver.errors import InputError, InternalError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
@@ -209,7 +210,7 @@ class _Run:
         self.first = self.done = known.events if known else 0
         self.device, self.dtype = resolve_device(start.device if device is None else device), dtype
         if self.first + self.events >= 2**31:
-            raise ValueError(f"events would come to {self.first + self.events}; 2^31 is the limit")
+            raise InputError(f"events would come to {self.first + self.events}; 2^31 is the limit")
         require_memory((start.shape[0] * len(self.seeds), start.shape[1]), GRID_BYTES, self.device, "erosion")
         if fill:
             require_memory(start.shape, FILL_BYTES, "cpu", "filling")
@@ -221,7 +222,7 @@ class _Run:
         params, (scalar, _, real) = self.params, PRECISIONS[self.dtype]
         quantum = 2.0 ** (math.frexp(params.depth)[1] - 1 - QUANTUM_BITS[self.dtype])
         if params.slide_threshold < 4.0 * quantum:
-            raise ValueError(
+            raise InputError(
                 f"LehenyParams.slide_threshold is {params.slide_threshold:g} m, nothing beside the depth of an event, "
                 f"{params.depth:g} m; give more than that depth"
             )
@@ -242,7 +243,7 @@ class _Run:
         self.state: wp.array = wp.array(self.cell_state.reshape(-1), dtype=wp.uint8, device=self.device)
         self.cells, grids = heights[0].size, len(self.seeds)
         if self.cells * grids >= 2**31:
-            raise ValueError(f"{grids} grids have {self.cells * grids} cells; 2^31 is the limit, do fewer at a time")
+            raise InputError(f"{grids} grids have {self.cells * grids} cells; 2^31 is the limit, do fewer at a time")
         self.tally: wp.array = wp.zeros(3 * grids, dtype=wp.int64, device=self.device)
         self.height: wp.array = wp.empty(grids * self.cells, dtype=self.scalar, device=self.device)
         self.marks = [_HostedArray(self.words, wp.uint64, self.device) for _ in range(2)]
@@ -271,7 +272,7 @@ class _Run:
         """Heights in whole quanta that water can leave everywhere, (rows, columns); sets the states of the cells."""
         gaps = bool(np.isnan(terrain.height.numpy()).any())
         if "open" not in self.rules.values() and not (gaps and self.nodata == "outlet"):
-            raise ValueError("edges: no side is open, so that water has nowhere to go; open one, such as south='open'")
+            raise InputError("edges: no side is open, so that water has nowhere to go; open one, such as south='open'")
         padded = pad_terrain(terrain, self.rules, self.nodata, 0)  # type: ignore[arg-type]
         np.copyto(padded.height, np.rint(padded.height / self.quantum) * self.quantum)
         state, outlet = padded.interior(padded.state), padded.outlets()
@@ -285,7 +286,7 @@ class _Run:
         largest = max(abs(lowest), abs(float(np.nanmax(height))))
         if largest > self.quantum * 2.0 ** EXACT_BITS[self.dtype]:
             hint = "; use float64" if self.dtype == "float32" else ""
-            raise ValueError(
+            raise InputError(
                 f"{self.events} events may dig down to {lowest:g} m, which {self.dtype} does not hold to "
                 f"{self.quantum:g} m, the least step beside a depth of {self.depth:g} m; give fewer events or a larger "
                 f"depth{hint}"
@@ -293,7 +294,7 @@ class _Run:
         if self.cell_state.size and not (
             np.array_equal(self.cell_state, state) and np.array_equal(np.isnan(height), np.isnan(self.first_height))
         ):
-            raise ValueError("the starts differ in which cells have no data; give starts with the same ones")
+            raise InputError("the starts differ in which cells have no data; give starts with the same ones")
         self.cell_state, self.first_height = state, height
         return height
 
@@ -307,7 +308,7 @@ class _Run:
         if stuck.any():
             row, column = (int(v[0]) for v in np.nonzero(stuck))
             level = " the ground is level, it needs a slope;" if np.nanmax(height) == np.nanmin(height) else ""
-            raise ValueError(
+            raise InputError(
                 f"{np.count_nonzero(stuck)} of {stuck.size} cells have no lower neighbour, the first in row {row}, "
                 f"column {column}:{level} rain would never leave; raise them with fill=True or open a side (edges)"
             )
@@ -316,7 +317,7 @@ class _Run:
         """Raise heights so that each cell lies ``least`` above the next one on its way out with the lowest pass."""
         below, order = _ways_out(height, outlet, self.rules, bool(self.law.four))
         if len(order) < np.count_nonzero(np.isfinite(height)):
-            raise ValueError("some ground is joined to the rest across corners only; use 8 neighbours")
+            raise InputError("some ground is joined to the rest across corners only; use 8 neighbours")
         array: wp.array = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
         kernel = kernels.build(wp.float64)
         inputs: list[wp.array] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
@@ -405,7 +406,7 @@ class _Run:
         height = values.reshape(before.shape)
         visits, slides, stuck = (int(v) for v in self.tally.numpy()[3 * grid : 3 * grid + 3])
         if stuck:
-            raise RuntimeError(f"{stuck} walks ended in a pit, which cannot be: please report this with the input")
+            raise InternalError(f"{stuck} walks ended in a pit, which cannot be: please report this with the input")
         removed = float(np.nansum(before - height)) * start.cell_size**2
         slides += int(self.start_slides[grid])
         earlier = start.account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
@@ -533,17 +534,17 @@ def _ways_out(
 def _common_start(terrains: Sequence[Terrain], grids: int) -> Terrain:
     """First of the starts, or ``ValueError`` if they do not fit together."""
     if grids == 0:
-        raise ValueError("seeds is empty; give one for each grid")
+        raise InputError("seeds is empty; give one for each grid")
     for terrain in terrains:
         if not isinstance(terrain, Terrain):
-            raise ValueError(
+            raise InputError(
                 f"terrain is a {type(terrain).__name__}; give a Terrain, such as warpriver.Terrain(height, 1)"
             )
     if len(terrains) not in (1, grids):
-        raise ValueError(f"there are {len(terrains)} starts for {grids} seeds; give one, or one for each")
+        raise InputError(f"there are {len(terrains)} starts for {grids} seeds; give one, or one for each")
     first = terrains[0]
     for terrain in terrains:
         same = terrain.shape == first.shape and terrain.cell_size == first.cell_size
         if not same or terrain.device != first.device or getattr(terrain, "events", 0) != getattr(first, "events", 0):
-            raise ValueError("the starts differ in shape, cell size, device or events; give starts that are alike")
+            raise InputError("the starts differ in shape, cell size, device or events; give starts that are alike")
     return first

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.errors import InputError
 from warpriver.validate import positive
 
 __all__ = ["kinoshita", "noisy_line", "sine_generated", "straight_line", "valley_line"]
@@ -87,7 +88,7 @@ def kinoshita(
     positive(wavelengths, "wavelengths")
     _spacing(spacing, wavelength, "wavelength")
     if not (math.isfinite(angle) and angle >= 0.0 and math.isfinite(skewness) and math.isfinite(flatness)):
-        raise ValueError(
+        raise InputError(
             f"angle is {angle}, skewness {skewness}, flatness {flatness}; give finite numbers, the angle 0 or more."
         )
 
@@ -97,7 +98,7 @@ def kinoshita(
 
     advance = float(np.cos(direction(2.0 * np.pi * np.arange(_PERIOD) / _PERIOD)).mean())
     if angle >= _LARGEST_ANGLE or advance < 1e-3:
-        raise ValueError(f"angle is {angle} rad, where the curve does not advance; give a smaller one.")
+        raise InputError(f"angle is {angle} rad, where the curve does not advance; give a smaller one.")
     arc = wavelength / advance
     return _walk(lambda s: direction(2.0 * np.pi * s / arc), wavelengths * arc, spacing)
 
@@ -215,7 +216,7 @@ def _walk(direction: Callable[[FloatArray], FloatArray], length: float, spacing:
 def _fade(position: FloatArray, taper: float) -> FloatArray:
     """Weight of each relative position 0 .. 1: 0 at both ends, 1 beyond `taper` from them, smooth between."""
     if not 0.0 <= taper <= 0.5:
-        raise ValueError(f"taper is {taper}; give a part of the length from 0 to 0.5.")
+        raise InputError(f"taper is {taper}; give a part of the length from 0 to 0.5.")
     to_end = np.minimum(position, 1.0 - position)
     part = np.clip(to_end / max(taper, 1e-12), 0.0, 1.0)
     return part**2 * (3.0 - 2.0 * part)
@@ -229,4 +230,4 @@ def _steps(length: float, spacing: float) -> int:
 def _spacing(spacing: float, limit: float, name: str) -> None:
     """Raises ValueError unless the spacing is positive and below the limit."""
     if positive(spacing, "spacing") >= limit:
-        raise ValueError(f"spacing is {spacing} m, {name} {limit} m; give a spacing below it.")
+        raise InputError(f"spacing is {spacing} m, {name} {limit} m; give a spacing below it.")

@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError, MissingExtraError
 from warpriver.kernels import terrains as kernels
 from warpriver.terrain import Terrain, square_cells
 from warpriver.validate import not_negative, positive, whole
@@ -160,7 +161,7 @@ def fluvial_terrain(
     positive(concavity, "concavity")
     size = _checked(shape, cell_size, DRAINED_BYTES)
     if min(size) < 3:
-        raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 3 of each: the edge is all sea.")
+        raise InputError(f"shape is {tuple(shape)}; give rows and columns, at least 3 of each: the edge is all sea.")
     base = np.ones(size, bool)
     base[1:-1, 1:-1] = False
     height = _drained(np.zeros(size), base, cell_size, seed, concavity)
@@ -185,7 +186,7 @@ def intermontane_basin(
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
     if positive(cell_size, "cell_size") > BASIN_COARSEST:
-        raise ValueError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
+        raise InputError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
     not_negative(relief, "relief")
     whole(seed, "seed")
     size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
@@ -223,7 +224,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
         device: Warp device name.
     """
     if positive(cell_size, "cell_size") > COARSEST:
-        raise ValueError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
+        raise InputError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
     whole(seed, "seed")
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
@@ -278,7 +279,7 @@ def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
     try:
         from matplotlib import cbook
     except ImportError as error:
-        raise ImportError('the sample DEM comes with matplotlib: pip install "warpriver[viz]"') from error
+        raise MissingExtraError('the sample DEM comes with matplotlib: pip install "warpriver[viz]"') from error
     with np.load(cbook.get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as file:
         height = file["elevation"].astype(np.float64)
         # The file has its ymin and ymax the wrong way round.
@@ -398,7 +399,7 @@ def _noise(
 ) -> FloatArray:
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
-        raise ValueError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
+        raise InputError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
     whole(seed, "seed")
     kernel = kernels.build(wp.float64)
     law = kernel.Octaves()
@@ -426,7 +427,7 @@ def _checked(shape: Sequence[int], cell_size: float, bytes_per_cell: int = 34) -
     """Rows and columns; raises ValueError or MemoryError before anything is made of them."""
     rows, columns = (int(n) for n in shape)
     if min(rows, columns) < 2:
-        raise ValueError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each.")
+        raise InputError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each.")
     positive(cell_size, "cell_size")
     require_memory((rows, columns), bytes_per_cell)
     return rows, columns

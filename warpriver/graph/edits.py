@@ -11,6 +11,7 @@ import dataclasses
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
+from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import DEPTH_BY_WIDTH, DISCHARGE_BY_AREA, WIDTH_BY_FLOW
 from warpriver.network import RiverNetwork
 
@@ -30,7 +31,7 @@ def check_forest(network: RiverNetwork) -> None:
         node = int(outgoing.argmax())
         c = np.flatnonzero(network.channel_from == node)[:2].tolist()
         x, y = network.node_xy[node]
-        raise ValueError(
+        raise InputError(
             f"channels {c[0]} and {c[1]} both begin at ({x:.6g}, {y:.6g}), where water would part; remove one, or set "
             "MeanderParams(collision_distance=0) to let every channel migrate for itself"
         )
@@ -41,7 +42,7 @@ def check_forest(network: RiverNetwork) -> None:
         below = np.where(below >= 0, below[below], -1)
     if (below >= 0).any():
         c = int(lines[below[head] >= 0][0])
-        raise ValueError(f"channel {c} belongs to a circle or flows into one; reverse or remove a channel of it")
+        raise InputError(f"channel {c} belongs to a circle or flows into one; reverse or remove a channel of it")
 
 
 @dataclasses.dataclass(frozen=True)

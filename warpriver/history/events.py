@@ -16,6 +16,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from warpriver.errors import InputTypeError
+
 __all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "Split", "event_class", "event_fields"]
 
 # Classes by the name of their kind.
@@ -46,7 +48,9 @@ class Event:
         cls.kind = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         known = _CLASSES.get(cls.kind)
         if known is not None and _place(known) != _place(cls):
-            raise TypeError(f"{_place(cls)} and {_place(known)} are both events of the kind {cls.kind!r}; rename one")
+            raise InputTypeError(
+                f"{_place(cls)} and {_place(known)} are both events of the kind {cls.kind!r}; rename one"
+            )
         _CLASSES[cls.kind] = cls
         # A dataclass keeps the comparison that it finds; its own takes no arrays.
         cls.__eq__ = Event.__eq__  # type: ignore[method-assign]
@@ -163,11 +167,13 @@ def event_fields(cls: type[Event]) -> tuple[EventField, ...]:
 
 def _fields_of(cls: type[Event]) -> tuple[EventField, ...]:
     if not dataclasses.is_dataclass(cls) or "__dataclass_fields__" not in vars(cls):
-        raise TypeError(f"{_place(cls)} is no dataclass; decorate it with @dataclasses.dataclass(frozen=True)")
+        raise InputTypeError(f"{_place(cls)} is no dataclass; decorate it with @dataclasses.dataclass(frozen=True)")
     try:
         hints = typing.get_type_hints(cls)
     except NameError as error:
-        raise TypeError(f"the types of the fields of {_place(cls)} are not known where it stands: {error}") from error
+        raise InputTypeError(
+            f"the types of the fields of {_place(cls)} are not known where it stands: {error}"
+        ) from error
     fields = []
     for field in dataclasses.fields(cls):
         parts = [hints[field.name]]
@@ -175,7 +181,7 @@ def _fields_of(cls: type[Event]) -> tuple[EventField, ...]:
             parts = list(typing.get_args(parts[0]))
         bare = [typing.get_origin(part) or part for part in parts if part is not type(None)]
         if len(bare) != 1 or bare[0] not in (float, int, bool, str, np.ndarray):
-            raise TypeError(
+            raise InputTypeError(
                 f"field {field.name} of {_place(cls)} is {hints[field.name]}; an event holds float, int, bool, str and "
                 "NumPy arrays, and any of them or None"
             )
@@ -249,13 +255,13 @@ class EventLog(Sequence):
 
     def _check(self, event: Event) -> None:
         if _CLASSES.get(getattr(event, "kind", "")) is not type(event):
-            raise TypeError(f"{event!r} is no event; make a frozen dataclass that derives from Event")
+            raise InputTypeError(f"{event!r} is no event; make a frozen dataclass that derives from Event")
         for name, kind, optional in event_fields(type(event)):
             value = getattr(event, name)
             if kind is np.ndarray and isinstance(value, np.ndarray):
                 self._check_array(event, name, value)
             elif not isinstance(value, _ALLOWED[kind]) and not (value is None and optional):
-                raise TypeError(f"{name} of the event {type(event).__name__} is {value!r}, not {kind.__name__}")
+                raise InputTypeError(f"{name} of the event {type(event).__name__} is {value!r}, not {kind.__name__}")
 
     def _check_array(self, event: Event, name: str, array: np.ndarray) -> None:
         # Those of all events are stored end to end.
@@ -264,9 +270,9 @@ class EventLog(Sequence):
             return
         what = f"{name} of the event {type(event).__name__} is {array.dtype} {array.shape}"
         if array.ndim == 0 or array.dtype.kind not in "biufU":
-            raise TypeError(f"{what}; give an array of numbers, words or flags with one axis or more")
+            raise InputTypeError(f"{what}; give an array of numbers, words or flags with one axis or more")
         if known is not None and (form[1] != known[1] or not form[0].kind == known[0].kind == "U"):
-            raise TypeError(f"{what}, in events before {known[0]} {('n', *known[1])}; all must be of one form")
+            raise InputTypeError(f"{what}, in events before {known[0]} {('n', *known[1])}; all must be of one form")
         self._forms[event.kind, name] = form
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
+from warpriver.errors import InputError, InputTypeError, MissingFileError, OutputExistsError, PathError
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -112,7 +113,7 @@ class History:
     ):
         """Start an empty history."""
         if not isinstance(params, tuple(SOLVER_PARAMS.values())):
-            raise TypeError(f"params is {params!r}; give MeanderParams or PathMeander")
+            raise InputTypeError(f"params is {params!r}; give MeanderParams or PathMeander")
         self.params = params
         self.seed = seed
         self.origin = np.array(origin, np.float64)
@@ -231,7 +232,7 @@ class History:
         if self._records and self._form is None:
             self._form = self.record(-1).form
         if self._form is not None and form != self._form:
-            raise ValueError(f"a record holds {form}, those before {self._form}; all records of a run have one form")
+            raise InputError(f"a record holds {form}, those before {self._form}; all records of a run have one form")
         self._form = form
         self._note(record, record.step, record.time)
         if self.path is None:
@@ -267,7 +268,7 @@ class History:
         if self.path is not None and folder.resolve() == self.path.resolve():
             return
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise FileExistsError(f"{folder} exists and is not empty; name another folder, or resume the run in it")
+            raise OutputExistsError(f"{folder} exists and is not empty; name another folder, or resume the run in it")
         folder.mkdir(parents=True, exist_ok=True)
         if self.path is not None:  # stored elsewhere so far: bring the records along
             self._records, self._events = [self.record(k) for k in range(len(self._records))], self.events
@@ -352,18 +353,18 @@ class History:
         """
         source = Path(path)
         if not source.exists():
-            raise FileNotFoundError(f"no run at {source}")
+            raise MissingFileError(f"no run at {source}")
         if source.is_file():
             with opened(source) as archive:
                 header = str(archive["header"]) if "header" in archive else None
                 if header is None:
-                    raise ValueError("it has no header")
+                    raise InputError("it has no header")
                 history = cls._from_header(header, source)
                 history._take(decode_records(archive), *decode_events(archive))
             return history
         header_file = source / HEADER
         if not header_file.is_file():
-            raise ValueError(f"{source} is not a run: it has no {HEADER}")
+            raise InputError(f"{source} is not a run: it has no {HEADER}")
         history = cls._from_header(header_file.read_bytes(), header_file)
         if salvage:
             history._salvage(source)
@@ -401,7 +402,7 @@ class History:
         # The one that was being written when a run was killed may be there already; further ones were listed once.
         lost = folder / segment_name(len(self._index.segments) + 1)
         if lost.exists():
-            raise ValueError(
+            raise InputError(
                 f"{folder / INDEX} lists {len(self._index.segments)} segments, but {lost.name} is there as well; put "
                 "it back from a copy of the run, or open what can be read with History.load(..., salvage=True)"
             )
@@ -440,13 +441,13 @@ class History:
             os.replace(temporary, self.path / HEADER)
         except OSError as error:
             temporary.unlink(missing_ok=True)
-            raise OSError(error.errno, f"cannot write {self.path / HEADER}: {error.strerror or error}") from error
+            raise PathError(error.errno, f"cannot write {self.path / HEADER}: {error.strerror or error}") from error
 
     @classmethod
     def _from_header(cls, text: str | bytes, source: Path) -> History:
         kind = _format_of(text)
         if kind is not None and kind != FORMAT:
-            raise ValueError(
+            raise InputError(
                 f"{source} is a run of the format {kind!r}; this version reads {FORMAT!r} only. Open it with the "
                 "version that wrote it, or run it again"
             )
@@ -462,7 +463,7 @@ class History:
             if values["stop_reason"] is not None:
                 history.stop_reason = StopReason[values["stop_reason"]]
         except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{source} is not a warpriver run or is damaged: {error}") from error
+            raise InputError(f"{source} is not a warpriver run or is damaged: {error}") from error
         return history
 
     # ---- copies

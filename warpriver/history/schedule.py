@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from warpriver.errors import InputError
 from warpriver.validate import positive, whole
 
 __all__ = ["Every"]
@@ -24,7 +25,7 @@ class Every:
 
     def __post_init__(self) -> None:
         if (self.steps is None) == (self.years is None):
-            raise ValueError("give Every either steps or years, not both")
+            raise InputError("give Every either steps or years, not both")
         if self.steps is not None:
             whole(self.steps, "steps of Every", 1)
         else:

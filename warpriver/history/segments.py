@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import COLUMNS, ChannelTable
+from warpriver.errors import InputError, PathError, WarpriverError
 from warpriver.history.events import Event, event_class, event_fields
 from warpriver.history.record import Record
 
@@ -42,11 +43,11 @@ __all__ = [
 INDEX = "segments.jsonl"
 
 
-class DamageError(ValueError):
+class DamageError(InputError):
     """A file of a run is missing, cut or changed."""
 
 
-class UnknownKindError(Exception):
+class UnknownKindError(WarpriverError):
     """A segment holds events of a kind that this program has no class for."""
 
 
@@ -93,9 +94,9 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
         values = json.loads(text)
         crc = values.pop("checksum")
     except (UnicodeDecodeError, json.JSONDecodeError, AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"it is cut or changed ({type(error).__name__}: {error})") from error
+        raise InputError(f"it is cut or changed ({type(error).__name__}: {error})") from error
     if crc != _checksum_of(values):
-        raise ValueError("its checksum is not that of what it holds")
+        raise InputError("its checksum is not that of what it holds")
     return values
 
 
@@ -131,9 +132,9 @@ class SegmentIndex:
             try:
                 segment = Segment(**unsealed(line))
                 if segment.name != segment_name(number):
-                    raise ValueError(f"it names {segment.name} where {segment_name(number)} should stand")
+                    raise InputError(f"it names {segment.name} where {segment_name(number)} should stand")
             except (TypeError, ValueError) as error:
-                raise ValueError(f"{path}, line {number + 1}, is damaged: {error}") from error
+                raise InputError(f"{path}, line {number + 1}, is damaged: {error}") from error
             self.segments.append(segment)
         return self
 
@@ -148,7 +149,7 @@ class SegmentIndex:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.truncate(self.path, self._length)
-            raise OSError(error.errno, f"cannot write {self.path}: {error.strerror or error}") from error
+            raise PathError(error.errno, f"cannot write {self.path}: {error.strerror or error}") from error
         self._length += len(line)
         self.segments.append(segment)
 
@@ -166,7 +167,7 @@ def write_archive(target: Path, arrays: Mapping[str, Any]) -> tuple[int, int]:
         os.replace(temporary, target)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise OSError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
+        raise PathError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
     return found
 
 
@@ -205,7 +206,7 @@ def opened(path: Path) -> Any:
         with np.load(path, allow_pickle=False) as archive:
             yield archive
     except UnknownKindError as error:
-        raise ValueError(f"{path} {error}") from error
+        raise InputError(f"{path} {error}") from error
     except (zipfile.BadZipFile, zlib.error, KeyError, EOFError, OSError, TypeError, ValueError) as error:
         raise DamageError(f"{path} is not a warpriver run or is damaged ({error})") from error
 
@@ -284,7 +285,7 @@ def _offsets(counts: Iterable[int]) -> np.ndarray:
 
 def _split(values: np.ndarray, start: np.ndarray) -> list[np.ndarray]:
     if start[-1] != len(values):
-        raise ValueError(f"{len(values)} values for parts that end at {start[-1]}")
+        raise InputError(f"{len(values)} values for parts that end at {start[-1]}")
     return [values[a:b] for a, b in itertools.pairwise(start.tolist())]
 
 

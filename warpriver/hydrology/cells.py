@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.kernels import cells as kernels
 from warpriver.terrain import Terrain
 from warpriver.validate import one_of
@@ -85,7 +86,7 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
     shape = (rows + 2, columns + 2)
     require_memory(shape, PADDED_BYTES + scratch_bytes, "cpu", "routing a terrain")
     if shape[0] * shape[1] >= 2**31:
-        raise ValueError(f"the terrain has {rows} x {columns} cells; 2^31 is the limit, route it in parts or coarser")
+        raise InputError(f"the terrain has {rows} x {columns} cells; 2^31 is the limit, route it in parts or coarser")
     if terrain.device.is_cuda:
         _say_where()
     wraps = rules["north"] == "periodic", rules["east"] == "periodic"
@@ -122,12 +123,12 @@ def side_rules(edges: Any) -> dict[str, str]:
     elif isinstance(edges, (tuple, list)) and len(edges) == len(SIDES):
         rules = dict(zip(SIDES, edges, strict=True))
     else:
-        raise ValueError(f"edges is {edges!r}; {hint}")
+        raise InputError(f"edges is {edges!r}; {hint}")
     if set(rules) != set(SIDES) or not all(rule in RULES for rule in rules.values()):
-        raise ValueError(f"edges is {edges!r}; {hint}")
+        raise InputError(f"edges is {edges!r}; {hint}")
     for a, b in (("north", "south"), ("east", "west")):
         if (rules[a] == "periodic") != (rules[b] == "periodic"):
-            raise ValueError(f"edges: {a} is {rules[a]!r} and {b} is {rules[b]!r}; periodic sides come in pairs")
+            raise InputError(f"edges: {a} is {rules[a]!r} and {b} is {rules[b]!r}; periodic sides come in pairs")
     return rules
 
 

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 import warp as wp
 
+from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.kernels import depressions as kernels
 from warpriver.raster import Raster
@@ -154,7 +155,7 @@ def _limit(value: float | None, name: str) -> float:
     if value is None:
         return math.inf
     if not float(value) >= 0.0:
-        raise ValueError(f"{name} is {value}; give m, 0 or more, or None for no limit")
+        raise InputError(f"{name} is {value}; give m, 0 or more, or None for no limit")
     return float(value)
 
 

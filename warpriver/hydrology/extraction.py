@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.channel_table import ChannelTable
+from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT, bankfull_depth, channel_width, discharge
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
@@ -162,7 +163,7 @@ def extract_network(
         surface = (carve_depressions if carve else fill_depressions)(ground, edges=edges, nodata=nodata)
         flow = route(surface, edges=edges, nodata=nodata)
     elif flow.terrain.shape != ground.shape or flow.terrain.cell_size != ground.cell_size:
-        raise ValueError(f"flow is that of another terrain: {flow!r} beside {ground.shape[0]} x {ground.shape[1]}")
+        raise InputError(f"flow is that of another terrain: {flow!r} beside {ground.shape[0]} x {ground.shape[1]}")
     cell_area = ground.cell_size**2
     cells = _cells_drained(flow, area, cell_area)
     stems = _find_stems(flow.host_receiver, cells, threshold / cell_area, coefficient, unroll)
@@ -171,7 +172,7 @@ def extract_network(
         _make_room(stems)
     if not stems.alive.any():
         short = " longer than three cells and two widths" if largest >= threshold else ""
-        raise ValueError(
+        raise InputError(
             f"no channel{short} drains {threshold:g} m2 (min_drainage_area); the largest drainage area on this terrain "
             f"is {largest:g} m2"
         )
@@ -201,7 +202,7 @@ def _refuse_level_ground(terrain: Terrain) -> None:
     height = terrain.height.numpy()
     lowest = np.fmin.reduce(height, axis=None)
     if lowest == np.fmax.reduce(height, axis=None):
-        raise ValueError(f"the terrain is level, {lowest:g} m in every cell with data: water has no way to take")
+        raise InputError(f"the terrain is level, {lowest:g} m in every cell with data: water has no way to take")
 
 
 def _cells_drained(flow: Flow, area: Any, cell_area: float) -> FloatArray:
@@ -215,9 +216,9 @@ def _cells_drained(flow: Flow, area: Any, cell_area: float) -> FloatArray:
         inside = np.flatnonzero(receiver >= 0)
         flat = cells.reshape(-1)
         if not (flat[inside] > 0.0).all():
-            raise ValueError("area is not positive in every cell with data")
+            raise InputError("area is not positive in every cell with data")
         if (flat[receiver[inside]] < flat[inside]).any():
-            raise ValueError("area shrinks downstream along the steepest courses; give drainage_area(flow), by 'd8'")
+            raise InputError("area shrinks downstream along the steepest courses; give drainage_area(flow), by 'd8'")
     cells[flow.host_receiver < 0] = np.nan
     return cells
 

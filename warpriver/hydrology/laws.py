@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.errors import InputError
 from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
 from warpriver.hydrology.routing import Flow, host_areas, host_lengths
 from warpriver.validate import positive
@@ -65,7 +66,7 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
     receiver = flow.host_receiver.reshape(-1).astype(np.int64)
     cell = np.flatnonzero(area >= min_drainage_area * (1.0 - 1e-9))
     if len(cell) < 2:
-        raise ValueError(
+        raise InputError(
             f"{len(cell)} cells drain {min_drainage_area:g} m2 or more; the largest area is {np.nanmax(area):g}"
         )
     length = host_lengths(flow, downstream=False).reshape(-1)

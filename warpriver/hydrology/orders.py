@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.errors import InputError
 from warpriver.validate import positive_numbers
 
 __all__ = [
@@ -239,7 +240,7 @@ def hack_exponent(length: ArrayLike, area: ArrayLike) -> PowerLaw:
     """
     y, x = _logarithms(length, "length"), _logarithms(area, "area")
     if len(x) != len(y):
-        raise ValueError(f"length has {len(y)} values and area {len(x)}")
+        raise InputError(f"length has {len(y)} values and area {len(x)}")
     exponent = _slope(x, y)
     spread = np.ptp(x) > 0.0 and np.ptp(y) > 0.0
     correlation = float(np.corrcoef(x, y)[0, 1]) if spread else math.nan
@@ -266,7 +267,7 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
     _logarithms(values, "area")
     distinct, count = np.unique(values, return_counts=True)
     if len(distinct) < 2:
-        raise ValueError(f"all {len(values)} areas are {distinct[0]:g} m2; a distribution needs two")
+        raise InputError(f"all {len(values)} areas are {distinct[0]:g} m2; a distribution needs two")
     probability = 1.0 - np.cumsum(count) / len(values)
     probability[-1] = 0.0
     a = EXCEEDANCE_LOW * distinct[0] if low is None else float(low)
@@ -275,7 +276,7 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
         a, b = distinct[0], distinct[-2]
     if not 0.0 < a < b:
         if low is not None or high is not None:
-            raise ValueError(f"no areas between low, {a:g} m2, and high, {b:g} m2")
+            raise InputError(f"no areas between low, {a:g} m2, and high, {b:g} m2")
         return Exceedance(distinct, probability, math.nan)
     sample = np.geomspace(a, b, EXCEEDANCE_SAMPLES)
     place = np.searchsorted(distinct, sample * (1.0 + 1e-12), side="right") - 1
@@ -320,7 +321,7 @@ class _Graph:
     def __init__(self, channel_from: ArrayLike, channel_to: ArrayLike):
         above, below = np.asarray(channel_from).reshape(-1), np.asarray(channel_to).reshape(-1)
         if len(above) != len(below) or len(above) == 0:
-            raise ValueError(
+            raise InputError(
                 f"channel_from has {len(above)} nodes and channel_to {len(below)}; give one each a channel"
             )
         nodes, label = np.unique(np.concatenate([above, below]), return_inverse=True)
@@ -328,7 +329,7 @@ class _Graph:
         leaving = np.bincount(begin, minlength=len(nodes))
         if (leaving > 1).any():
             node = int(leaving.argmax())
-            raise ValueError(f"{leaving[node]} channels leave node {nodes[node]}; orders need water that never parts")
+            raise InputError(f"{leaving[node]} channels leave node {nodes[node]}; orders need water that never parts")
         out = np.full(len(nodes), -1, np.int64)
         out[begin] = np.arange(len(begin))
         self.down: IndexArray = out[end]
@@ -352,7 +353,7 @@ class _Graph:
             level = below[waiting[below] == 0]
         if done < len(waiting):
             c = int(np.flatnonzero(waiting > 0)[0])
-            raise ValueError(f"channel {c} belongs to a circle or flows out of one; {len(waiting) - done} do")
+            raise InputError(f"channel {c} belongs to a circle or flows out of one; {len(waiting) - done} do")
         return levels
 
 
@@ -409,7 +410,7 @@ def _per_channel(values: ArrayLike, graph: _Graph, name: str) -> FloatArray:
     """Return one number a channel, or raise ``ValueError``."""
     array = positive_numbers(values, name).reshape(-1)
     if len(array) != len(graph.down):
-        raise ValueError(f"{name} has {len(array)} values for {len(graph.down)} channels; give one a channel")
+        raise InputError(f"{name} has {len(array)} values for {len(graph.down)} channels; give one a channel")
     return array
 
 
@@ -417,7 +418,7 @@ def _logarithms(values: ArrayLike, name: str) -> FloatArray:
     """Return the logarithms of at least two positive numbers, or raise ``ValueError``."""
     array = np.asarray(values, np.float64).reshape(-1)
     if len(array) < 2 or not (np.isfinite(array) & (array > 0.0)).all():
-        raise ValueError(f"{name}: give at least two values, all positive and finite; got {len(array)}")
+        raise InputError(f"{name}: give at least two values, all positive and finite; got {len(array)}")
     return np.log(array)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, flat, pad_terrain, table
 from warpriver.kernels import routing as kernels
 from warpriver.raster import Raster
@@ -70,14 +71,14 @@ class Flow:
         given = self.receiver
         receiver = np.array(given, np.int32, order="C")
         if receiver.shape != terrain.shape or not np.array_equal(receiver, given):
-            raise ValueError(f"receiver must be whole numbers of shape {terrain.shape}, one cell's index a cell")
+            raise InputError(f"receiver must be whole numbers of shape {terrain.shape}, one cell's index a cell")
         if isinstance(given, Raster) and not given.matches(terrain):
-            raise ValueError(f"receiver lies on other cells than the terrain: {given!r} beside {terrain!r}")
+            raise InputError(f"receiver lies on other cells than the terrain: {given!r} beside {terrain!r}")
         to = receiver[receiver >= 0]
         if receiver.min() < -1 or receiver.max() >= receiver.size or (receiver.reshape(-1)[to] < 0).any():
-            raise ValueError("receiver leads out of the raster or to a cell without data")
+            raise InputError("receiver leads out of the raster or to a cell without data")
         if len(to) and np.bincount(to).max() > 9:
-            raise ValueError("receiver gives a cell more donors than it has neighbours")
+            raise InputError("receiver gives a cell more donors than it has neighbours")
         self._keep(terrain, receiver)
 
     def _keep(self, terrain: Terrain, receiver: np.ndarray) -> None:
@@ -101,7 +102,7 @@ class Flow:
         wp.launch(kernel, 1, [flat(receiver)], [count, flat(cells), donors], device="cpu")
         found, wanted = int(count.numpy()[0]), int(np.count_nonzero(receiver >= 0))
         if found != wanted:
-            raise ValueError(f"receiver leads water around in a cycle: {wanted - found} cells have no way out of one")
+            raise InputError(f"receiver leads water around in a cycle: {wanted - found} cells have no way out of one")
         return cells[:found]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -331,7 +332,7 @@ def _surface(surface: Surface | Flow, edges: Edges | None, nodata: NoData | None
     """Terrain and rules of either."""
     if isinstance(surface, Flow):
         if edges is not None or nodata is not None:
-            raise ValueError("a Flow has its edges and nodata already; leave them out, or give the terrain")
+            raise InputError("a Flow has its edges and nodata already; leave them out, or give the terrain")
         return surface.terrain, surface.edges, surface.nodata
     return surface_of(surface), "open" if edges is None else edges, "outlet" if nodata is None else nodata
 
@@ -345,11 +346,11 @@ def _checked_cells(values: Any, terrain: Terrain, name: str) -> np.ndarray:
     """Return one value a cell on the host, from an array or a raster on the terrain's cells; else ``ValueError``."""
     if isinstance(values, Raster):
         if not values.matches(terrain):
-            raise ValueError(f"{name} lies on other cells than the terrain: {values!r} beside {terrain!r}")
+            raise InputError(f"{name} lies on other cells than the terrain: {values!r} beside {terrain!r}")
         return values.values.numpy()
     array = np.asarray(values)
     if array.shape != terrain.shape:
-        raise ValueError(f"{name} has shape {array.shape}; the terrain has {terrain.shape}")
+        raise InputError(f"{name} has shape {array.shape}; the terrain has {terrain.shape}")
     return array
 
 

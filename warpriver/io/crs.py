@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.crs import is_geographic, pyproj_or_none, short_name
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.vector.source import Line, Source
 
@@ -42,7 +43,7 @@ def crs_text(crs: Any, where: str) -> str | None:
     try:
         known = pyproj.CRS.from_user_input(text)
     except pyproj.exceptions.CRSError as error:
-        raise ValueError(f'{where}: pyproj does not know the CRS {text!r}; write it like "EPSG:32619"') from error
+        raise InputError(f'{where}: pyproj does not know the CRS {text!r}; write it like "EPSG:32619"') from error
     authority = known.to_authority(min_confidence=100)
     return ":".join(authority) if authority else known.to_wkt()
 
@@ -56,7 +57,7 @@ def settled_crs(source: Source, stated: str | None) -> str | None:
     """Return the CRS of a file from what it says and what the caller says."""
     said = crs_text(stated, "crs=")
     if source.crs is not None and said is not None and not _same_crs(source.crs, said):
-        raise ValueError(
+        raise InputError(
             f"{source.path}: the file is in {short_name(source.crs)} but crs= says {short_name(said)}; "
             "leave crs= out, or use to_crs= to reproject"
         )
@@ -64,7 +65,7 @@ def settled_crs(source: Source, stated: str | None) -> str | None:
     if not source.lonlat:
         return found
     if found is not None and not is_geographic(found):
-        raise ValueError(
+        raise InputError(
             f"{source.path}: its coordinates are longitude and latitude by format or name, but its CRS is "
             f"said to be {short_name(found)}; correct one of them"
         )
@@ -76,7 +77,7 @@ def one_crs(sources: list[Source]) -> str | None:
     first = sources[0]
     for source in sources[1:]:
         if not _same_crs(first.crs, source.crs):
-            raise ValueError(
+            raise InputError(
                 f"{first.path} is in {short_name(first.crs)} and {source.path} in "
                 f"{short_name(source.crs)}; pass to_crs= to bring them together, or read them one by one"
             )
@@ -90,10 +91,10 @@ def reproject(sources: list[Source], to_crs: str) -> str:
     (pyproj,) = need("to_crs", "pyproj")
     for source in sources:
         if source.crs is None:
-            raise ValueError(f"{source.path}: the file states no CRS to reproject from; pass it as crs=")
+            raise InputError(f"{source.path}: the file states no CRS to reproject from; pass it as crs=")
     target = _utm_zone(pyproj, sources) if to_crs.lower() == "utm" else crs_text(to_crs, "to_crs=")
     if target is None:
-        raise ValueError(f'to_crs= is {short_name(to_crs)!r}, an undefined CRS; write it like "EPSG:32619"')
+        raise InputError(f'to_crs= is {short_name(to_crs)!r}, an undefined CRS; write it like "EPSG:32619"')
     for source in sources:
         if not _same_crs(source.crs, target):
             xy = _transformed(pyproj, source, target)
@@ -111,7 +112,7 @@ def _transformed(pyproj: Any, source: Source, target: str) -> np.ndarray:
     change = pyproj.Transformer.from_crs(source.crs, target, always_xy=True)
     xy = np.stack(change.transform(*_packed(source.lines).T), axis=1)
     if not np.isfinite(xy).all():
-        raise ValueError(
+        raise InputError(
             f"{source.path}: {int((~np.isfinite(xy)).any(axis=1).sum())} points cannot be brought from "
             f"{short_name(source.crs)} to {short_name(target)}; is the CRS of the file right?"
         )
@@ -125,7 +126,7 @@ def _utm_zone(pyproj: Any, sources: list[Source]) -> str:
     middle = math.degrees(math.atan2(np.sin(lon).mean(), np.cos(lon).mean()))
     height = math.degrees(lat.mean())
     if not -80.0 <= height <= 84.0:
-        raise ValueError(f"UTM has no zone at {height:.4g} degrees of latitude; name a polar CRS as to_crs=")
+        raise InputError(f"UTM has no zone at {height:.4g} degrees of latitude; name a polar CRS as to_crs=")
     zone = int((middle + 180.0) // 6.0) % 60 + 1
     return f"EPSG:{32600 + zone if height >= 0.0 else 32700 + zone}"
 
@@ -136,14 +137,14 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
         return
     advice = 'pass to_crs="utm" or to_crs="EPSG:..."'
     if is_geographic(crs):
-        raise ValueError(f"{path}: {short_name(crs)} is longitude and latitude, not metres; {advice}")
+        raise InputError(f"{path}: {short_name(crs)} is longitude and latitude, not metres; {advice}")
     mean = _packed(lines).mean(axis=0)
     pyproj, scale = pyproj_or_none(), 1.0
     if pyproj is not None:
         system = pyproj.CRS(crs)
         unit = system.axis_info[0] if system.axis_info else None
         if unit is not None and abs(unit.unit_conversion_factor - 1.0) > 1e-9:
-            raise ValueError(f"{path}: {short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
+            raise InputError(f"{path}: {short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
         if system.is_projected:
             scale = _ground_scale(pyproj, system, mean)
     elif crs == "EPSG:3857":
@@ -153,7 +154,7 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
         return
     text = f"{path}: lengths in {short_name(crs)} are {scale:.3g} times those on the ground there"
     if off > SCALE_REFUSE:
-        raise ValueError(f"{text}; {advice}")
+        raise InputError(f"{text}; {advice}")
     warnings.warn(f"{text}; to_crs= would correct them", UserWarning, stacklevel=4)
 
 

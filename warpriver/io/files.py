@@ -11,17 +11,19 @@ import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from warpriver.errors import InputError, MissingFileError, WrongPathError
+
 __all__ = ["beside", "check_readable", "decoded", "is_number"]
 
 
 def check_readable(path: Path) -> None:
     """Raise ``FileNotFoundError`` or ``ValueError`` unless there is a file that holds something."""
     if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise MissingFileError(f"{path}: there is no such file")
     if path.is_dir():
-        raise ValueError(f"{path}: is a directory; give a file")
+        raise InputError(f"{path}: is a directory; give a file")
     if path.stat().st_size == 0:
-        raise ValueError(f"{path}: the file is empty")
+        raise InputError(f"{path}: the file is empty")
 
 
 def is_number(word: str) -> bool:
@@ -40,15 +42,15 @@ def decoded(path: Path) -> str:
         try:
             data = gzip.decompress(data)
         except (OSError, EOFError, zlib.error) as error:
-            raise ValueError(f"{path}: not a whole gzip file ({error}); fetch it again") from error
+            raise InputError(f"{path}: not a whole gzip file ({error}); fetch it again") from error
     if b"\0" in data:
-        raise ValueError(f"{path}: holds zero bytes, so it is not UTF-8 text; is it binary, or UTF-16?")
+        raise InputError(f"{path}: holds zero bytes, so it is not UTF-8 text; is it binary, or UTF-16?")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     if not text.strip():
-        raise ValueError(f"{path}: the file is empty")
+        raise InputError(f"{path}: the file is empty")
     return text
 
 
@@ -66,7 +68,7 @@ def beside(path: Path, parts: Sequence[str] = ()) -> Iterator[Path]:
     folder = None
     try:
         if path.is_dir():
-            raise IsADirectoryError("it is a directory; give a file name")
+            raise WrongPathError("it is a directory; give a file name")
         folder = Path(tempfile.mkdtemp(prefix=".writing-", dir=path.parent))
         yield folder / path.name
         made = {file.name for file in folder.iterdir()}

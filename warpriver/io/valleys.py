@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError, MissingExtraError
 from warpriver.io.files import beside, is_number
 from warpriver.valley.controls import TERMS
 from warpriver.valley.params import (
@@ -73,20 +74,20 @@ def read_valley(path: Any) -> ValleyParams:
     try:
         data = _toml().loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: not UTF-8 text, so no TOML") from None
+        raise InputError(f"{path}: not UTF-8 text, so no TOML") from None
     except ValueError as error:
-        raise ValueError(f"{path}: not TOML: {error}") from None
+        raise InputError(f"{path}: not TOML: {error}") from None
     constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
     known = {*constants, "control", "line", *TABLES, *LISTS}
     for key in data:
         if key not in known:
-            raise ValueError(f"{path}: {key} = {_shown(data[key])} is no key of a valley; {_nearest(key, known)}")
+            raise InputError(f"{path}: {key} = {_shown(data[key])} is no key of a valley; {_nearest(key, known)}")
     fields: dict[str, Any] = {key: data[key] for key in constants & set(data)}
     if not isinstance(fields.setdefault("name", path.stem), str):
-        raise ValueError(f"{path}: name = {_shown(fields['name'])}; give text")
+        raise InputError(f"{path}: name = {_shown(fields['name'])}; give text")
     for key, value in fields.items():
         if key in OPTIONAL and (isinstance(value, bool) or not isinstance(value, (int, float))):
-            raise ValueError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
+            raise InputError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
     fields["controls"] = _controls(path, data.get("control", {}))
     for key, kind in TABLES.items():
         if key in data:
@@ -161,11 +162,11 @@ def _toml() -> Any:
 def _controls(path: Path, data: Any) -> dict[str, tuple[Any, ...]]:
     """Control functions of a file."""
     if not isinstance(data, Mapping):
-        raise ValueError(f"{path}: control = {_shown(data)}; give a table of elements")
+        raise InputError(f"{path}: control = {_shown(data)}; give a table of elements")
     made = {}
     for name, rows in data.items():
         if name not in ELEMENTS:
-            raise ValueError(f"{path}: control.{name} is no element; {_nearest(name, ELEMENTS)}")
+            raise InputError(f"{path}: control.{name} is no element; {_nearest(name, ELEMENTS)}")
         made[name] = tuple(
             _term(path, dict(row), f"control.{name}[{k}]") for k, row in enumerate(_rows(path, f"control.{name}", rows))
         )
@@ -176,7 +177,7 @@ def _term(path: Path, row: dict[str, Any], where: str) -> Any:
     """One term of a control function; a series may lie in a file of its own."""
     kind = row.pop("kind", None)
     if kind not in TERMS:
-        raise ValueError(f"{path}: {where}.kind = {_shown(kind)} is no function; {_nearest(str(kind), TERMS)}")
+        raise InputError(f"{path}: {where}.kind = {_shown(kind)} is no function; {_nearest(str(kind), TERMS)}")
     if kind == "series" and "file" in row:
         row["values"] = _column(path, row.pop("file"), row.pop("column", None), where)
     return _made(TERMS[kind], row, f"{path}: {where}")
@@ -185,56 +186,56 @@ def _term(path: Path, row: dict[str, Any], where: str) -> Any:
 def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
     """A column of numbers of a CSV beside the valley file: by its name, or the last one."""
     if not isinstance(name, str):
-        raise ValueError(f"{path}: {where}.file = {_shown(name)}; give the name of a CSV")
+        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of a CSV")
     source = path.parent / name
     if not source.is_file():
-        raise ValueError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
+        raise InputError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
     with source.open(encoding="utf-8") as file:
         names = [word.strip() for word in file.readline().split(",")]
     heads = not all(is_number(word) for word in names)
     if column is not None and (not heads or column not in names):
-        raise ValueError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
+        raise InputError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
     at = names.index(column) if column is not None else len(names) - 1
     try:
         return np.loadtxt(source, delimiter=",", skiprows=int(heads), usecols=at, ndmin=1)
     except ValueError as error:
-        raise ValueError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
+        raise InputError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
 
 
 def _line(path: Path, data: Any) -> np.ndarray:
     """Centreline of a file."""
     keys = set(data) if isinstance(data, Mapping) else {"?"}
     if not keys <= {"file", "channel", "points"} or ("file" in keys) == ("points" in keys):
-        raise ValueError(f"{path}: line = {_shown(data)}; give file, and channel, or points")
+        raise InputError(f"{path}: line = {_shown(data)}; give file, and channel, or points")
     if "points" in data:
         try:
             return np.array(data["points"], np.float64)
         except (TypeError, ValueError):
-            raise ValueError(f"{path}: line.points is no list of [x, y]") from None
+            raise InputError(f"{path}: line.points is no list of [x, y]") from None
     from warpriver.io.vector.networks import read_network
 
     lines = read_network(path.parent / data["file"], width=1.0).polylines()
     channel = data.get("channel", 0)
     if not isinstance(channel, int) or not 0 <= channel < len(lines):
-        raise ValueError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
+        raise InputError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
     return lines[channel]
 
 
 def _rows(path: Path, key: str, rows: Any) -> list[Mapping[str, Any]]:
     """A list of tables."""
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        raise ValueError(f"{path}: {key} = {_shown(rows)}; give a list of tables")
+        raise InputError(f"{path}: {key} = {_shown(rows)}; give a list of tables")
     return rows
 
 
 def _made(kind: type, row: Any, where: str) -> Any:
     """A dataclass from a table; raises ValueError with file, key and value."""
     if not isinstance(row, Mapping):
-        raise ValueError(f"{where} = {_shown(row)}; give a table")
+        raise InputError(f"{where} = {_shown(row)}; give a table")
     names = {f.name for f in dataclasses.fields(kind)}
     for key in row:
         if key not in names:
-            raise ValueError(f"{where}.{key} = {_shown(row[key])} is no key there; {_nearest(key, names)}")
+            raise InputError(f"{where}.{key} = {_shown(row[key])} is no key there; {_nearest(key, names)}")
     values = {key: tuple(map(_frozen, v)) if isinstance(v, list) else v for key, v in row.items()}
     return _raising(where, lambda: kind(**values), {f"{kind.__name__}.": ".", f"{kind.__name__} ": " "})
 
@@ -248,8 +249,8 @@ def _raising(where: Any, make: Callable[[], Any], names: Mapping[str, str]) -> A
         for name, instead in names.items():
             if text.startswith(name):
                 joint = ": " if not instead else ""
-                raise ValueError(f"{where}{joint}{instead}{text.removeprefix(name)}") from None
-        raise ValueError(f"{where}: {text}") from None
+                raise InputError(f"{where}{joint}{instead}{text.removeprefix(name)}") from None
+        raise InputError(f"{where}: {text}") from None
 
 
 def _frozen(value: Any) -> Any:
@@ -299,7 +300,7 @@ def _value(value: Any) -> str:
     if isinstance(value, (int, np.integer)):
         return str(int(value))
     if not math.isfinite(value):
-        raise ValueError(f"a valley file cannot hold {value}")
+        raise InputError(f"a valley file cannot hold {value}")
     return repr(float(value))
 
 
@@ -312,7 +313,7 @@ def _table(entry: Any) -> list[str]:
 def _inline(term: Any) -> str:
     """A term as an inline table."""
     if type(term) not in KINDS:
-        raise ValueError(f"a valley file cannot hold {term!r}; it knows {', '.join(TERMS)}")
+        raise InputError(f"a valley file cannot hold {term!r}; it knows {', '.join(TERMS)}")
     return "{" + ", ".join([f'kind = "{KINDS[type(term)]}"', *_table(term)]) + "}"
 
 
@@ -362,7 +363,7 @@ def write_mesh(grid: Any, path: Any) -> None:
         try:
             import pyvista
         except ImportError as error:
-            raise ImportError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
+            raise MissingExtraError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
         faces = np.insert(grid.triangles(), 0, 3, axis=1)
         pyvista.PolyData(grid.points(), faces.ravel()).save(temporary)
 
@@ -404,5 +405,5 @@ def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = N
 def _checked_suffix(path: Any, known: tuple[str, ...]) -> Path:
     target = Path(path)
     if target.suffix.lower() not in known:
-        raise ValueError(f"cannot write {target}: the name must end in {', '.join(known)}")
+        raise InputError(f"cannot write {target}: the name must end in {', '.join(known)}")
     return target

@@ -16,6 +16,7 @@ import numpy as np
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.graph.edits import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
@@ -63,7 +64,7 @@ class JunctionParams(Params):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.wide_angle < self.narrow_angle:
-            raise ValueError(
+            raise InputError(
                 f"JunctionParams.wide_angle ({self.wide_angle:g} deg) is below narrow_angle ({self.narrow_angle:g} deg)"
             )
 

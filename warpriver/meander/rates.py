@@ -12,6 +12,7 @@ from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch
 from warpriver.engine.state import CUDA_CHUNK
 from warpriver.engine.stepper import check_ground
+from warpriver.errors import InputTypeError
 from warpriver.kernels import migration as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.migration import migration_law
@@ -63,9 +64,9 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     """
     for name, value, kind in (("network", network, RiverNetwork), ("params", params, MeanderParams)):
         if not isinstance(value, kind):
-            raise TypeError(f"{name} is a {type(value).__name__}; give a {kind.__name__}")
+            raise InputTypeError(f"{name} is a {type(value).__name__}; give a {kind.__name__}")
     if terrain is not None and not isinstance(terrain, Terrain):
-        raise TypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
+        raise InputTypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
     check_ground(network, terrain)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
     rates = _compute_rates(network, lines, params)

@@ -12,6 +12,7 @@ from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import CPU_COPY_CHUNK, CUDA_CHUNK, State
+from warpriver.errors import InputError
 from warpriver.kernels import smoothing as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.network import RiverNetwork
@@ -86,9 +87,9 @@ def taubin_smooth(
     """
     passes = whole(passes, "passes")
     if not 0.0 < strength <= 1.0:
-        raise ValueError(f"strength is {strength:g}; give a number above 0 and up to 1")
+        raise InputError(f"strength is {strength:g}; give a number above 0 and up to 1")
     if pass_band is not None and not 0.0 <= pass_band < 1.0:
-        raise ValueError(f"pass_band is {pass_band:g}; give a number from 0 to below 1")
+        raise InputError(f"pass_band is {pass_band:g}; give a number from 0 to below 1")
     given = isinstance(channels, RiverNetwork)
     if given:
         network = channels.to()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.errors import InputError
 from warpriver.metrics.lines import (
     FloatArray,
     IndexArray,
@@ -113,7 +114,7 @@ def lag(curvature_values: ArrayLike, rate_values: ArrayLike, spacing: float, max
     """
     bend, rate = np.asarray(curvature_values, dtype=np.float64), np.asarray(rate_values, dtype=np.float64)
     if bend.ndim != 1 or bend.shape != rate.shape or bend.size < 4:
-        raise ValueError(
+        raise InputError(
             f"curvature_values and rate_values have shapes {bend.shape} and {rate.shape}; "
             "give two series of one length with at least 4 samples."
         )
@@ -121,7 +122,7 @@ def lag(curvature_values: ArrayLike, rate_values: ArrayLike, spacing: float, max
     reach = bend.size // 8 if max_lag is None else int(positive(max_lag, "max_lag") / step)
     reach = max(reach, 1)
     if reach > bend.size // 2:
-        raise ValueError(f"max_lag is {max_lag} m; give at most half the series, {bend.size // 2 * step} m.")
+        raise InputError(f"max_lag is {max_lag} m; give at most half the series, {bend.size // 2 * step} m.")
     score = _masked_correlation(bend, -rate, reach)
     if np.isnan(score).all():
         return math.nan
@@ -161,7 +162,7 @@ def lognormal_fit(lengths: ArrayLike) -> LognormalFit:
     """
     sample = np.asarray(lengths, dtype=np.float64).ravel()
     if sample.size == 0 or not (np.isfinite(sample) & (sample > 0.0)).all():
-        raise ValueError(f"lengths holds {sample.size} values; give at least one, all positive and finite.")
+        raise InputError(f"lengths holds {sample.size} values; give at least one, all positive and finite.")
     log = np.log(sample)
     spread = float(log.std(ddof=1)) if log.size > 1 else math.nan
     return LognormalFit(float(np.exp(log.mean())), spread)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.errors import InputError
 from warpriver.validate import positive
 
 __all__ = [
@@ -132,15 +133,15 @@ def checked_line(xy: ArrayLike, name: str = "xy") -> FloatArray:
     """The points as a float64 (n, 2) array; raises ValueError where they are no usable line."""
     points = np.asarray(xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"{name} has shape {points.shape}; give an (n, 2) array of x, y in metres.")
+        raise InputError(f"{name} has shape {points.shape}; give an (n, 2) array of x, y in metres.")
     if len(points) < 3:
-        raise ValueError(f"{name} has {len(points)} points; give at least 3.")
+        raise InputError(f"{name} has {len(points)} points; give at least 3.")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        raise ValueError(f"{name} is not finite at point {bad[0]}; remove or fill such points.")
+        raise InputError(f"{name} is not finite at point {bad[0]}; remove or fill such points.")
     repeated = np.flatnonzero((points[1:] == points[:-1]).all(axis=1))
     if repeated.size:
-        raise ValueError(f"{name} repeats point {repeated[0]} as the next point; remove one of them.")
+        raise InputError(f"{name} repeats point {repeated[0]} as the next point; remove one of them.")
     return points
 
 
@@ -148,7 +149,7 @@ def checked_ring(xy: ArrayLike) -> FloatArray:
     """The points of a ring, the first not repeated, as `checked_line` has those of a line."""
     points = checked_line(xy)
     if (points[0] == points[-1]).all():
-        raise ValueError("xy repeats its first point at its end; leave it out of a closed line.")
+        raise InputError("xy repeats its first point at its end; leave it out of a closed line.")
     return points
 
 

@@ -10,6 +10,7 @@ import warp as wp
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.kernels import shortcuts as kernels
 from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, LINKS_NEEDED, Links
 from warpriver.meander.loops import ChunkMarks, PointTable
@@ -166,7 +167,7 @@ def check_radius(network: RiverNetwork, params: PathMeander) -> None:
     radius, length = params.search_radius * network.channel_width, network.channel_lengths()
     if (radius > length).any():
         c = int((radius > length).argmax())
-        raise ValueError(
+        raise InputError(
             f"search_radius {params.search_radius:g} widths ({radius[c]:g} m) exceeds the length of channel {c} "
             f"({length[c]:g} m); use a smaller one"
         )

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers, whole
 
@@ -218,7 +219,7 @@ class Spectral(Params):
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
         if self.highest < self.lowest:
-            raise ValueError(f"Spectral.highest is {self.highest}, below lowest, {self.lowest}; give a band")
+            raise InputError(f"Spectral.highest is {self.highest}, below lowest, {self.lowest}; give a band")
         order = np.arange(int(self.lowest), int(self.highest) + 1, dtype=np.float64)
         size = order ** (-0.5 * self.exponent)
         size *= self.amplitude * math.sqrt(2.0 / float(size @ size))
@@ -278,11 +279,11 @@ class Steps(Params):
         freeze_numbers(self, "positions", "levels")
         super().__post_init__()
         if len(self.levels) != len(self.positions) + 1:
-            raise ValueError(
+            raise InputError(
                 f"Steps.levels has {len(self.levels)} values for {len(self.positions)} positions; give one more"
             )
         if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
-            raise ValueError("Steps.positions must rise")
+            raise InputError("Steps.positions must rise")
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
@@ -307,11 +308,11 @@ class Spline(Params):
         freeze_numbers(self, "positions", "values")
         super().__post_init__()
         if len(self.positions) != len(self.values) or len(self.values) < 2:
-            raise ValueError(
+            raise InputError(
                 f"Spline has {len(self.positions)} positions and {len(self.values)} values; give as many, 2 or more"
             )
         if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
-            raise ValueError("Spline.positions must rise")
+            raise InputError("Spline.positions must rise")
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
@@ -337,16 +338,16 @@ class Series(Params):
         if self.positions is not None:
             freeze_numbers(self, "positions")
             if len(self.positions) != len(self.values):
-                raise ValueError(
+                raise InputError(
                     f"Series has {len(self.positions)} positions for {len(self.values)} values; give as many"
                 )
             if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
-                raise ValueError("Series.positions must rise")
+                raise InputError("Series.positions must rise")
         super().__post_init__()
         if len(self.values) < 2:
-            raise ValueError(f"Series.values has {len(self.values)} value; give 2 or more")
+            raise InputError(f"Series.values has {len(self.values)} value; give 2 or more")
         if self.relative and not sum(self.values) / len(self.values) > 0.0:
-            raise ValueError("Series.relative asks for values whose mean is positive")
+            raise InputError("Series.relative asks for values whose mean is positive")
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
@@ -394,7 +395,7 @@ def evaluate(terms: Sequence[Term], u: Any) -> FloatArray:
     for term in terms:
         part = np.asarray(term(u), np.float64)
         if part.shape != u.shape or not np.isfinite(part).all():
-            raise ValueError(f"{type(term).__name__} gives values that are not finite, or not one for each position")
+            raise InputError(f"{type(term).__name__} gives values that are not finite, or not one for each position")
         value += part
     return value
 
@@ -417,7 +418,7 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
     """
     value = np.asarray(values, np.float64)
     if value.ndim != 1 or len(value) < 3 or not np.isfinite(value).all():
-        raise ValueError("values must be a series of 3 or more finite numbers")
+        raise InputError("values must be a series of 3 or more finite numbers")
     count = whole(count, "count", 1, "harmonics")
     samples = len(value)
     spectrum = np.fft.rfft(value) / samples

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.errors import InputError
 from warpriver.valley.controls import Harmonic
 
 __all__ = ["Covariance", "correlation_by_frequency", "covariance_series", "harmonics_for_covariance"]
@@ -114,11 +115,11 @@ def harmonics_for_covariance(
     weight = _weights(position)
     series = _standardised(partner, weight)
     if np.isnan(series).any():
-        raise ValueError("the other series does not vary, so that nothing can covary with it")
+        raise InputError("the other series does not vary, so that nothing can covary with it")
     part = _parts(series, position, weight, frequency)
     missing = np.abs(part) < NO_PART
     if missing.any():
-        raise ValueError(
+        raise InputError(
             f"the other series has no part at frequency {frequency[missing][0]:g}; leave it out, or choose one it has"
         )
     phase, size = np.angle(part), np.abs(part)
@@ -130,7 +131,7 @@ def harmonics_for_covariance(
     elif mean is not None:
         shift = np.full(len(frequency), _common_shift(made, size, _checked_mean(mean)))
     else:
-        raise ValueError("give the mean of the covariance, or that of each frequency")
+        raise InputError("give the mean of the covariance, or that of each frequency")
     size = size * amplitude / (math.sqrt(2.0) * made.spread(size, shift))
     return tuple(
         Harmonic(float(a), float(f), float(p), "cos") for a, f, p in zip(size, frequency, phase + shift, strict=True)
@@ -198,7 +199,7 @@ def _reached(mean: float, low: float, high: float) -> bool:
     """True where the mean is within the tolerance of what can be had; raises ValueError otherwise."""
     if low - TOLERANCE <= mean <= high + TOLERANCE:
         return True
-    raise ValueError(
+    raise InputError(
         f"a mean covariance of {mean:g} is impossible with these frequencies: they give {low:.3f} to {high:.3f}; ask "
         "for less, or add frequencies that the other series has"
     )
@@ -207,24 +208,24 @@ def _reached(mean: float, low: float, high: float) -> bool:
 def _checked_frequencies(frequencies: Sequence[float]) -> FloatArray:
     frequency = np.atleast_1d(np.asarray(frequencies, np.float64))
     if frequency.ndim != 1 or not len(frequency) or not np.isfinite(frequency).all() or not (frequency > 0.0).all():
-        raise ValueError(f"frequencies are {list(np.ravel(frequency))}; give numbers above 0, in cycles over the reach")
+        raise InputError(f"frequencies are {list(np.ravel(frequency))}; give numbers above 0, in cycles over the reach")
     if len(np.unique(frequency)) < len(frequency):
-        raise ValueError("frequencies holds one twice; each stands once")
+        raise InputError("frequencies holds one twice; each stands once")
     return frequency
 
 
 def _checked_targets(targets: Sequence[float], count: int) -> FloatArray:
     value = np.atleast_1d(np.asarray(targets, np.float64))
     if value.shape != (count,):
-        raise ValueError(f"by_frequency has {value.size} values for {count} frequencies; give one each")
+        raise InputError(f"by_frequency has {value.size} values for {count} frequencies; give one each")
     if not (np.abs(value) <= 1.0).all():
-        raise ValueError(f"by_frequency holds {value[~(np.abs(value) <= 1.0)][0]:g}; a correlation lies in -1 to 1")
+        raise InputError(f"by_frequency holds {value[~(np.abs(value) <= 1.0)][0]:g}; a correlation lies in -1 to 1")
     return value
 
 
 def _checked_mean(mean: float) -> float:
     if not abs(mean) <= 1.0:
-        raise ValueError(f"the mean covariance asked for is {mean:g}; it lies in -1 to 1")
+        raise InputError(f"the mean covariance asked for is {mean:g}; it lies in -1 to 1")
     return float(mean)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers
 from warpriver.valley.controls import Term
@@ -74,14 +75,14 @@ class CrossSection(Params):
         except (TypeError, ValueError):
             table = np.empty(0)
         if table.ndim != 2 or table.shape[1] != 4 or not 1 <= len(table) <= MOST_THREADS:
-            raise ValueError(
+            raise InputError(
                 f"CrossSection.threads must hold 1 to {MOST_THREADS} rows of location, scale, shape and depth"
             )
         bad = (
             ~np.isfinite(table).all(1) | (table[:, 1] <= 0) | (table[:, 2] < 1) | (table[:, 3] <= 0) | (table[:, 3] > 1)
         )
         if bad.any():
-            raise ValueError(
+            raise InputError(
                 f"CrossSection.threads[{int(np.flatnonzero(bad)[0])}] needs a finite location, scale above 0, shape of "
                 "1 or more, and a depth above 0, up to 1"
             )
@@ -116,7 +117,7 @@ class Thread(Params):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.end - self.start < 0.02:
-            raise ValueError(
+            raise InputError(
                 f"Thread.end is {self.end:g} and start {self.start:g}; a thread is 0.02 of the reach or more"
             )
 
@@ -143,7 +144,7 @@ class ObjectField(Params):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.largest < self.smallest:
-            raise ValueError(f"ObjectField.largest is {self.largest:g} m, below smallest, {self.smallest:g} m")
+            raise InputError(f"ObjectField.largest is {self.largest:g} m, below smallest, {self.smallest:g} m")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,7 +173,7 @@ class CovarianceTarget(Params):
         if self.by_frequency is not None:
             freeze_numbers(self, "by_frequency")
         if self.mean is not None and (isinstance(self.mean, bool) or not isinstance(self.mean, (int, float))):
-            raise ValueError(f"CovarianceTarget.mean is {self.mean!r}; give a number from -1 to 1, or None")
+            raise InputError(f"CovarianceTarget.mean is {self.mean!r}; give a number from -1 to 1, or None")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -252,25 +253,25 @@ class ValleyParams(Params):
         super().__post_init__()
         for key in self.controls:
             if key not in ELEMENTS:
-                raise ValueError(f"ValleyParams.controls has {key!r}; the elements are {', '.join(ELEMENTS)}")
+                raise InputError(f"ValleyParams.controls has {key!r}; the elements are {', '.join(ELEMENTS)}")
         terms = {key: (value,) if callable(value) else tuple(value) for key, value in self.controls.items()}
         for key, value in terms.items():
             if not all(callable(term) for term in value):
-                raise ValueError(f"ValleyParams.controls[{key!r}] must hold terms, functions of the position")
+                raise InputError(f"ValleyParams.controls[{key!r}] must hold terms, functions of the position")
         object.__setattr__(self, "controls", terms)
         for name, positive in (("depth", True), ("valley_slope", False)):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
                 bound = "above 0" if positive else "0 or more"
-                raise ValueError(f"ValleyParams.{name} is {value!r}; give a finite number {bound}, or None")
+                raise InputError(f"ValleyParams.{name} is {value!r}; give a finite number {bound}, or None")
         if self.depth is None and self.slope == 0.0:
-            raise ValueError(
+            raise InputError(
                 "ValleyParams.slope is 0, where the Shields depth of eq. 4 is infinite; give a slope, or a depth"
             )
         if self.covariance is not None and self.controls.get("thalweg"):
-            raise ValueError("ValleyParams has a covariance target and a control of the thalweg; give one of them")
+            raise InputError("ValleyParams has a covariance target and a control of the thalweg; give one of them")
         if self.line is not None and self.controls.get("centerline"):
-            raise ValueError("ValleyParams has a line and a control of the centerline; give one of them")
+            raise InputError("ValleyParams has a line and a control of the centerline; give one of them")
 
     @property
     def bankfull_depth(self) -> float:

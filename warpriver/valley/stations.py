@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.valley.controls import Term, evaluate
 from warpriver.valley.params import Thread, ValleyParams
@@ -232,18 +233,18 @@ def _checked_line(line: object) -> FloatArray:
     """Points of a given centreline; raises ValueError."""
     if isinstance(line, RiverNetwork):
         if line.channel_count != 1:
-            raise ValueError(f"line is a network of {line.channel_count} channels; give one of its polylines()")
+            raise InputError(f"line is a network of {line.channel_count} channels; give one of its polylines()")
         line = line.polylines()[0]
     xy = np.asarray(line, np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 4:
-        raise ValueError(f"line has shape {xy.shape}; give (n, 2) points in m, downstream, 4 or more")
+        raise InputError(f"line has shape {xy.shape}; give (n, 2) points in m, downstream, 4 or more")
     if not np.isfinite(xy).all():
-        raise ValueError(f"line: point {int(np.flatnonzero(~np.isfinite(xy).all(1))[0])} is not finite")
+        raise InputError(f"line: point {int(np.flatnonzero(~np.isfinite(xy).all(1))[0])} is not finite")
     step = np.hypot(*np.diff(xy, axis=0).T)
     if (step == 0.0).any():
-        raise ValueError(f"line: point {int(np.flatnonzero(step == 0.0)[0]) + 1} stands twice; drop one")
+        raise InputError(f"line: point {int(np.flatnonzero(step == 0.0)[0]) + 1} stands twice; drop one")
     if np.hypot(*(xy[-1] - xy[0])) < 0.05 * step.sum():
-        raise ValueError("line ends close to where it starts, so that it has no valley axis; take a shorter part of it")
+        raise InputError("line ends close to where it starts, so that it has no valley axis; take a shorter part of it")
     return xy
 
 
@@ -286,7 +287,7 @@ def _halves(params: ValleyParams, line: Line, width: FloatArray, reach: slice) -
         over = np.flatnonzero(tight[reach] >= 1.0)
         if len(over):
             k = reach.start + over[np.argmax(tight[reach][over])]
-            raise ValueError(
+            raise InputError(
                 f"{params.name}: at station {line.s[k]:.4g} m the width, {width[k]:.4g} m, exceeds twice the radius of "
                 f"the bend, {1.0 / abs(line.curvature[k]):.4g} m, so that sections cross; widen the bend, or set "
                 'sharp_bends = "blend"'
@@ -303,7 +304,7 @@ def _refuse(params: ValleyParams, position: FloatArray, value: FloatArray, what:
     if not (value > 0.0).all():
         k = int(np.argmin(value))
         unit = params.width if what == "width" else 1.0
-        raise ValueError(
+        raise InputError(
             f"{params.name}: the {what} is {unit * value[k]:.4g} m at station {position[k]:.4g} of the reach; {why}"
         )
 
@@ -384,7 +385,7 @@ def valley_lines(
         width = 0.5 * params.top_width + f[side]
         if (width < 0.0).any():
             k = int(np.argmin(width))
-            raise ValueError(
+            raise InputError(
                 f"{params.name}: the valley side {side} is {width[k]:.4g} m wide at x = {x[k]:.4g} m; "
                 "the amplitude of its control function is too large"
             )

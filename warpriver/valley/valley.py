@@ -18,6 +18,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver.device import present_device, require_memory, resolve_device
+from warpriver.errors import InputError
 from warpriver.kernels import valley as kernels
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -150,7 +151,7 @@ class Valley:
         west, south, east, north = self.bounds if bounds is None else (float(v) for v in bounds)
         rows, columns = (math.floor((b - a) / size + 1e-6) for a, b in ((south, north), (west, east)))
         if rows < 2 or columns < 2:
-            raise ValueError(
+            raise InputError(
                 f"cell_size is {size:g} m, with which {west:g}, {south:g}, {east:g}, {north:g} m hold {max(rows, 0)} x "
                 f"{max(columns, 0)} cells; give a smaller one"
             )
@@ -181,7 +182,7 @@ class Valley:
         """
         given = np.asarray(xy, np.float64)
         if given.ndim != 2 or given.shape[1] != 2 or not np.isfinite(given).all():
-            raise ValueError(f"xy has shape {given.shape}; give (n, 2) finite places in m")
+            raise InputError(f"xy has shape {given.shape}; give (n, 2) finite places in m")
         if not len(given):
             return np.empty(0)
         local = self.stations.frame.to_valley(given)
@@ -376,13 +377,13 @@ def synthetic_valley(
     """
     if isinstance(valley, str):
         if valley not in EXAMPLES:
-            raise ValueError(
+            raise InputError(
                 f"valley is {valley!r}; use one of {', '.join(EXAMPLES)}, or ValleyParams; read_valley reads files"
             )
         valley = EXAMPLES[valley]
     unknown = set(changes) - {field.name for field in dataclasses.fields(ValleyParams)}
     if unknown:
-        raise ValueError(f"{sorted(unknown)[0]!r} is no field of ValleyParams")
+        raise InputError(f"{sorted(unknown)[0]!r} is no field of ValleyParams")
     if changes:
         valley = valley.replace(**changes)
     return Valley(valley, cell_size=cell_size, origin=origin, crs=crs, device=device)
@@ -392,7 +393,7 @@ def _placed(stations: Stations, origin: Sequence[float]) -> Stations:
     """Stations in a frame that is moved by the origin."""
     at = np.asarray(origin, np.float64)
     if at.shape != (2,) or not np.isfinite(at).all():
-        raise ValueError(f"origin is {origin!r}; give two finite numbers, x and y in m")
+        raise InputError(f"origin is {origin!r}; give two finite numbers, x and y in m")
     frame = stations.frame
     return dataclasses.replace(
         stations, frame=dataclasses.replace(frame, x=frame.x + float(at[0]), y=frame.y + float(at[1]))
@@ -412,7 +413,7 @@ def _thalweg(params: ValleyParams) -> Sequence[Term]:
             partner, level.position[reach], target.frequencies, target.mean, target.by_frequency, target.amplitude
         )
     except ValueError as error:
-        raise ValueError(f"{params.name}: covariance with the {target.partner}: {error}") from None
+        raise InputError(f"{params.name}: covariance with the {target.partner}: {error}") from None
 
 
 def _covariance(valley: Valley) -> Covariance:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.hydrology.orders import strahler_order
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
 from warpriver.viz.maps import (
@@ -96,7 +97,7 @@ def draw_belt(
     need_matplotlib()
     record = checked_record(history, until)
     if age_span is not None and not age_span > 0.0:
-        raise ValueError(f"age_span is {age_span:g} yr; it must be positive")
+        raise InputError(f"age_span is {age_span:g} yr; it must be positive")
     page = BeltSheet(
         history,
         window=window,
@@ -511,10 +512,10 @@ def checked_record(history: Any, until: int | None) -> int:
     """
     count = len(history.times)
     if count == 0:
-        raise ValueError("the history holds no record; run the simulation first")
+        raise InputError("the history holds no record; run the simulation first")
     record = count - 1 if until is None else int(until)
     if not -count <= record < count:
-        raise ValueError(f"until is {until}, but the history holds records 0 to {count - 1}")
+        raise InputError(f"until is {until}, but the history holds records 0 to {count - 1}")
     return record % count
 
 

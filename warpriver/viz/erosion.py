@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.hydrology.orders import strahler_order
 from warpriver.hydrology.routing import host_areas
 from warpriver.terrain import surface_of
@@ -183,11 +184,11 @@ def erosion_movie(
     """
     need_matplotlib()
     if not 0.0 < fps <= 60.0:
-        raise ValueError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
+        raise InputError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
     if len(eroded.snapshots) < 2:
-        raise ValueError("there are no snapshots to make a movie of; erode with record_every=")
+        raise InputError("there are no snapshots to make a movie of; erode with record_every=")
     if pathlib.Path(path).suffix.lower() == ".mp4" and (size[0] % 2 or size[1] % 2):
-        raise ValueError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
+        raise InputError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
     least = _areas(eroded.flow(), min_drainage_area)[1]
     pages = [eroded.snapshots, least, title, size, dpi]
     *_, sample = _frames(*pages, only_last=True, progress=None)
@@ -273,7 +274,7 @@ def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
     area = host_areas(flow)
     threshold = positive(10.0 * flow.terrain.cell_size**2 if least is None else least, "min_drainage_area", "m2")
     if threshold > np.nanmax(area):
-        raise ValueError(
+        raise InputError(
             f"no cell drains {threshold:g} m2 (min_drainage_area); the largest area is {np.nanmax(area):g}"
         )
     return area, threshold

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.raster import Raster
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
@@ -97,13 +98,13 @@ def draw_network(
     values = channel_values(network, color, order)
     if isinstance(background, Raster):
         if extent is not None:
-            raise ValueError("a Raster has its own extent; leave extent= out")
+            raise InputError("a Raster has its own extent; leave extent= out")
         check_ground(background, network.bounds(), network.crs)
         background, extent = background.numpy(), background.bounds
     if (background is None) != (extent is None):
-        raise ValueError("give background and extent, (west, south, east, north) in m, together")
+        raise InputError("give background and extent, (west, south, east, north) in m, together")
     if terrain is not None and background is not None:
-        raise ValueError("give a terrain or a background, not both")
+        raise InputError("give a terrain or a background, not both")
     view = map_window(
         extent if window is None else window,
         network.bounds(),
@@ -148,14 +149,14 @@ def channel_values(network: Any, color: str, order: Any) -> np.ndarray | None:
     if order is not None:
         order = np.asarray(order)
         if order.shape != (len(network.channel_width),) or not (np.isfinite(order).all() and (order >= 1).all()):
-            raise ValueError(
+            raise InputError(
                 f"order has shape {order.shape}; give a number of 1 or more for each of the "
                 f"{len(network.channel_width)} channels"
             )
         choices["order"] = order
     if color not in choices:
         hint = {"order": "; order= is missing", "area": "; the drainage area is not known"}.get(color, "")
-        raise ValueError(f"color is {color!r}; use one of {', '.join(choices)}{hint}")
+        raise InputError(f"color is {color!r}; use one of {', '.join(choices)}{hint}")
     return None if choices[color] is None else np.asarray(choices[color], np.float64)
 
 
@@ -216,7 +217,7 @@ def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
     """Lay an image with row 0 at its north edge under the channels; ``extent`` as in `draw_network`."""
     pixels = np.asarray(image)
     if not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (3, 4))):
-        raise ValueError(f"background has shape {pixels.shape}; give (rows, columns) or (rows, columns, 3 or 4)")
+        raise InputError(f"background has shape {pixels.shape}; give (rows, columns) or (rows, columns, 3 or 4)")
     west, south, east, north = (float(v) for v in extent)
     sheet.axes.imshow(pixels, cmap="gray", extent=(west, east, south, north), origin="upper", aspect="auto", zorder=1)
     sheet.axes.set_xlim(sheet.window[0], sheet.window[2])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError, MissingExtraError
 from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
@@ -55,11 +56,11 @@ def movie(
     last = checked_record(history, None)
     suffix = pathlib.Path(path).suffix.lower()
     if not 0.0 < fps <= 60.0:
-        raise ValueError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
+        raise InputError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
     if every < 1:
-        raise ValueError(f"every is {every}; give 1 or more")
+        raise InputError(f"every is {every}; give 1 or more")
     if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
-        raise ValueError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
+        raise InputError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
     records = [*range(0, last, every), last]
     layout = {
         "window": window,
@@ -141,7 +142,7 @@ def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int]
     try:
         import imageio_ffmpeg
     except ImportError as error:
-        raise ImportError(
+        raise MissingExtraError(
             'an .mp4 movie needs imageio-ffmpeg: pip install "warpriver[movie]"; a .gif does without it'
         ) from error
 

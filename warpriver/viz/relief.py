@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.crs import short_name
+from warpriver.errors import InputError
 from warpriver.raster import Raster
 from warpriver.terrain import surface_of
 from warpriver.validate import positive
@@ -64,7 +65,7 @@ def hillshade(
         of the altitude.
     """
     if not (0.0 < altitude <= 90.0 and np.isfinite(azimuth)):
-        raise ValueError(f"azimuth is {azimuth}, altitude {altitude}; give degrees, the altitude above 0 and up to 90")
+        raise InputError(f"azimuth is {azimuth}, altitude {altitude}; give degrees, the altitude above 0 and up to 90")
     if exaggeration is not None:
         positive(exaggeration, "exaggeration", hint=", or None")
     height = surface_of(terrain).to_numpy()
@@ -167,13 +168,13 @@ def check_ground(terrain: Any, bounds: Window, crs: str | None) -> None:
     """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
     kind = "raster" if isinstance(terrain, Raster) else "terrain"
     if terrain.crs is not None and crs is not None and terrain.crs != crs:
-        raise ValueError(
+        raise InputError(
             f"the {kind} is in {short_name(terrain.crs)}, the channels in {short_name(crs)}; "
             "read one of them with to_crs="
         )
     west, south, east, north = terrain.bounds
     if west > bounds[2] or east < bounds[0] or south > bounds[3] or north < bounds[1]:
-        raise ValueError(
+        raise InputError(
             f"the {kind}, ({west:g}, {south:g}, {east:g}, {north:g}) m, lies beside the channels, "
             f"({bounds[0]:g}, {bounds[1]:g}, {bounds[2]:g}, {bounds[3]:g}) m"
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError, InternalError, MissingExtraError
 from warpriver.validate import not_negative
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
@@ -72,11 +73,11 @@ def render_scene(
         OSError: The file cannot be written.
     """
     if min(size) < 16:
-        raise ValueError(f"size is {tuple(size)} pixels; give at least (16, 16)")
+        raise InputError(f"size is {tuple(size)} pixels; give at least (16, 16)")
     if exaggeration is not None:
         not_negative(exaggeration, "exaggeration")
     if camera is not None and np.shape(camera) != (3, 3):
-        raise ValueError("camera: give position, focal point and up direction, each (x, y, z) in m")
+        raise InputError("camera: give position, focal point and up direction, each (x, y, z) in m")
     with replacing(path, (".png", ".jpg")) as temporary:
         pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until)
         from PIL import Image
@@ -148,11 +149,11 @@ def _new_plotter(size: tuple[int, int]) -> Any:
     try:
         import pyvista
     except ImportError as error:
-        raise ImportError('3-D previews are drawn with pyvista: pip install "warpriver[viz]"') from error
+        raise MissingExtraError('3-D previews are drawn with pyvista: pip install "warpriver[viz]"') from error
     # Importing is safe without an OpenGL library; opening a window is not.
     answer = gl.probe()
     if not answer.ok:
-        raise RuntimeError(answer.message)
+        raise InternalError(answer.message)
     for name, value in gl.window_environment().items():
         os.environ.setdefault(name, value)
     plotter = pyvista.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")

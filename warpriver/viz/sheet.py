@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
 from warpriver.io.files import beside
 from warpriver.viz.bands import Window
 
@@ -93,7 +94,7 @@ class Sheet:
             rows = (int(size[1]) - top - bottom - (down - 1) * gap) // down
             if columns < 64 or rows < 64:
                 least = 64 * across + (across - 1) * gap + left + right, 64 * down + (down - 1) * gap + top + bottom
-                raise ValueError(
+                raise InputError(
                     f"size is {tuple(size)} pixels, too small for a map at {dpi:g} dpi; give at least "
                     f"{least}, or a smaller dpi"
                 )
@@ -230,10 +231,10 @@ def checked_window(window: Sequence[float] | None, bounds: Window, margin: float
         return west - pad, south - pad, east + pad, north + pad
     values = [float(v) for v in window]
     if len(values) != 4 or not np.isfinite(values).all() or values[0] >= values[2] or values[1] >= values[3]:
-        raise ValueError(f"window is {tuple(window)}; give (west, south, east, north) in m, west < east, south < north")
+        raise InputError(f"window is {tuple(window)}; give (west, south, east, north) in m, west < east, south < north")
     west, south, east, north = values
     if west > bounds[2] or east < bounds[0] or south > bounds[3] or north < bounds[1]:
-        raise ValueError(
+        raise InputError(
             f"window ({west:g}, {south:g}, {east:g}, {north:g}) m shows nothing: the channels lie in "
             f"({bounds[0]:g}, {bounds[1]:g}, {bounds[2]:g}, {bounds[3]:g}) m"
         )
@@ -253,7 +254,7 @@ def need_matplotlib() -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
-        raise ImportError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
+        raise MissingExtraError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
 
 
 @contextlib.contextmanager
@@ -270,11 +271,11 @@ def replacing(path: Any, suffixes: Sequence[str]) -> Iterator[str]:
     """
     target = pathlib.Path(path)
     if target.suffix.lower() not in suffixes:
-        raise ValueError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
+        raise InputError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
     if not target.parent.is_dir():
-        raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
+        raise MissingFileError(f"cannot write {target}: the folder {target.parent} does not exist")
     if target.is_dir():
-        raise IsADirectoryError(f"cannot write {target}: it is a folder")
+        raise WrongPathError(f"cannot write {target}: it is a folder")
     with beside(target) as temporary:
         yield str(temporary)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.viz.bands import Window, refine_lines, select_inside
 from warpriver.viz.relief import height_grid, relief_picture
 from warpriver.viz.sheet import GROUND, color_ramp
@@ -28,7 +29,7 @@ def clip_window(window: Window, bounds: Window) -> Window:
     west, south = (max(window[k], bounds[k]) for k in (0, 1))
     east, north = (min(window[k], bounds[k]) for k in (2, 3))
     if not (west < east and south < north):
-        raise ValueError(f"window {tuple(window)} m and terrain {tuple(bounds)} m only touch")
+        raise InputError(f"window {tuple(window)} m and terrain {tuple(bounds)} m only touch")
     return west, south, east, north
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.validate import positive
 from warpriver.viz.relief import relief_picture
 from warpriver.viz.sheet import BANK, FAINT, INK, WATER, need_matplotlib, replacing
@@ -99,7 +100,7 @@ def draw_valley_sections(
 
     places = _section_places(valley) if positions is None else {f"at {v:g} of the reach": float(v) for v in positions}
     if not places or any(not 0.0 <= v <= 1.0 for v in places.values()):
-        raise ValueError(f"positions are {list(places.values())}; give parts of the reach, 0 to 1")
+        raise InputError(f"positions are {list(places.values())}; give parts of the reach, 0 to 1")
     rows = (len(places) + 1) // 2
     figure = Figure(figsize=(10.0, 2.3 * rows + 3.4), dpi=dpi, facecolor="white", layout="constrained")
     layout = figure.add_gridspec(rows + 1, 2, height_ratios=[1.0] * rows + [1.35])

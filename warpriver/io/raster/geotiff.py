@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.raster.source import RasterSource, with_gaps
@@ -28,18 +29,18 @@ def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
             warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
             dataset = rasterio.open(path)
     except errors.RasterioError as error:
-        raise ValueError(f"{path}: not a GeoTIFF that rasterio can open ({error})") from error
+        raise InputError(f"{path}: not a GeoTIFF that rasterio can open ({error})") from error
     with dataset:
         if not 1 <= band <= dataset.count:
-            raise ValueError(f"{path}: there is no band {band}; it has 1 to {dataset.count}")
+            raise InputError(f"{path}: there is no band {band}; it has 1 to {dataset.count}")
         kind = np.dtype(dataset.dtypes[band - 1])
         if kind.kind not in "iuf":
-            raise ValueError(f"{path}: band {band} is {kind}, not real numbers")
+            raise InputError(f"{path}: band {band} is {kind}, not real numbers")
         require_memory(dataset.shape, 18 + kind.itemsize, what=f"{path}: a raster")
         try:
             raw = dataset.read(band, masked=True)
         except errors.RasterioError as error:
-            raise ValueError(f"{path}: its cells cannot be read ({error}); is the file whole?") from error
+            raise InputError(f"{path}: its cells cannot be read ({error}); is the file whole?") from error
         gap = np.ma.getmaskarray(raw)
         if nodata is not None:
             gap = gap | (raw.data == nodata)

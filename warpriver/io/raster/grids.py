@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, is_number
@@ -60,11 +61,11 @@ def read_ascii(path: Path, nodata: float | None) -> RasterSource:
         try:
             header[key] = float(value)
         except ValueError as error:
-            raise ValueError(f"{path}: the header line {match[0].strip()!r} holds no number") from error
+            raise InputError(f"{path}: the header line {match[0].strip()!r} holds no number") from error
         start = match.end()
     unknown = [key for key in header if key not in KEYS]
     if unknown or not {"ncols", "nrows"} <= set(header):
-        raise ValueError(
+        raise InputError(
             f"{path}: not an ESRI ASCII grid: its header has {', '.join(header) or 'no line'}; "
             "it needs ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize"
         )
@@ -94,10 +95,10 @@ def _numbers(path: Path, body: str, count: int) -> np.ndarray:
             height = np.fromstring(body, np.float64, sep=" ")
         except (DeprecationWarning, ValueError):
             bad = next((word for word in body.split() if not is_number(word)), "?")
-            raise ValueError(f"{path}: {bad[:40]!r} among the heights is no number (decimals need a point)") from None
+            raise InputError(f"{path}: {bad[:40]!r} among the heights is no number (decimals need a point)") from None
     if len(height) != count:
         cause = "is the file cut short?" if len(height) < count else "is the header right?"
-        raise ValueError(f"{path}: {len(height)} heights where the header promises {count}; {cause}")
+        raise InputError(f"{path}: {len(height)} heights where the header promises {count}; {cause}")
     return height
 
 
@@ -105,9 +106,9 @@ def _placed(path: Path, header: dict[str, float], rows: int) -> tuple[float, ...
     """Affine numbers from a header that gives the lower left corner or centre."""
     width, length = header.get("dx", header.get("cellsize")), header.get("dy", header.get("cellsize"))
     if width is None or length is None:
-        raise ValueError(f"{path}: the header gives no cellsize")
+        raise InputError(f"{path}: the header gives no cellsize")
     if not (width > 0.0 and length > 0.0):
-        raise ValueError(f"{path}: the header gives cells of {width:g} x {length:g}")
+        raise InputError(f"{path}: the header gives cells of {width:g} x {length:g}")
     corner = []
     for axis, size in (("x", width), ("y", length)):
         if f"{axis}llcorner" in header:
@@ -115,7 +116,7 @@ def _placed(path: Path, header: dict[str, float], rows: int) -> tuple[float, ...
         elif f"{axis}llcenter" in header:
             corner.append(header[f"{axis}llcenter"] - 0.5 * size)
         else:
-            raise ValueError(f"{path}: the header gives neither {axis}llcorner nor {axis}llcenter")
+            raise InputError(f"{path}: the header gives neither {axis}llcorner nor {axis}llcenter")
     return north_up(corner[0], corner[1] + rows * length, width, length)
 
 
@@ -123,7 +124,7 @@ def write_ascii(raster: Raster, path: Path) -> None:
     """Write an ESRI ASCII grid in digits that give back the same values, and its CRS to a .prj file beside it."""
     values = raster.numpy()
     if raster.is_integer and np.abs(values.astype(np.float64)).max() >= LARGEST_WHOLE:
-        raise ValueError(
+        raise InputError(
             f"{path.name}: whole numbers of 2^53 or more are not kept in an ASCII grid; write .npz or .tif"
         )
     west, south, _, _ = raster.bounds
@@ -170,7 +171,7 @@ def _read_labels(path: Path) -> tuple[str | None, str | None]:
     try:
         band = ElementTree.parse(side).getroot().find("PAMRasterBand")
     except ElementTree.ParseError as error:
-        raise ValueError(f"{side}: not XML ({error}); repair or remove it") from error
+        raise InputError(f"{side}: not XML ({error}); repair or remove it") from error
     return (None, None) if band is None else (band.findtext("UnitType"), band.findtext("Description"))
 
 
@@ -183,11 +184,11 @@ def read_numpy(path: Path, nodata: float | None, names: Sequence[str] = HEIGHTS)
         with loaded as file:
             held = [name for name in names if name in file.files]
             if not held:
-                raise ValueError(f"holds {', '.join(file.files) or 'nothing'}, but no array named {names[0]}")
+                raise InputError(f"holds {', '.join(file.files) or 'nothing'}, but no array named {names[0]}")
             values = _cells(path, file[held[0]], nodata)
             found = {n: file[n] for n in ("cell_size", "origin", "crs", "unit", "name") if n in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: cannot be read as NumPy's {path.suffix} ({error}); is the file whole?") from error
+        raise InputError(f"{path}: cannot be read as NumPy's {path.suffix} ({error}); is the file whole?") from error
     affine = None
     if "cell_size" in found:
         size = float(found["cell_size"])
@@ -200,7 +201,7 @@ def read_numpy(path: Path, nodata: float | None, names: Sequence[str] = HEIGHTS)
 def _cells(path: Path, array: np.ndarray, nodata: float | None) -> np.ndarray:
     """A copy of an array as the values of cells."""
     if array.ndim != 2 or array.dtype.kind not in "iuf":
-        raise ValueError(f"an array of shape {array.shape} and type {array.dtype} where (rows, columns) numbers belong")
+        raise InputError(f"an array of shape {array.shape} and type {array.dtype} where (rows, columns) numbers belong")
     require_memory(array.shape, 17, what=f"{path}: a raster")
     return with_gaps(np.array(array), np.zeros(array.shape, bool) if nodata is None else array == nodata)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.files import decoded
 from warpriver.io.raster.source import RasterSource, north_up
@@ -39,19 +40,19 @@ def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[
         try:
             side = json.loads(decoded(side_file(path)))
         except json.JSONDecodeError as error:
-            raise ValueError(f"{side_file(path)}: not JSON ({error})") from error
+            raise InputError(f"{side_file(path)}: not JSON ({error})") from error
         if not isinstance(side, dict):
-            raise ValueError(f"{side_file(path)}: not a JSON object")
+            raise InputError(f"{side_file(path)}: not a JSON object")
     try:
         stated = (float(side["height_low"]), float(side["height_high"])) if "height_low" in side else None
         pixel = float(side["metres_per_pixel"]) if "metres_per_pixel" in side else None
         west, north = (float(v) for v in side.get("origin", (0.0, 0.0)))
         rows_columns = (int(side["rows"]), int(side["columns"])) if "rows" in side else None
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{side_file(path)}: not what write_terrain writes ({error!r})") from error
+        raise InputError(f"{side_file(path)}: not what write_terrain writes ({error!r})") from error
     found = limits or stated
     if found is None:
-        raise ValueError(f"{path}: a height map does not tell its heights; pass range=(low, high) in m")
+        raise InputError(f"{path}: a height map does not tell its heights; pass range=(low, high) in m")
     low, high = checked_limits(found)
     step, top = _read_png(path) if path.suffix.lower() == PNG else _read_raw(path, shape or rows_columns)
     if top < TOP:
@@ -69,10 +70,10 @@ def _read_png(path: Path) -> tuple[np.ndarray, int]:
     (image,) = need(f"reading {path.suffix}", "PIL.Image")
     head = path.read_bytes()[:26]
     if len(head) < 26 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
-        raise ValueError(f"{path}: not a PNG file, or cut short")
+        raise InputError(f"{path}: not a PNG file, or cut short")
     columns, rows, bits, color = struct.unpack(">IIBB", head[16:26])
     if color != 0 or bits not in (8, 16):
-        raise ValueError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
+        raise InputError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
     require_memory((rows, columns), 22, what=f"{path}: a raster")
     try:
         with warnings.catch_warnings():
@@ -80,7 +81,7 @@ def _read_png(path: Path) -> tuple[np.ndarray, int]:
             with image.open(path) as picture:
                 return np.array(picture), 2**bits - 1
     except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
-        raise ValueError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
+        raise InputError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
 
 
 def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, int]:
@@ -88,10 +89,10 @@ def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, in
     size = path.stat().st_size
     side = math.isqrt(size // 2)
     if shape is None and 2 * side * side != size:
-        raise ValueError(f"{path}: {size} bytes are no square of 16-bit steps; pass shape=(rows, columns)")
+        raise InputError(f"{path}: {size} bytes are no square of 16-bit steps; pass shape=(rows, columns)")
     rows, columns = shape or (side, side)
     if rows < 1 or columns < 1 or 2 * rows * columns != size:
-        raise ValueError(f"{path}: {size} bytes, but {rows} x {columns} steps of 16 bits are {2 * rows * columns}")
+        raise InputError(f"{path}: {size} bytes, but {rows} x {columns} steps of 16 bits are {2 * rows * columns}")
     require_memory((rows, columns), 20, what=f"{path}: a raster")
     return np.fromfile(path, "<u2").reshape(rows, columns), TOP
 
@@ -106,7 +107,7 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     lowest, highest = float(np.nanmin(height)), float(np.nanmax(height))
     low, high = checked_limits(limits or (lowest, highest if highest > lowest else lowest + 1.0))
     if lowest < low or highest > high:
-        raise ValueError(
+        raise InputError(
             f"{path}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
         )
     first = int(gap.any())
@@ -131,7 +132,7 @@ def checked_limits(limits: Any) -> tuple[float, float]:
     try:
         low, high = (float(v) for v in limits)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"range is {limits!r}; give (low, high) in m") from error
+        raise InputError(f"range is {limits!r}; give (low, high) in m") from error
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise ValueError(f"range is ({low:g}, {high:g}); give (low, high) in m with low below high")
+        raise InputError(f"range is ({low:g}, {high:g}); give (low, high) in m with low below high")
     return low, high

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from warpriver.device import require_memory
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.raster import Raster
@@ -36,7 +37,7 @@ def warp(raster: RasterSource, target: str) -> RasterSource:
     side, ends = np.linspace(0.0, 1.0, OUTLINE), np.repeat([0.0, 1.0], OUTLINE)
     outline = moved(columns * np.concatenate([side, side, ends]), rows * np.concatenate([ends, side, side]))
     if not np.isfinite(corners).all() or not np.isfinite(outline).all():
-        raise ValueError(f"{raster.path}: a part of it cannot be brought into the CRS {target[:40]}; crop it first")
+        raise InputError(f"{raster.path}: a part of it cannot be brought into the CRS {target[:40]}; crop it first")
     (ax, ay), (bx, by) = corners[1:] - corners[0]
     size = math.sqrt(abs(ax * by - ay * bx))
     (west, south), (east, north) = outline.min(axis=0), outline.max(axis=0)

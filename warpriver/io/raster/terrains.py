@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.crs import crs_text, one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.files import beside, check_readable
 from warpriver.io.raster.geotiff import TIFF, read_geotiff, write_geotiff
@@ -140,7 +141,7 @@ def read_terrain(
     suffix = _suffix(path)
     check_readable(path)
     if range is not None and suffix not in HEIGHT_MAPS:
-        raise ValueError(f"{path}: {suffix} holds heights themselves; leave range= out")
+        raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
     if suffix in CELLS:
         source = _read_cells(path, suffix, band, nodata, HEIGHTS)
     else:
@@ -225,7 +226,7 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
     path = Path(path)
     suffix = _suffix(path)
     if range is not None and suffix not in HEIGHT_MAPS:
-        raise ValueError(f"{path}: {suffix} holds heights themselves; leave range= out")
+        raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
     with _replaced(path, suffix) as temporary:
         if suffix in CELLS:
             _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0])
@@ -252,7 +253,7 @@ def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     suffix = _cell_suffix(path)
     if not isinstance(raster, Raster):
-        raise ValueError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
+        raise InputError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
     with _replaced(path, suffix) as temporary:
         _write_cells(raster, temporary, suffix, VALUES)
         if suffix in ASCII:
@@ -278,7 +279,7 @@ def _suffix(path: Path) -> str:
     """Return the lower-case suffix that names the format, or raise ``ValueError``."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise ValueError(
+        raise InputError(
             f"{path}: {suffix or 'no suffix'} names no format of terrains; known are {', '.join(SUFFIXES)}"
         )
     return suffix
@@ -289,7 +290,7 @@ def _cell_suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in CELLS:
         heights = "holds heights of terrains alone" if suffix in HEIGHT_MAPS else "names no format of rasters"
-        raise ValueError(f"{path}: {suffix or 'no suffix'} {heights}; known are {', '.join(CELLS)}")
+        raise InputError(f"{path}: {suffix or 'no suffix'} {heights}; known are {', '.join(CELLS)}")
     return suffix
 
 
@@ -310,7 +311,7 @@ def settled_terrain(
     try:
         return Terrain(source.values, size, source.corner, source.crs, device=device)
     except ValueError as error:
-        raise ValueError(f"{source.path}: {error}") from error
+        raise InputError(f"{source.path}: {error}") from error
 
 
 def settled_raster(
@@ -329,7 +330,7 @@ def settled_raster(
     try:
         return Raster(source.values, size, source.corner, source.crs, *told, device=device)
     except ValueError as error:
-        raise ValueError(f"{source.path}: {error}") from error
+        raise InputError(f"{source.path}: {error}") from error
 
 
 def _settled(
@@ -349,7 +350,7 @@ def _settled(
     else:
         one_crs([_outline(source, source.crs)])
     if source.is_turned():
-        raise ValueError(
+        raise InputError(
             f'{source.path}: its rows do not run east; pass to_crs= (its own CRS or "utm") to have it turned'
         )
     source.put_north_up()
@@ -361,14 +362,14 @@ def _place(source: RasterSource, cell_size: float | None, origin: Sequence[float
     if cell_size is not None:
         positive(cell_size, "cell_size", "m")
     if source.affine is not None and origin is not None:
-        raise ValueError(f"{source.path}: the file tells its origin; leave origin= out")
+        raise InputError(f"{source.path}: the file tells its origin; leave origin= out")
     if source.affine is None:
         if cell_size is None:
-            raise ValueError(f"{source.path}: the file does not tell the size of its cells; pass cell_size= in m")
+            raise InputError(f"{source.path}: the file does not tell the size of its cells; pass cell_size= in m")
         west, north = (0.0, 0.0) if origin is None else (float(v) for v in origin)
         source.affine = north_up(west, north, cell_size, cell_size)
     if not np.isfinite(source.corner).all() or not min(source.cell) > 0.0:
-        raise ValueError(f"{source.path}: its cell size or origin is not a number: {source.affine}")
+        raise InputError(f"{source.path}: its cell size or origin is not a number: {source.affine}")
 
 
 def _scale_heights(source: RasterSource, z_factor: float | None) -> None:
@@ -404,7 +405,7 @@ def _outline(source: RasterSource, crs: str | None) -> Source:
 def _check_degrees(source: RasterSource) -> None:
     """Raise ``ValueError`` where coordinates without a CRS can only be degrees."""
     if max(source.cell) < LONGEST_DEGREES and within_degrees(_outline(source, None).lines):
-        raise ValueError(
+        raise InputError(
             f"{source.path}: cells of {source.cell[0]:.4g} within 180 and 90 look like longitude and latitude and no "
             'CRS is stated; pass crs="EPSG:4326" and to_crs="utm"'
         )
@@ -426,12 +427,12 @@ def _square(source: RasterSource, cell_size: float | None) -> float:
             )
         return size
     if cell_size is None:
-        raise ValueError(
+        raise InputError(
             f"{source.path}: its cells are {width:.6g} x {length:.6g} m, not square; pass cell_size= to have it "
             "resampled"
         )
     if source.values.dtype.kind != "f":
-        raise ValueError(f"{source.path}: its whole numbers are not resampled; leave cell_size= out")
+        raise InputError(f"{source.path}: its whole numbers are not resampled; leave cell_size= out")
     log.info("%s: resampled from %g x %g m to %g m", source.path, width, length, cell_size)
     source.values = square_cells(source.values, width, length, cell_size)
     return float(cell_size)

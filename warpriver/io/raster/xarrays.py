@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.crs import crs_text
 from warpriver.io.raster.source import RasterSource, with_gaps
 from warpriver.io.raster.terrains import settled_raster, settled_terrain
@@ -88,12 +89,12 @@ def _source(array: Any, what: str) -> RasterSource:
     """Return what an array says; ``what`` is to become of it, for messages."""
     label = Path(f"array {array.name!r}" if getattr(array, "name", None) else "array")
     if not hasattr(array, "dims") or not hasattr(array, "coords") or not hasattr(array, "dtype"):
-        raise ValueError(f"{type(array).__name__} is no xarray.DataArray; pick one variable of a data set")
+        raise InputError(f"{type(array).__name__} is no xarray.DataArray; pick one variable of a data set")
     array = array.squeeze(drop=True)
     names = {str(d).lower(): d for d in array.dims}
     y, x = (next((names[n] for n in known if n in names), None) for known in (Y_NAMES, X_NAMES))
     if array.ndim != 2 or x is None or y is None:
-        raise ValueError(f"{label}: its dimensions are {tuple(array.dims)}; {what} needs (y, x)")
+        raise InputError(f"{label}: its dimensions are {tuple(array.dims)}; {what} needs (y, x)")
     array = array.transpose(y, x)
     (west, width), (north, length) = _spacing(array, x, label), _spacing(array, y, label)
     values = np.array(array.values, None if array.dtype.kind in "iu" else np.float64)
@@ -109,13 +110,13 @@ def _source(array: Any, what: str) -> RasterSource:
 def _spacing(array: Any, name: Any, label: Path) -> tuple[float, float]:
     """First coordinate of a dimension, and the step between cells."""
     if name not in array.coords or array.sizes[name] < 2:
-        raise ValueError(f"{label}: the dimension {name!r} needs coordinates, of two cells or more")
+        raise InputError(f"{label}: the dimension {name!r} needs coordinates, of two cells or more")
     values = np.asarray(array[name].values, np.float64)
     step = (values[-1] - values[0]) / (len(values) - 1)
     if not np.isfinite(values).all() or step == 0.0:
-        raise ValueError(f"{label}: the coordinates {name!r} are not finite numbers that differ")
+        raise InputError(f"{label}: the coordinates {name!r} are not finite numbers that differ")
     if np.abs(values - np.linspace(values[0], values[-1], len(values))).max() > UNEVEN * abs(step):
-        raise ValueError(
+        raise InputError(
             f"{label}: the coordinates {name!r} are unevenly spaced; interpolate the array to an even grid"
         )
     return float(values[0]), float(step)

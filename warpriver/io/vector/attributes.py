@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.hydrology.orders import horton_order, main_stem, shreve_magnitude, strahler_order
 from warpriver.network import RiverNetwork
 
@@ -266,7 +267,7 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
         except (TypeError, ValueError) as error:
             if role == "closed":  # a word of others, of a road or a lock for one
                 continue
-            raise ValueError(f"{where}: {name.name.lower()} is {value!r}, not a number") from error
+            raise InputError(f"{where}: {name.name.lower()} is {value!r}, not a number") from error
         if math.isnan(number) or number in NO_VALUE:
             continue
         # Rasters give a reach that they do not resolve no area and no flow.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
+from warpriver.errors import InputError
 from warpriver.io.vector.attributes import FAMILIES, LISTS, READ, WRITTEN, list_names
 from warpriver.io.vector.source import Source
 
@@ -47,11 +48,11 @@ def check_extra(channels: ChannelTable, path: Any, suffix: str, *, text: bool) -
         what = f"{path}: the extra column {name!r}"
         other = seen.setdefault(name.lower(), name)
         if name.lower() in _TAKEN:
-            raise ValueError(f"{what} has the name of an attribute that files have for something else; rename it")
+            raise InputError(f"{what} has the name of an attribute that files have for something else; rename it")
         if other != name:
-            raise ValueError(f"{what} differs from {other!r} in case only, which files do not tell apart; rename it")
+            raise InputError(f"{what} differs from {other!r} in case only, which files do not tell apart; rename it")
         if suffix == ".shp" and len(name.encode()) > SHAPEFILE_NAME:
-            raise ValueError(f"{what} has a name of more than {SHAPEFILE_NAME} characters; rename it or write .gpkg")
+            raise InputError(f"{what} has a name of more than {SHAPEFILE_NAME} characters; rename it or write .gpkg")
         if column.dtype.kind == "U":
             _check_words(what, name, column.tolist(), suffix, text)
         elif text:
@@ -61,13 +62,13 @@ def check_extra(channels: ChannelTable, path: Any, suffix: str, *, text: bool) -
 def _check_words(what: str, name: str, words: Sequence[str], suffix: str, text: bool) -> None:
     """Raise ``ValueError`` for words that would not come back."""
     if suffix == ".shp" and any(len(word.encode()) > SHAPEFILE_TEXT for word in words):
-        raise ValueError(f"{what} has words of more than {SHAPEFILE_TEXT} bytes; write .gpkg or .geojson")
+        raise InputError(f"{what} has words of more than {SHAPEFILE_TEXT} bytes; write .gpkg or .geojson")
     if not text:
         return
     parting = set(',;\t"#') if suffix == ".csv" else set(',;\t"# ')
     for word in (name, *words):
         if parting & set(word) or not word.isprintable() or (suffix != ".csv" and not word) or word != word.strip():
-            raise ValueError(f"{what} holds {word!r}, which a row of text cannot; write .geojson or .gpkg")
+            raise InputError(f"{what} holds {word!r}, which a row of text cannot; write .geojson or .gpkg")
 
 
 def extra_kinds(channels: ChannelTable) -> dict[str, str]:
@@ -104,7 +105,7 @@ def wanted_extra(
     for name in asked:
         if name.lower() not in there:
             listed = ", ".join(there.values()) or "none"
-            raise ValueError(f"{path}: no attribute {name!r} to read as an extra column; it has {listed}")
+            raise InputError(f"{path}: no attribute {name!r} to read as an extra column; it has {listed}")
     return {name: stated.get(name) for name in asked}
 
 
@@ -126,7 +127,7 @@ def extra_columns(sources: Sequence[Source], values: Sequence[Mapping[str, Any]]
         try:
             columns[name] = _as_kind([_plain(v.get(name)) for v in values], kind)
         except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"{label}: the extra column {name!r} is not all {kind} ({error})") from error
+            raise InputError(f"{label}: the extra column {name!r} is not all {kind} ({error})") from error
     return columns
 
 
@@ -157,7 +158,7 @@ def _as_kind(values: list[Any], kind: str | None) -> np.ndarray:
     if kind == "float":
         return np.array([np.nan if value is None else float(value) for value in values], np.float64)
     if not whole:
-        raise ValueError("some channels have none")
+        raise InputError("some channels have none")
     if kind == "int":
         return np.array([int(value) for value in values], np.int64)
     return np.array([_truth(value) for value in values], bool)

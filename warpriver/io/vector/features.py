@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text, within_degrees
 from warpriver.io.files import decoded
@@ -70,7 +71,7 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     try:
         root = json.loads(decoded(path))
     except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: not whole JSON ({error}); is it cut short?") from error
+        raise InputError(f"{path}: not whole JSON ({error}); is it cut short?") from error
     kind = root.get("type") if isinstance(root, dict) else None
     if kind == "FeatureCollection":
         features = root.get("features")
@@ -79,7 +80,7 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     else:
         features = [{"geometry": root}] if kind is not None and "coordinates" in root else None
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
-        raise ValueError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
+        raise InputError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
     names = {n for f in features if isinstance(f.get("properties"), dict) for n in f["properties"]}
     family, extra = family_of(names), wanted_extra(path, _frame_extra(root.get(FRAME)), asked, names)
     lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted, family, extra)
@@ -106,10 +107,10 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], 
         beside = [name for name, _ in pyogrio.list_layers(path) if name == chosen + NODES]
         nodes = _read_nodes(shapely, raw, path, beside[0]) if beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read as {OGR[suffix]} ({_reason(error)}); is it cut short?") from error
+        raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({_reason(error)}); is it cut short?") from error
     if wkb is None or len(wkb) < info["features"]:
         count = 0 if wkb is None else len(wkb)
-        raise ValueError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
+        raise InputError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
     attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
     with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
@@ -132,7 +133,7 @@ def read_parquet(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
         useful = useful_names(texts, wanted, extra)
         attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
-        raise ValueError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
+        raise InputError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
     family = family_of(texts)
     lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
     source = Source(path, lines, crs_text(frame.crs, str(path)), family=family, extra=extra)
@@ -194,7 +195,7 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
             if suffix == ".gpkg":
                 _write_nodes(shapely, raw, network, temporary, layer)
     except RuntimeError as error:
-        raise ValueError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
+        raise InputError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
 
 
 def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
@@ -207,7 +208,7 @@ def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
         frame.attrs[FRAME] = _frame_of(network)
         frame.to_parquet(temporary, index=False)
     except RuntimeError as error:
-        raise ValueError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
+        raise InputError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
 
 
 # ---- reading
@@ -228,7 +229,7 @@ def _lines_of(
             xy = points[:, :2].copy()
             if not np.isfinite(xy).all():
                 point = int((~np.isfinite(xy)).any(axis=1).argmax())
-                raise ValueError(f"{where}: point {point} is not finite; remove or repair it")
+                raise InputError(f"{where}: point {point} is not finite; remove or repair it")
             line = Line(xy, where, feature=k, z=points[:, 2].copy() if points.shape[1] > 2 else None)
             line.extra = {name: attributes.get(name.lower()) for name in extra}
             for role in wanted:
@@ -240,7 +241,7 @@ def _lines_of(
             lines.append(line)
     found = ", ".join(f"{count} {kind}" for kind, count in others.items())
     if not lines:
-        raise ValueError(f"{path}: no lines in it; it holds {found or 'no features'}")
+        raise InputError(f"{path}: no lines in it; it holds {found or 'no features'}")
     if others:
         log.info("%s: passed over %s", path, found)
     return lines
@@ -276,9 +277,9 @@ def _point_list(attributes: dict[str, Any], role: str, count: int, where: str) -
         try:
             array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{where}: {name} is not a list of numbers ({error})") from error
+            raise InputError(f"{where}: {name} is not a list of numbers ({error})") from error
         if array.shape != (count,):
-            raise ValueError(f"{where}: {name} has {array.size} numbers for {count} points; remove it, or pass {role}=")
+            raise InputError(f"{where}: {name} has {array.size} numbers for {count} points; remove it, or pass {role}=")
         return array
     return None
 
@@ -296,7 +297,7 @@ def _geojson_feature(path: Path, k: int, feature: dict[str, Any]) -> _Feature:
         size = 3 if all(len(p) > 2 for part in parts for p in part) else 2
         arrays = [np.array([p[:size] for p in part], np.float64).reshape(-1, size) for part in parts]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path}, feature {k}: its coordinates are not pairs of numbers ({error})") from error
+        raise InputError(f"{path}, feature {k}: its coordinates are not pairs of numbers ({error})") from error
     return kind, arrays, attributes
 
 
@@ -319,15 +320,15 @@ def _line_layer(path: Path, layer: str | None, layers: np.ndarray) -> str:
     listed = ", ".join(f"{name} ({kind})" for name, kind in layers)
     if layer is not None:
         if layer not in [name for name, _ in layers]:
-            raise ValueError(f"{path}: no layer {layer!r} in it; it has {listed}")
+            raise InputError(f"{path}: no layer {layer!r} in it; it has {listed}")
         return layer
     kinds = {name: str(kind) for name, kind in layers if kind is not None}
     lines = [name for name, kind in kinds.items() if "LineString" in kind]
     lines = lines or [name for name, kind in kinds.items() if "Unknown" in kind or "Collection" in kind]
     if not lines:
-        raise ValueError(f"{path}: no lines in it; it has {listed or 'no layers'}")
+        raise InputError(f"{path}: no lines in it; it has {listed or 'no layers'}")
     if len(lines) > 1:
-        raise ValueError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
+        raise InputError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
     return str(lines[0])
 
 
@@ -349,7 +350,7 @@ def _refuse_cut(path: Path, suffix: str) -> None:
     elif suffix == ".shp" and head.startswith((9994).to_bytes(4, "big")):
         needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
     if size < needed:
-        raise ValueError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
+        raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
 
 
 def _reason(error: Exception) -> str:

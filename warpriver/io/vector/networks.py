@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width, width_of_discharge
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.files import beside, check_readable
@@ -194,10 +195,10 @@ def read_network(
     settings = (("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES))
     for name, value, choices in settings:
         if value not in choices:
-            raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
+            raise InputError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
     paths = [Path(path)] if isinstance(path, (str, os.PathLike)) else [Path(p) for p in path]
     if not paths:
-        raise ValueError("no file to read: the list of paths is empty")
+        raise InputError("no file to read: the list of paths is empty")
     given = {"width": width, "depth": depth, "discharge": discharge}
     wanted = tuple(role for role in ROLES if given.get(role) is None)
     asked = None if extra is None else tuple(extra)
@@ -223,7 +224,7 @@ def read_network(
     try:
         return _build(lines, sources, joined, closed, short == "keep", label, place)
     except ValueError as error:
-        raise ValueError(f"{label}: {error}") from error
+        raise InputError(f"{label}: {error}") from error
 
 
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
@@ -293,7 +294,7 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     path = Path(path)
     suffix = _suffix(path)
     if suffix == ".shp" and network.point_section is not None:
-        raise ValueError(
+        raise InputError(
             f"{path}: a shapefile cannot hold a width or depth that varies along a channel; "
             "write .gpkg, .geojson, .parquet, .fgb or .csv"
         )
@@ -315,7 +316,7 @@ def _suffix(path: Path) -> str:
     packed = suffixes[-1:] == [".gz"]
     suffix = (suffixes[:-1] if packed else suffixes)[-1:]
     if not suffix or suffix[0] not in (PACKABLE if packed else SUFFIXES):
-        raise ValueError(f"{path}: {''.join(suffixes[-2:]) or 'no suffix'} names no format; known are {KNOWN}")
+        raise InputError(f"{path}: {''.join(suffixes[-2:]) or 'no suffix'} names no format; known are {KNOWN}")
     return suffix[0]
 
 
@@ -324,7 +325,7 @@ def _read_source(path: Path, layer: str | None, wanted: Sequence[str], asked: Se
     suffix = _suffix(path)
     check_readable(path)
     if layer is not None and suffix not in OGR:
-        raise ValueError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
+        raise InputError(f"{path}: {suffix} has no layers; leave layer={layer!r} out")
     if suffix in TEXT:
         return read_text(path, wanted, asked)
     if suffix in JSON:
@@ -339,15 +340,15 @@ def _override(lines: list[Line], name: str, value: Any) -> None:
     many = isinstance(value, (list, tuple)) or np.ndim(value)
     values = list(value) if many else [value] * len(lines)
     if len(values) != len(lines):
-        raise ValueError(f"{name}: {len(values)} values for {len(lines)} channels; give one number or one a channel")
+        raise InputError(f"{name}: {len(values)} values for {len(lines)} channels; give one number or one a channel")
     for c, (line, item) in enumerate(zip(lines, values, strict=True)):
         try:
             array = np.array(item, np.float64)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{name} of channel {c} is {item!r}, not a number") from error
+            raise InputError(f"{name} of channel {c} is {item!r}, not a number") from error
         if array.ndim and (name == "discharge" or array.shape != (len(line.xy),)):
             fits = "one number" if name == "discharge" else f"one number or ({len(line.xy)},)"
-            raise ValueError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
+            raise InputError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
         setattr(line, name, array)
 
 
@@ -378,9 +379,9 @@ def _check_width(lines: list[Line], label: str) -> None:
     """Raise ``ValueError`` where neither file nor argument gives a width."""
     missing = [line for line in lines if line.width is None]
     if len(missing) == len(lines):
-        raise ValueError(f"{label}: the file gives no width; pass width= (bankfull width in m)")
+        raise InputError(f"{label}: the file gives no width; pass width= (bankfull width in m)")
     if missing:
-        raise ValueError(f"{missing[0].where}: no width ({len(missing)} of {len(lines)} lines have none); pass width=")
+        raise InputError(f"{missing[0].where}: no width ({len(missing)} of {len(lines)} lines have none); pass width=")
 
 
 def _clean(lines: list[Line], repeated: str, label: str) -> None:
@@ -391,14 +392,14 @@ def _clean(lines: list[Line], repeated: str, label: str) -> None:
         if same.any():
             k = int(same.argmax())
             if repeated == "error":
-                raise ValueError(
+                raise InputError(
                     f"{line.where}: points {k} and {k + 1} are both at ({line.xy[k, 0]:g}, "
                     f"{line.xy[k, 1]:g}); remove one, or pass repeated='drop'"
                 )
             dropped += int(same.sum())
             line.map_points(operator.itemgetter(np.concatenate([[True], ~same])))
         if len(line.xy) == 1:
-            raise ValueError(f"{line.where}: only one distinct point; a channel needs two")
+            raise InputError(f"{line.where}: only one distinct point; a channel needs two")
         if len(line.xy) == 2:
             added += 1
             line.map_points(lambda a: np.stack([a[0], 0.5 * (a[0] + a[1]), a[1]]))
@@ -482,14 +483,14 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
     if not count or short == "keep":
         return lines
     if crs is None and 2 * count >= len(lines) and within_degrees(lines):
-        raise ValueError(
+        raise InputError(
             f"{label}: x and y look like longitude and latitude (within 180 and 90, lines shorter than wide) "
             'and no CRS is stated; pass crs="EPSG:4326" and to_crs="utm", or check the unit of the width'
         )
     if short == "error" or count == len(lines):
         first = wide.index(True)
         advice = "" if count == len(lines) else ", or pass short='narrow', 'drop' or 'keep'"
-        raise ValueError(
+        raise InputError(
             f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
             f"({count} of {len(lines)} lines are like that); check the units of both{advice}"
         )

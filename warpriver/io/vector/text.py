@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, is_number
 from warpriver.io.vector.attributes import GENERIC, read_names, write_columns
@@ -132,7 +133,7 @@ def _kind_of(words: np.ndarray) -> str:
 def _one_word(words: np.ndarray, name: str, where: str) -> str | None:
     """Return the word that the rows of a channel hold in a free column, None for nothing."""
     if (words != words[0]).any():
-        raise ValueError(
+        raise InputError(
             f"{where}: the extra column {name!r} holds {words[0]} and {words[words != words[0]][0]}; only one value a "
             "channel is kept"
         )
@@ -199,12 +200,12 @@ def _scan_head(path: Path, rows: list[str]) -> tuple[int, list[str], list[str]]:
         words = _words(fields)
         names = words if _has_xy(words) else []
     else:
-        raise ValueError(f"{path}: no row of numbers in it; expected x and y in columns")
+        raise InputError(f"{path}: no row of numbers in it; expected x and y in columns")
     if not names and comments:
         said = _words(_fields(comments[-1]))
         names = said if _has_xy(said) and len(said) == len(fields) else []
     if not names and len(words) == len(fields) > 1 and not any(map(is_number, words)):
-        raise ValueError(f"{path}: its columns are {', '.join(words)}; name two of them x and y (or lon and lat)")
+        raise InputError(f"{path}: its columns are {', '.join(words)}; name two of them x and y (or lon and lat)")
     return first, names, comments
 
 
@@ -226,10 +227,10 @@ def _header_facts(path: Path, comments: list[str]) -> tuple[str | None, bool, bo
             facts.setdefault(key.lower(), value)
     units = facts.get("units", "m").lower()
     if units not in METRES + DEGREES:
-        raise ValueError(f"{path}: its header says units={units}; only metres are read, so convert it first")
+        raise InputError(f"{path}: its header says units={units}; only metres are read, so convert it first")
     order = facts.get("order", "downstream").lower()
     if order not in ("downstream", "upstream"):
-        raise ValueError(f"{path}: its header says order={order}; use downstream or upstream")
+        raise InputError(f"{path}: its header says order={order}; use downstream or upstream")
     return crs_text(facts.get("crs"), str(path)), order == "upstream", units in DEGREES
 
 
@@ -302,11 +303,11 @@ def _load_columns(
             for role, column in columns.items():
                 if column >= len(fields):
                     text = f"{len(fields)} columns; {role} should be in column {column + 1}"
-                    raise ValueError(f"{path}, line {number}: {text}") from error
+                    raise InputError(f"{path}, line {number}: {text}") from error
                 if not is_number(fields[column]):
                     text = f"{fields[column]!r} is not a number (column {column + 1}, {role})"
-                    raise ValueError(f"{path}, line {number}: {text}") from error
-        raise ValueError(f"{path}: its numbers cannot be read ({error})") from error
+                    raise InputError(f"{path}, line {number}: {text}") from error
+        raise InputError(f"{path}: its numbers cannot be read ({error})") from error
     bad = ~np.isfinite(table)
     for role in OPEN:
         if role in columns:
@@ -314,7 +315,7 @@ def _load_columns(
     if bad.any():
         row, column = np.argwhere(bad)[0]
         number, _ = next(itertools.islice(_data_rows(rows, first), int(row), None))
-        raise ValueError(f"{path}, line {number}: {list(columns)[column]} is {table[row, column]}; remove or repair it")
+        raise InputError(f"{path}, line {number}: {list(columns)[column]} is {table[row, column]}; remove or repair it")
     return table
 
 
@@ -323,7 +324,7 @@ def _load_words(path: Path, rows: list[str], separator: str | None, column: int)
     try:
         return np.loadtxt(rows, delimiter=separator, usecols=column, quotechar='"', dtype=str, ndmin=1)
     except ValueError as error:
-        raise ValueError(f"{path}: its channels cannot be read ({error})") from error
+        raise InputError(f"{path}: its channels cannot be read ({error})") from error
 
 
 # ---- where channels begin: the points at which a new one starts (but for the first)
@@ -338,7 +339,7 @@ def _breaks_by_id(path: Path, ids: np.ndarray, name: str) -> tuple[list[int], li
     labels = [int(v) if isinstance(v, float) and v.is_integer() else v for v in labels]
     label, times = Counter(labels).most_common(1)[0]
     if times > 1:
-        raise ValueError(f"{path}: the rows of channel {label} do not stand together; sort them by channel")
+        raise InputError(f"{path}: the rows of channel {label} do not stand together; sort them by channel")
     return breaks.tolist(), labels
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.vector.source import Line, Source
 from warpriver.network_checks import NODE_TOLERANCE
 
@@ -80,7 +81,7 @@ def _identities(lines: list[Line], topology: str) -> np.ndarray | None:
             continue
         if topology == "ends":
             return None
-        raise ValueError(
+        raise InputError(
             f"{line.where}: its identity, {line.channel_id}, is also that of {other.where.rpartition(', ')[2]}; make "
             "them differ, or pass topology='ends' to number the channels anew and join them where they meet"
         )
@@ -115,7 +116,7 @@ def _refuse_circles(lines: list[Line], down: np.ndarray) -> None:
     names = [str(lines[c].channel_id) for c in (*circle[:6], circle[0])]
     if len(circle) > 6:
         names.insert(-1, "...")
-    raise ValueError(
+    raise InputError(
         f"{lines[circle[0]].where}: channels flow in a circle, {' -> '.join(names)}; correct what they name "
         "downstream, or pass topology='ends' to join them where they meet"
     )
