@@ -80,10 +80,10 @@ LINE = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0], [6.0, 14.0]])
     [
         (np.zeros((5, 3)), r"shape \(5, 3\)"),
         (np.arange(6.0), r"shape \(6,\)"),
-        (LINE[:2], "2 points"),
-        (np.array([[0.0, 0.0], [1.0, np.nan], [2.0, 0.0]]), "not finite at point 1"),
-        (np.array([[0.0, 0.0], [1.0, 0.0], [np.inf, 0.0]]), "not finite at point 2"),
-        (np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]), "repeats point 1"),
+        (LINE[:2], r"2 point\(s\)"),
+        (np.array([[0.0, 0.0], [1.0, np.nan], [2.0, 0.0]]), "point 1 is not finite"),
+        (np.array([[0.0, 0.0], [1.0, 0.0], [np.inf, 0.0]]), "point 2 is not finite"),
+        (np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]), "points 1 and 2 are both at"),
     ],
 )
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from warpriver.network_checks import (
     check_graph,
     check_packed,
     check_rings_apart,
-    checked_line,
     checked_points,
     checked_slope,
     find_nodes,
@@ -27,7 +26,7 @@ from warpriver.network_checks import (
     ring_marks,
     ring_points,
 )
-from warpriver.validate import one_of
+from warpriver.validate import checked_line, one_of
 
 __all__ = ["RiverNetwork"]
 
@@ -200,7 +199,7 @@ class RiverNetwork:
                 f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
                 'with read_network(..., to_crs="utm")'
             )
-        lines = [checked_line(xy, c) for c, xy in enumerate(polylines)]
+        lines = [checked_line(xy, f"channel {c}") for c, xy in enumerate(polylines)]
         if not lines:
             raise InputError("a network needs at least one line; got none")
         rings = ring_flags(closed, len(lines))

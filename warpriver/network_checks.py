@@ -15,7 +15,6 @@ __all__ = [
     "check_graph",
     "check_packed",
     "check_rings_apart",
-    "checked_line",
     "checked_points",
     "checked_slope",
     "find_nodes",
@@ -194,29 +193,6 @@ def checked_slope(slope: Any, count: int) -> np.ndarray:
     if np.isinf(array).any():
         raise InputError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
     return array
-
-
-def checked_line(xy: Any, channel: int) -> np.ndarray:
-    """Return one line as (n, 2) float64, or raise ``ValueError`` that says what is wrong with it and where."""
-    try:
-        line = np.array(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"channel {channel}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
-    if line.ndim != 2 or line.shape[1] != 2:
-        raise InputError(f"channel {channel}: shape {line.shape}; give (n, 2) x, y in metres")
-    if len(line) < 3:
-        raise InputError(f"channel {channel}: {len(line)} point(s); a channel needs at least 3, drop it or add points")
-    bad = ~np.isfinite(line).all(axis=1)
-    if bad.any():
-        raise InputError(f"channel {channel}: point {int(bad.argmax())} is not finite; remove or repair it")
-    repeated = (np.diff(line, axis=0) == 0.0).all(axis=1)
-    if repeated.any():
-        k = int(repeated.argmax())
-        raise InputError(
-            f"channel {channel}: points {k} and {k + 1} are both at ({line[k, 0]:g}, {line[k, 1]:g}); remove one "
-            f"({int(repeated.sum())} such pairs in all)"
-        )
-    return line
 
 
 def per_point(value: Any, counts: list[int], name: str, unit: str, *, positive: bool = True) -> list[np.ndarray]:

@@ -11,6 +11,7 @@ import numpy as np
 from warpriver.errors import InputError
 
 __all__ = [
+    "checked_line",
     "checked_points",
     "finite_numbers",
     "freeze_numbers",
@@ -92,6 +93,29 @@ def positive_numbers(values: Any, name: str) -> np.ndarray:
         c = int(wrong.argmax())
         raise InputError(f"{name} of channel {c} is {array.flat[c]:g}; it must be positive and finite")
     return array
+
+
+def checked_line(xy: Any, label: str) -> np.ndarray:
+    """Return a line as (n, 2) float64: three points or more, finite, no two of them alike in a row."""
+    try:
+        line = np.array(xy, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{label}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
+    if line.ndim != 2 or line.shape[1] != 2:
+        raise InputError(f"{label}: shape {line.shape}; give (n, 2) x, y in metres")
+    if len(line) < 3:
+        raise InputError(f"{label}: {len(line)} point(s); give at least 3, or drop it")
+    bad = ~np.isfinite(line).all(axis=1)
+    if bad.any():
+        raise InputError(f"{label}: point {int(bad.argmax())} is not finite; remove or repair it")
+    repeated = (np.diff(line, axis=0) == 0.0).all(axis=1)
+    if repeated.any():
+        k = int(repeated.argmax())
+        raise InputError(
+            f"{label}: points {k} and {k + 1} are both at ({line[k, 0]:g}, {line[k, 1]:g}); remove one "
+            f"({int(repeated.sum())} such pairs in all)"
+        )
+    return line
 
 
 def checked_points(xy: Any, name: str, finite: bool = True) -> np.ndarray:

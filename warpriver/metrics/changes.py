@@ -14,14 +14,13 @@ from warpriver.metrics.lines import (
     FloatArray,
     IndexArray,
     arc_length_of,
-    checked_line,
     cross,
     dot,
     norm,
     parabola_peak,
     unit,
 )
-from warpriver.validate import positive
+from warpriver.validate import checked_line, positive
 
 __all__ = ["LognormalFit", "lag", "lognormal_fit", "migration", "oxbow_lengths"]
 

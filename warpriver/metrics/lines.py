@@ -7,15 +7,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpriver.errors import InputError
-from warpriver.validate import positive
+from warpriver.validate import checked_line, positive
 
 __all__ = [
     "FloatArray",
     "IndexArray",
     "arc_length",
     "arc_length_of",
-    "checked_line",
     "checked_ring",
     "cross",
     "curvature",
@@ -46,7 +44,7 @@ def arc_length(xy: ArrayLike) -> FloatArray:
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points.
     """
-    return arc_length_of(checked_line(xy))
+    return arc_length_of(checked_line(xy, "xy"))
 
 
 def curvature(xy: ArrayLike, closed: bool = False) -> FloatArray:
@@ -76,7 +74,7 @@ def curvature(xy: ArrayLike, closed: bool = False) -> FloatArray:
     if closed:
         ring = checked_ring(xy)
         return curvature_of(np.concatenate([ring[-1:], ring, ring[:1]]))[1:-1]
-    return curvature_of(checked_line(xy))
+    return curvature_of(checked_line(xy, "xy"))
 
 
 def sinuosity(xy: ArrayLike, closed: bool = False) -> float:
@@ -100,7 +98,7 @@ def sinuosity(xy: ArrayLike, closed: bool = False) -> float:
         around = arc_length_of(np.concatenate([ring, ring[:1]]))[-1:]
         area = 0.5 * abs(float(cross(ring - ring[0], np.roll(ring, -1, axis=0) - ring[0]).sum()))
         return float(ratio(around, np.array([2.0 * math.sqrt(math.pi * area)]))[0])
-    points = checked_line(xy)
+    points = checked_line(xy, "xy")
     length = arc_length_of(points)[-1:]
     return float(ratio(length, norm(points[-1:] - points[:1]))[0])
 
@@ -121,7 +119,7 @@ def sinuosity_window(xy: ArrayLike, window: float) -> FloatArray:
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points, or `window` is not positive.
     """
-    points = checked_line(xy)
+    points = checked_line(xy, "xy")
     half = 0.5 * positive(window, "window")
     s = arc_length_of(points)
     low = np.maximum(s - half, 0.0)
@@ -129,25 +127,9 @@ def sinuosity_window(xy: ArrayLike, window: float) -> FloatArray:
     return ratio(high - low, norm(points_at(points, s, high) - points_at(points, s, low)))
 
 
-def checked_line(xy: ArrayLike, name: str = "xy") -> FloatArray:
-    """The points as a float64 (n, 2) array; raises ValueError where they are no usable line."""
-    points = np.asarray(xy, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"{name} has shape {points.shape}; give an (n, 2) array of x, y in metres.")
-    if len(points) < 3:
-        raise InputError(f"{name} has {len(points)} points; give at least 3.")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if bad.size:
-        raise InputError(f"{name} is not finite at point {bad[0]}; remove or fill such points.")
-    repeated = np.flatnonzero((points[1:] == points[:-1]).all(axis=1))
-    if repeated.size:
-        raise InputError(f"{name} repeats point {repeated[0]} as the next point; remove one of them.")
-    return points
-
-
 def checked_ring(xy: ArrayLike) -> FloatArray:
     """The points of a ring, the first not repeated, as `checked_line` has those of a line."""
-    points = checked_line(xy)
+    points = checked_line(xy, "xy")
     if (points[0] == points[-1]).all():
         raise InputError("xy repeats its first point at its end; leave it out of a closed line.")
     return points

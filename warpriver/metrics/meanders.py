@@ -12,7 +12,6 @@ from warpriver.metrics.lines import (
     FloatArray,
     IndexArray,
     arc_length_of,
-    checked_line,
     checked_ring,
     curvature_of,
     norm,
@@ -20,7 +19,7 @@ from warpriver.metrics.lines import (
     points_at,
     ratio,
 )
-from warpriver.validate import positive
+from warpriver.validate import checked_line, positive
 
 __all__ = [
     "Bends",
@@ -102,7 +101,7 @@ def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPo
     Raises:
         ValueError: `xy` is not a line of at least three finite, distinct points, or `width` is not positive.
     """
-    points = checked_line(xy)
+    points = checked_line(xy, "xy")
     position, _ = _sign_changes(*_bend_curvature(points, width))
     return InflectionPoints(position, points_at(points, arc_length_of(points), position))
 
@@ -128,7 +127,7 @@ def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Be
     """
     if closed:
         return _ring_bends(checked_ring(xy), width)
-    points = checked_line(xy)
+    points = checked_line(xy, "xy")
     s, value, floor = _bend_curvature(points, width)
     edge, first = _sign_changes(s, value, floor)
     start, end = edge[:-1], edge[1:]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
+from warpriver.validate import checked_line
 from warpriver.valley.controls import Term, evaluate
 from warpriver.valley.params import Thread, ValleyParams
 
@@ -235,15 +236,10 @@ def _checked_line(line: object) -> FloatArray:
         if line.channel_count != 1:
             raise InputError(f"line is a network of {line.channel_count} channels; give one of its polylines()")
         line = line.polylines()[0]
-    xy = np.asarray(line, np.float64)
-    if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 4:
-        raise InputError(f"line has shape {xy.shape}; give (n, 2) points in m, downstream, 4 or more")
-    if not np.isfinite(xy).all():
-        raise InputError(f"line: point {int(np.flatnonzero(~np.isfinite(xy).all(1))[0])} is not finite")
-    step = np.hypot(*np.diff(xy, axis=0).T)
-    if (step == 0.0).any():
-        raise InputError(f"line: point {int(np.flatnonzero(step == 0.0)[0]) + 1} stands twice; drop one")
-    if np.hypot(*(xy[-1] - xy[0])) < 0.05 * step.sum():
+    xy = checked_line(line, "line")
+    if len(xy) < 4:
+        raise InputError(f"line has {len(xy)} points; give 4 or more, downstream")
+    if np.hypot(*(xy[-1] - xy[0])) < 0.05 * np.hypot(*np.diff(xy, axis=0).T).sum():
         raise InputError("line ends close to where it starts, so that it has no valley axis; take a shorter part of it")
     return xy
 
