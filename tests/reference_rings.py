@@ -79,9 +79,8 @@ def fading_sum(value, r):
     return np.linalg.solve(np.eye(n) - r[:, None] * before, (1.0 - r) * value)
 
 
-def move_points(xy, rate, spacing, width, law):
-    """Points after one step, from rates smoothed downstream already; nothing is held."""
-    r = roots(xy, spacing, width, law)
+def move_points(xy, rate, r, law):
+    """Points after one step, from rates smoothed downstream already and the roots; nothing is held."""
     speed = fading_sum(rate[::-1], r[::-1])[::-1]
     return xy + reference.right_normals(wrapped(xy, 1)) * (speed * law.time_step)[:, None]
 
