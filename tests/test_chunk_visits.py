@@ -6,7 +6,7 @@ noted: see ``chunk_visits.py``.
 
 import patched_warp
 
-POINTS = 600_000  # in one channel: 18,750 chunks
+POINTS = 1_000_000  # in one channel: 31,250 chunks
 # Chunks that a thread may visit: its own, what lies upstream and downstream, what lies near, and binary searches.
 MOST_CHUNKS = 64
 # Elements of any arrays that it may read and write: fewer than there are chunks, so that a walk along a list of them

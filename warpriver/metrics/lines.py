@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.errors import InputError
 from warpriver.validate import checked_line, positive
 
 __all__ = [
