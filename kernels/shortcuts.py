@@ -7,6 +7,7 @@ import warp as wp
 
 from warpriver.kernels import buckets, polyline
 from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED, Work
+from warpriver.kernels.variants import named
 
 wp.set_module_options({"enable_backward": False})
 
@@ -130,53 +131,6 @@ def build(scalar):
         return bucket_head[fields * bucket] - 1
 
     @wp.func(module=name)
-    def partners_of(
-        point: wp.array[vec2],
-        section: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        first: int,
-        last: int,
-        closed: int,
-        mask: int,
-        i: int,
-        form: vec4,
-        min_arc: scalar,
-        fields: int,
-        law: ShortcutLaw,
-    ) -> wp.vec2i:
-        """Number of later points that point i may be joined to, and the last of them, 0 without any.
-
-        ``fields`` of a bucket: 1 where its list descends.
-        """
-        here = point[i]
-        radius = law.radius * form[2]
-        nearest = lowest_partner(section, i, form[2], min_arc)
-        farthest = highest_partner(nearest, i, first, last, closed)
-        tangent = tangent_at(point, i, first, last, closed)
-        per_cell = HALF / radius
-        x0 = table.floor_int(here[0] * per_cell - HALF)
-        y0 = table.floor_int(here[1] * per_cell - HALF)
-        found = wp.vec2i(0, 0)
-        lowest = int(0)
-        if fields == 1:
-            lowest = nearest
-        for corner in range(4):
-            x = x0 + (corner & 1)
-            y = y0 + (corner >> 1)
-            j = highest_first(bucket_head, fields, 4 * first + table.bucket_of(x, y, mask), nearest)
-            while j >= lowest:
-                if (
-                    j >= nearest
-                    and j <= farthest
-                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
-                    and is_in_cell(point[j] * per_cell, x, y)
-                ):
-                    found = wp.vec2i(found[0] + 1, wp.max(found[1], j))
-                j = point_next[j] - 1
-        return found
-
-    @wp.func(module=name)
     def write_partners(
         point: wp.array[vec2],
         section: wp.array[vec2],
@@ -236,77 +190,124 @@ def build(scalar):
             return 0
         return share_links_sum[k - 1][0]
 
-    @wp.kernel(module=name, enable_backward=False)
-    def count_shortcuts(
-        # network
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        # params
-        law: ShortcutLaw,
-        work: Work,
-        # in
-        point_moved: wp.array[vec2],
-        section_moved: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        # out
-        point_links_out: wp.array[int],
-        point_neck_out: wp.array[int],
-        point_from_out: wp.array[int],
-        share_links_out: wp.array[wp.vec2i],
-        share_cut_out: wp.array[wp.vec2i],
-        channel_links_out: wp.array[int],
-    ):
-        """Number of shortcuts that begin at each point, and in each share with the last point that one of them reaches.
+    def shortcut_search(kernel_name, fields):
+        """Make the search for shortcuts where a bucket has so many fields, as the search for necks is made."""
+        FIELDS = fields
 
-        i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a ring,
-        and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At a neck
-        the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are joined at
-        any angle. Slabs have lists that descend, as for necks, and count by channel, too. Clears what the path is noted
-        in; channels whose step is 0 have none.
-        """
-        if work.status[HALT] != 0:
-            return
-        k = work.first + wp.tid()
-        fields = 1 + wp.min(work.chunk, 1)
-        share = line.point_range(work, channel_start, channel_form.shape[0], k)
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        links = wp.vec2i(0, 0)
-        while i < end:
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            stop = wp.min(end, last + 1)
-            own = wp.vec2i(0, 0)
-            if channel_step[channel] > ZERO:
-                mask = table.bucket_mask(last + 1 - first)
-                closed = line.closed_at(law.channel_closed, channel)
-                form = channel_form[channel]
-                min_arc = law.min_arc / channel_spacing[channel]
-                for j in range(i, stop):
-                    found = partners_of(
-                        point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
-                        min_arc, fields, law,
-                    )  # fmt: skip
-                    own = wp.vec2i(own[0] + found[0], wp.max(own[1], found[1]))
-                    point_links_out[j] = found[0]
-                    point_neck_out[j] = -1
-                    point_from_out[j] = 0
-            elif work.chunk > 0:
-                for j in range(i, stop):
-                    point_links_out[j] = 0
-                    point_neck_out[j] = -1
-                    point_from_out[j] = 0
-            if work.chunk == 0:
-                channel_links_out[channel] = own[0]
-            links = wp.vec2i(links[0] + own[0], wp.max(links[1], own[1]))
-            i = stop
-            channel += 1
-        share_links_out[k] = links
-        share_cut_out[k] = wp.vec2i(0, 0)
+        @wp.func(module=name)
+        def partners_of(
+            point: wp.array[vec2],
+            section: wp.array[vec2],
+            point_next: wp.array[int],
+            bucket_head: wp.array[int],
+            first: int,
+            last: int,
+            closed: int,
+            mask: int,
+            i: int,
+            form: vec4,
+            min_arc: scalar,
+            law: ShortcutLaw,
+        ) -> wp.vec2i:
+            """Number of later points that point i may be joined to, and the last of them, 0 without any."""
+            here = point[i]
+            radius = law.radius * form[2]
+            nearest = lowest_partner(section, i, form[2], min_arc)
+            farthest = highest_partner(nearest, i, first, last, closed)
+            tangent = tangent_at(point, i, first, last, closed)
+            per_cell = HALF / radius
+            x0 = table.floor_int(here[0] * per_cell - HALF)
+            y0 = table.floor_int(here[1] * per_cell - HALF)
+            found = wp.vec2i(0, 0)
+            lowest = nearest * (2 - FIELDS)
+            for corner in range(4):
+                x = x0 + (corner & 1)
+                y = y0 + (corner >> 1)
+                j = highest_first(bucket_head, FIELDS, 4 * first + table.bucket_of(x, y, mask), nearest)
+                while j >= lowest:
+                    if (
+                        j >= nearest
+                        and j <= farthest
+                        and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
+                        and is_in_cell(point[j] * per_cell, x, y)
+                    ):
+                        found = wp.vec2i(found[0] + 1, wp.max(found[1], j))
+                    j = point_next[j] - 1
+            return found
+
+        @wp.kernel(module=name, enable_backward=False)
+        @named(kernel_name)
+        def count_shortcuts(
+            # network
+            channel_start: wp.array[int],
+            channel_form: wp.array[vec4],
+            channel_spacing: wp.array[scalar],
+            channel_step: wp.array[scalar],
+            # params
+            law: ShortcutLaw,
+            work: Work,
+            # in
+            point_moved: wp.array[vec2],
+            section_moved: wp.array[vec2],
+            point_next: wp.array[int],
+            bucket_head: wp.array[int],
+            # out
+            point_links_out: wp.array[int],
+            point_neck_out: wp.array[int],
+            point_from_out: wp.array[int],
+            share_links_out: wp.array[wp.vec2i],
+            share_cut_out: wp.array[wp.vec2i],
+            channel_links_out: wp.array[int],
+        ):
+            """Number of shortcuts that begin at each point and in each share, with the last point that one reaches.
+
+            i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a
+            ring, and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At
+            a neck the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are
+            joined at any angle. Slabs have lists that descend, as for necks, and count by channel, too. Clears what the
+            path is noted in; channels whose step is 0 have none.
+            """
+            if work.status[HALT] != 0:
+                return
+            k = work.first + wp.tid()
+            share = line.point_range(work, channel_start, channel_form.shape[0], k)
+            i = int(share[0])
+            end = share[1]
+            channel = int(share[2])
+            links = wp.vec2i(0, 0)
+            while i < end:
+                first = channel_start[channel]
+                last = channel_start[channel + 1] - 1
+                stop = wp.min(end, last + 1)
+                own = wp.vec2i(0, 0)
+                if channel_step[channel] > ZERO:
+                    mask = table.bucket_mask(last + 1 - first)
+                    closed = line.closed_at(law.channel_closed, channel)
+                    form = channel_form[channel]
+                    min_arc = law.min_arc / channel_spacing[channel]
+                    for j in range(i, stop):
+                        found = partners_of(
+                            point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
+                            min_arc, law,
+                        )  # fmt: skip
+                        own = wp.vec2i(own[0] + found[0], wp.max(own[1], found[1]))
+                        point_links_out[j] = found[0]
+                        point_neck_out[j] = -1
+                        point_from_out[j] = 0
+                elif work.chunk > 0:
+                    for j in range(i, stop):
+                        point_links_out[j] = 0
+                        point_neck_out[j] = -1
+                        point_from_out[j] = 0
+                if work.chunk == 0:
+                    channel_links_out[channel] = own[0]
+                links = wp.vec2i(links[0] + own[0], wp.max(links[1], own[1]))
+                i = stop
+                channel += 1
+            share_links_out[k] = links
+            share_cut_out[k] = wp.vec2i(0, 0)
+
+        return count_shortcuts
 
     @wp.kernel(module=name, enable_backward=False)
     def list_shortcuts(
@@ -409,7 +410,8 @@ def build(scalar):
         vec2=vec2,
         vec4=vec4,
         ShortcutLaw=ShortcutLaw,
-        count_shortcuts=count_shortcuts,
+        count_shortcuts=shortcut_search("count_shortcuts", 1),
+        count_shortcuts_in_chunks=shortcut_search("count_shortcuts_in_chunks", 2),
         list_shortcuts=list_shortcuts,
         weigh_shortcuts=weigh_shortcuts,
     )

@@ -80,7 +80,9 @@ class Case(PackedLines):
         out = [self.ints() for _ in range(3)]
         out += [unwritten(self.shares(deal), wp.vec2i, self.device) for _ in range(2)]
         out += [self.ints(len(self.lines))]
-        self.launch(self.kernel.count_shortcuts, deal, [*self.shape, self.step, law, ..., *near], out)
+        in_chunks = isinstance(deal, int)
+        search = self.kernel.count_shortcuts_in_chunks if in_chunks else self.kernel.count_shortcuts
+        self.launch(search, deal, [*self.shape, self.step, law, ..., *near], out)
         return out
 
     def counted(self, radius, min_arc, cone, deal=64):

@@ -119,7 +119,7 @@ class Shortcuts:
 
         def count(share: Share) -> None:
             launch(
-                kernel.count_shortcuts,
+                kernel.count_shortcuts_in_chunks if state.chunk else kernel.count_shortcuts,
                 dim=share.point_threads,
                 inputs=[*shape, state.step, law, share.work, *near],
                 outputs=[
