@@ -362,7 +362,7 @@ class RiverNetwork:
 
     def points(self) -> np.ndarray:
         """Return all points in absolute coordinates, (P, 2) float64 in m."""
-        return self.point_xy.numpy()[: self.point_count].astype(np.float64) + self.origin
+        return self.point_xy[: self.point_count].numpy().astype(np.float64) + self.origin
 
     def polylines(self, *, close: bool = False) -> list[np.ndarray]:
         """Return the channels' lines in absolute coordinates, a list of (n, 2) float64 arrays in m.
@@ -396,7 +396,7 @@ class RiverNetwork:
         if self.point_section is None:
             values = np.repeat(constant, np.diff(starts))
         else:
-            values = self.point_section.numpy()[: self.point_count, column].astype(np.float64)
+            values = self.point_section[: self.point_count].numpy()[:, column].astype(np.float64)
         return np.split(values, starts[1:-1])
 
     def channel_lengths(self) -> np.ndarray:
@@ -429,11 +429,11 @@ class RiverNetwork:
         """Everything that the constructor takes, on the host, to the bit."""
         count = self.point_count
         return {
-            "point_xy": self.point_xy.numpy()[:count],
+            "point_xy": self.point_xy[:count].numpy(),
             "channel_start": self.starts(),
             "channels": self._channels,
             "node_xy": self.node_xy,
-            "point_section": None if self.point_section is None else self.point_section.numpy()[:count],
+            "point_section": None if self.point_section is None else self.point_section[:count].numpy(),
             "point_z": self.point_z,
             "origin": self.origin,
             "crs": self.crs,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
@@ -145,7 +146,7 @@ def shape_junctions(network: RiverNetwork, params: JunctionParams | None = None)
     moved[ends] = node
     result = network.to()
     result.point_z = None
-    result.point_xy.assign(moved.astype(result.point_xy.numpy().dtype))
+    result.point_xy.assign(moved.astype(PRECISIONS[result.dtype][2]))
     return result
 
 
