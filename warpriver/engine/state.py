@@ -238,7 +238,7 @@ class State:
         self._install(fixed[:, WANTED] if saved is None else saved["channel_spacing"], fixed)
         self.plan_anew()
         if saved is not None:
-            _assign(self.pace, saved["channel_pace"])
+            self.assign(self.pace, saved["channel_pace"])
 
     def make_room(self, points: int) -> None:
         """Make room for so many points, and for those to come; the network and ``point_moved`` are kept."""
@@ -332,7 +332,9 @@ class State:
             carried: (C,) arrays of ``pace``, ``parts`` and ``mobility`` from before an edit; else they begin at 0.
         """
         network, self._fixed, carried = self.network, fixed, carried or {}
-        limit = np.column_stack([*self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, 0]])
+        limit = np.column_stack(
+            [*self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, NARROWEST]]
+        )
         self.stable_dt = float(np.min(limit[:, :2]))
         needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
@@ -349,14 +351,13 @@ class State:
         start = network.starts()
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
-        form = np.column_stack([network.channel_width, network.channel_depth, fixed[:, [WIDEST, WANTED]]])
         for array, values in (
-            (self.form, form), (self.spacing, spacing), (self.limit, limit),
+            (self.form, self.channel_form), (self.spacing, spacing), (self.limit, limit),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
             *((getattr(self, name), carried.get(name, np.zeros(0))) for name in ("pace", "parts", "mobility")),
         ):  # fmt: skip
             if array is not None:
-                _assign(array, values)
+                self.assign(array, values)
         self._deal_out()
         for phase in self.phases:
             phase.install(self)
@@ -380,7 +381,15 @@ class State:
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
-        _assign(array, values)
+        host = np.zeros(array.shape + values.shape[1:], values.dtype)
+        host[: len(values)] = values
+        array.assign(host)
+
+    def ground(self, grid: Any) -> tuple[wp.array | None, Any]:
+        """Return the heights of the ground and their grid as kernels take them; ``grid``: without ground."""
+        if self.terrain is None:
+            return None, grid
+        return self.terrain.height, self.terrain.grid(self.network.dtype, self.network.origin)
 
     # ---- running
 
@@ -427,7 +436,7 @@ class State:
 
     def resample_start(self) -> None:
         """Bring the network's lines as given to the even spacing."""
-        _assign(self.step, np.ones(self.network.channel_count))
+        self.assign(self.step, np.ones(self.network.channel_count))
         wp.copy(self.point_moved, self.network.point_xy)
         if self.section_moved is not None and self.network.point_section is not None:
             wp.copy(self.section_moved, self.network.point_section)
@@ -462,7 +471,7 @@ class State:
         fixed = self._fix_channels()
         self._install(spacing, fixed, carried)
         # A channel that has become narrower may have to be sampled more finely.
-        _assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
+        self.assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self.resample()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
@@ -548,13 +557,6 @@ def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
             yield from arrays_of(value.values())
         elif type(value).__module__.startswith("warpriver.") and not isinstance(value, (RiverNetwork, Terrain, State)):
             yield from arrays_of(getattr(value, "__dict__", {}).values())
-
-
-def _assign(array: wp.array, values: np.ndarray) -> None:
-    """Copy a host array to the beginning of a device array, and fill the rest with 0."""
-    host = np.zeros(array.shape + values.shape[1:], values.dtype)
-    host[: len(values)] = values
-    array.assign(host)
 
 
 def _bits(array: wp.array) -> wp.array:

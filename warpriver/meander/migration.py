@@ -149,11 +149,9 @@ class Migrate(Phase):
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: areas of rings, rates, the move."""
-        kernel, network, terrain = kernels.build(state.scalar), state.network, state.terrain
+        kernel, network = kernels.build(state.scalar), state.network
         law = migration_law(state.params, network.dtype)
-        height, grid = None, kernel.RasterGrid()
-        if terrain is not None:
-            height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
+        height, grid = state.ground(kernel.RasterGrid())
         shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
         shape += [state.closed, self.area]
 

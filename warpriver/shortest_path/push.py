@@ -81,11 +81,9 @@ class Push(Phase):
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: areas of rings, the push, the move."""
-        kernel, network, terrain = kernels.build(state.scalar), state.network, state.terrain
+        kernel, network = kernels.build(state.scalar), state.network
         law = path_law(state.params, network.dtype)
-        height, grid = None, kernel.RasterGrid()
-        if terrain is not None:
-            height, grid = terrain.height, terrain.grid(network.dtype, network.origin)
+        height, grid = state.ground(kernel.RasterGrid())
         shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
         shape += [state.closed]
 
