@@ -14,6 +14,7 @@ import time
 import xml.etree.ElementTree as ElementTree
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -195,8 +196,8 @@ def one_core() -> dict[str, str]:
 
 
 def models_section(report: Report) -> None:
-    """The models of tests/test_stages.py, whose steps are the same bits in whatever way they are done."""
-    stages = the_models()
+    """The models of tests/helpers/models.py, whose steps are the same bits in whatever way they are done."""
+    stages = model_table()
     as_a_gpu_deals_out(report)
     names = ("plain", "tree in parts", "paths") if report.small else tuple(stages.MODELS)
     for name in names:
@@ -204,12 +205,13 @@ def models_section(report: Report) -> None:
     report.attempt("check=True", lambda: check_phases(report, stages, "tree in parts"))
 
 
-def the_models() -> Any:
-    """``tests/test_stages.py``: MODELS are pairs of a function, which takes options of a Simulation, and steps."""
-    sys.path.append(str(TESTS))
-    import test_stages
+def model_table() -> Any:
+    """``tests/helpers/models.py``: MODELS are pairs of a function, which takes options of a Simulation, and steps."""
+    sys.path.append(str(TESTS / "helpers"))
+    import insides
+    import models
 
-    return test_stages
+    return SimpleNamespace(MODELS=models.MODELS, assert_same=models.assert_same, tighten=insides.tighten)
 
 
 def as_a_gpu_deals_out(report: Report) -> None:
@@ -289,7 +291,7 @@ def check_phases(report: Report, stages: Any, name: str) -> None:
 
 def repeat_section(report: Report) -> None:
     """Two runs from the same start give the same bits, with so many points that the order of sums would be seen."""
-    stages = the_models()
+    stages = model_table()
     as_a_gpu_deals_out(report)
     points, steps = (20_000, 5) if report.small else (1_000_000, 30)
     for channels, dtype in ((points // 1000, "float64"), (1, "float64"), (points // 1000, "float32")):
@@ -385,7 +387,7 @@ def sanitizer_summary(text: str) -> str | None:
 
 def workload(device: str, names: list[str]) -> None:
     """What compute-sanitizer looks at: a few steps of models of some 2,000 points, launch by launch."""
-    stages = the_models()
+    stages = model_table()
     for name in names:
         model, _ = stages.MODELS[name]
         sim = in_steps_of(model(device=device, capture=False), 2, 1)

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 import pytest
-from test_stages import MODELS
+from models import MODELS
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, generate
 from warpriver.engine.state import arrays_of
@@ -65,7 +65,7 @@ def untold(source):
 
 def test_every_simulation_of_a_test_with_a_device_is_told_it():
     here = Path(__file__)
-    found = {path.name: untold(path.read_text()) for path in here.parent.glob("test_*.py") if path != here}
+    found = {path.name: untold(path.read_text()) for path in here.parent.rglob("test_*.py") if path != here}
     assert len(found) > 40 and {name: lines for name, lines in found.items() if lines} == {}
 
 

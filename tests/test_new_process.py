@@ -2,9 +2,9 @@
 
 import dataclasses
 
+import models
 import numpy as np
 import pytest
-import test_stages
 import warp as wp
 
 from warpriver import MeanderParams, Simulation
@@ -71,7 +71,7 @@ class Drift(Phase):
 
 def still(**options):
     """Channels that nothing but the wind moves."""
-    network = test_stages.many_channels()
+    network = models.many_channels()
     params = MeanderParams(spacing=25.0, migration_rate=1e-9, collision_distance=0.0)
     return Simulation(network, params, **options)
 
@@ -87,8 +87,8 @@ def test_all_points_drift_by_the_vector(device):
 
 
 def test_its_events_are_recorded_saved_loaded_and_resumed(tmp_path, device):
-    whole = test_stages.tree(device=device, phases=[Drift(WIND)]).run(steps=60, record_every=10)
-    half = test_stages.tree(device=device, phases=[Drift(WIND)])
+    whole = models.tree(device=device, phases=[Drift(WIND)]).run(steps=60, record_every=10)
+    half = models.tree(device=device, phases=[Drift(WIND)])
     half.run(steps=30, record_every=10, store=tmp_path / "run")
     rest = Simulation.resume(tmp_path / "run", phases=[Drift(WIND)], device=device)
     rest.run(steps=30, record_every=10)
@@ -103,7 +103,7 @@ def test_its_events_are_recorded_saved_loaded_and_resumed(tmp_path, device):
 def test_it_is_recorded_with_the_step_grows_and_is_checked(monkeypatch, device):
     """Its arrays are made anew where the network gets more points or channels, and its check is called."""
     drift = Drift(WIND)
-    sim = test_stages.tree(device=device, phases=[drift], check=True)
+    sim = models.tree(device=device, phases=[drift], check=True)
     sim.run(steps=3)
     assert drift.checks == 3 * sim.substeps
     made = drift.allocations
@@ -119,7 +119,7 @@ def test_the_order_of_shares_does_not_matter_to_it(monkeypatch):
     runs = []
     for chunk in (0, 32):
         monkeypatch.setattr(engine_state, "CPU_CHUNK", chunk)
-        sim = test_stages.plain(phases=[Drift(WIND)], threads=1)
+        sim = models.plain(phases=[Drift(WIND)], threads=1)
         sim.run(steps=10)
         runs.append(sim.network.points())
     np.testing.assert_array_equal(*runs)

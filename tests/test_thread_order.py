@@ -5,7 +5,7 @@ They run on the CPU, in a process in which the order of the threads is ours: see
 
 import patched_warp
 import pytest
-from test_stages import MODELS
+from models import MODELS
 
 # Not "in order": that is the one that is compared with.
 OTHERS = ("reversed", "scrambled")

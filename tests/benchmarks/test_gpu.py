@@ -451,8 +451,8 @@ def test_nothing_is_imported_that_a_gpu_machine_may_lack():
         import importlib, sys
         for name in {heavy}:
             sys.modules[name] = None  # importing it raises
-        sys.path[:0] = {[str(gpu.ROOT / folder) for folder in ("benchmarks", "tests", "tests/kernels")]}
-        for name in ("gpu", "gpu_proof", "gpu_speed", "test_stages"):
+        sys.path[:0] = {[str(gpu.ROOT / folder) for folder in ("benchmarks", "tests/helpers", "tests/kernels")]}
+        for name in ("gpu", "gpu_proof", "gpu_speed", "models"):
             importlib.import_module(name)
         import pathlib
         for path in pathlib.Path({str(gpu.ROOT / "tests" / "kernels")!r}).glob("test_kernel_*.py"):

@@ -2,9 +2,9 @@
 
 import collections
 
+import models
 import numpy as np
 import pytest
-import test_stages
 import warp as wp
 from insides import loops_of, tighten
 
@@ -59,7 +59,7 @@ def count_nodes(sim, monkeypatch):
 
 @pytest.mark.parametrize("name", NODES)
 def test_a_sub_step_has_few_nodes_and_allocates_nothing(chunked, monkeypatch, name):
-    sim = test_stages.MODELS[name][0](capture=False, threads=1)
+    sim = models.MODELS[name][0](capture=False, threads=1)
     sim.step()
     counts = count_nodes(sim, monkeypatch)
     assert sum(counts.values()) <= NODES[name], counts
@@ -68,7 +68,7 @@ def test_a_sub_step_has_few_nodes_and_allocates_nothing(chunked, monkeypatch, na
 
 def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch):
     """Three levels at most, whatever the size, and two launches more for each scan than of a small one."""
-    sim = test_stages.plain(capture=False, threads=1)
+    sim = models.plain(capture=False, threads=1)
     small = sum(count_nodes(sim, monkeypatch).values())
     monkeypatch.setattr(scans, "SERIAL", 4)
     tighten(sim, 64, 4096)
@@ -80,7 +80,7 @@ def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch)
 
 def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
     """The status block, whose size does not depend on the network; all else is read after an event alone."""
-    sim = test_stages.plain(threads=1)
+    sim = models.plain(threads=1)
     sim.stepper.row_limit = buffers.SUBSTEPS_IN_A_ROW
     sim.run(steps=40, record_every=10_000)
     read, numpy = [], wp.array.numpy
@@ -99,7 +99,7 @@ def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
 
 def test_a_row_that_cuts_reads_back_what_it_cut(chunked, monkeypatch):
     """Only the records and points of the loops, not all the room that there is for them."""
-    sim = test_stages.plain(threads=1)
+    sim = models.plain(threads=1)
     read, numpy = [], wp.array.numpy
     monkeypatch.setattr(wp.array, "numpy", lambda array: read.append(array.size) or numpy(array))
     while not len(sim.history.cutoffs):
@@ -113,7 +113,7 @@ def test_a_row_that_cuts_reads_back_what_it_cut(chunked, monkeypatch):
 
 def test_a_full_row_keeps_its_recordings(chunked):
     """Where all sub-steps of a row together cut more than fits, but none alone does, nothing is made anew."""
-    sim = test_stages.tree(threads=1)
+    sim = models.tree(threads=1)
     sim.stepper.row_limit = 8
     sim.run(steps=20, record_every=10_000)
     state, loops, replays = sim.stepper.state, loops_of(sim), sim.stepper._replays

@@ -3,6 +3,7 @@ import subprocess
 import sys
 import types
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -288,7 +289,7 @@ def test_import_is_light_and_pyplot_stays_out():
         "viz.draw_network(RiverNetwork.from_polylines([np.stack([x, x], 1)], 9.0))\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=os.path.dirname(os.path.dirname(__file__)))
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).resolve().parents[2])
 
 
 # ---- channel belt

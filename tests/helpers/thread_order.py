@@ -15,8 +15,8 @@ import time
 import numpy as np
 import warp as wp
 from insides import tighten
+from models import MODELS
 from patched_warp import Preamble, fill_fresh_memory
-from test_stages import MODELS
 
 from warpriver import (
     LehenyParams,

@@ -2,12 +2,11 @@
 
 import functools
 import math
-import os
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from data_folder import data_folder
 from scipy.special import j0
 
 from warpriver import metrics
@@ -24,15 +23,6 @@ FIRST_DATES = {river: row[0] for river, row in SURVEYS.items()}
 FIRST_DATES |= {"tarauaca": "20070729", "tarauaca_jurua": "20070729"}
 
 
-def data_dir():
-    """Folder of measured rivers, or a skip that says where it was looked for."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("WARPRIVER_DATA", default))
-    if not (folder / "centerlines").is_dir():
-        pytest.skip(f"no measured rivers in {folder}; set WARPRIVER_DATA to their folder")
-    return folder
-
-
 @functools.cache
 def read_river(path):
     """Points in m and median width in m of a measured centreline."""
@@ -41,7 +31,7 @@ def read_river(path):
 
 
 def river(name, date):
-    return read_river(data_dir() / "centerlines" / f"{name}_{date}.csv.gz")
+    return read_river(data_folder("centerlines") / f"{name}_{date}.csv.gz")
 
 
 def circle(radius, count, turn=2.0 * np.pi, even=True):
@@ -485,7 +475,7 @@ def test_lognormal_fit():
 
 
 def test_sinuosity_of_measured_rivers():
-    files = sorted((data_dir() / "centerlines").glob("*.csv.gz"))
+    files = sorted((data_folder("centerlines")).glob("*.csv.gz"))
     assert len(files) == 12
     value = [metrics.sinuosity(read_river(path)[0]) for path in files]
     # Published range of these reaches, to its last digit.
