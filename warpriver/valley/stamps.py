@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -190,7 +191,7 @@ class Ground:
         window: Grid of a raster, for the kernels; None for points.
     """
 
-    def __init__(self, height: wp.array, place: wp.array | None = None, window: object | None = None):
+    def __init__(self, height: wp.array, place: wp.array | None = None, window: Any = None):
         """Take what is on the device already."""
         self.height, self.place, self.window = height, place, window
 
@@ -246,7 +247,7 @@ def set_into(
     made = kernels.build(wp.float64)
     for patch in patches:
         struct = made.Patch()
-        struct.corner = wp.array(patch.polygon, dtype=wp.vec2d, device=device)
+        struct.corner = wp.array(np.asarray(patch.polygon), dtype=wp.vec2d, device=device)
         octaves = patch.roughness ** (2.0 * np.arange(patch.octaves))
         struct.amplitude = patch.deviation / (_noise_deviation() * math.sqrt(float(octaves.sum())))
         struct.wavelength, struct.roughness, struct.blend = patch.wavelength, patch.roughness, patch.blend
@@ -265,9 +266,8 @@ def set_into(
         struct.cosine, struct.sine = math.cos(math.radians(stamp.angle)), math.sin(math.radians(stamp.angle))
         struct.top = float(np.asarray(stamp.vertices)[:, 2].max())
         ground.launch("stamp", struct, stamp.bounds)
-        if device.is_cuda:
-            # The mesh is freed with this name.
-            wp.synchronize_device(device)
+        # The mesh is freed with its name.
+        wp.synchronize_device(device)
 
 
 @functools.cache

@@ -225,7 +225,7 @@ class Valley:
         stamps = self.params.stamps
         if not stamps:
             return []
-        place = wp.array([stamp.place for stamp in stamps], dtype=wp.vec2d, device=self.device)
+        place: wp.array = wp.array([stamp.place for stamp in stamps], dtype=wp.vec2d, device=self.device)
         ground = self._bare_height(place).numpy()
         for stamp, height in zip(stamps, ground, strict=True):
             if stamp.base == "ground" and not np.isfinite(height):
@@ -310,7 +310,7 @@ class Valley:
         for name, off in n.items():
             place = xy + off[:, None] * normal
             made[name] = np.column_stack([stations.frame.to_map(place), self._plane(place[:, 0]) + rise[name]])
-        x = self.lines.start + self.lines.step * np.arange(len(self.lines.table))
+        x = self.lines.start + self.lines.step * np.arange(len(self.lines.table), dtype=np.float64)
         table = self.lines.table
         for column, name in enumerate(("left_floor", "left_top", "right_floor", "right_top")):
             z = self._plane(x) + table[:, 4] + (table[:, 5] if name.endswith("top") else 0.0)
