@@ -310,7 +310,7 @@ def test_search_finds_what_comparing_all_pairs_finds(device):
         state.run(collide.stages(state))
         contacts = collide.contacts(state)
         # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
-        widest, longest = form[:, 2], COARSEST_SPACING * form[:, 3]
+        widest, longest = form["widest"], COARSEST_SPACING * form["target_spacing"]
         far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + SLACK_SPACINGS * longest
         rank = np.maximum(np.ceil(np.log2(far / law.reach)), 0.0) * len(width) + np.arange(len(width))
         pairs = {tuple(sorted(p, key=lambda k: rank[owner[k]])) for p in touching.tolist()}

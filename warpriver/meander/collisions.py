@@ -16,7 +16,8 @@ from warpriver.engine.state import State
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin, check_forest
 from warpriver.history.events import Collision, Event
 from warpriver.kernels import collisions as kernels
-from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, FAULT, FAULT_NONE
+from warpriver.kernels.channels import COARSEST_SPACING
+from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
@@ -37,7 +38,7 @@ def collision_law(
     Args:
         network: The network.
         params: ``collision_distance`` and ``junction_reach``.
-        form: (C, 4) as in :class:`~warpriver.engine.state.State`.
+        form: (C,) structs, as ``State.channel_form``.
         before: What holds until now; it is returned where it serves these channels as well.
     """
     lines = ~network.channel_closed
@@ -48,7 +49,7 @@ def collision_law(
     law.distance = params.collision_distance
     law.node_reach = params.junction_reach
     law.block = BLOCK_WIDTHS
-    width, spacing = form[:, 2], COARSEST_SPACING * form[:, 3]
+    width, spacing = form["widest"], COARSEST_SPACING * form["target_spacing"]
     reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
     reach += kernels.SLACK_SPACINGS * spacing
     # Powers of two, so that the levels of the channels do not depend on which others there are.

@@ -13,15 +13,8 @@ from warpriver.engine.state import State
 from warpriver.graph.rings import split_rings
 from warpriver.history.events import Cutoff, Event, Split
 from warpriver.kernels import cutoffs as kernels
-from warpriver.kernels.polyline import (
-    CUT_POINTS,
-    CUT_POINTS_NEEDED,
-    CUTS,
-    CUTS_NEEDED,
-    FAULT,
-    FAULT_OXBOWS_FULL,
-    Marks,
-)
+from warpriver.kernels.channels import Marks
+from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, FAULT, FAULT_OXBOWS_FULL
 
 __all__ = ["ChunkMarks", "Loops", "PointTable"]
 
