@@ -134,6 +134,7 @@ class State:
         phases: All phases of a step, in order.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
         edits: Edits of the network so far.
+        next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
         substeps: Equal parts in which the last step was done.
@@ -224,7 +225,10 @@ class State:
         fixed = self._fix_channels() if saved is None else saved["channel_fixed"]
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
         self.channel_length = length
+        self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
+            # Runs recorded before this was do not have it.
+            self.next_identity = max([self.next_identity, *saved.get("next_identity", np.zeros(0, int)).tolist()])
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()
@@ -482,6 +486,7 @@ class State:
             self.allocate_points(int(HEADROOM * needed))
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
+        self.next_identity = max(self.next_identity, int(edited.channels.id.max()) + 1)
         if network.point_section is not None and self.section_moved is not None:
             wp.copy(network.point_section, self.section_moved, count=network.point_count)
         spacing = self.spacing.numpy()[edited.channel_old].astype(np.float64)
@@ -547,6 +552,7 @@ class State:
             "channel_spacing": self.spacing.numpy()[:count].copy(),
             "channel_fixed": self._fixed,
             "channel_pace": self.pace.numpy()[:count].copy(),
+            "next_identity": np.array([self.next_identity]),
         }
         for phase in self.phases:
             own |= phase.saved(self)

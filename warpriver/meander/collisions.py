@@ -13,7 +13,8 @@ from warpriver.engine.phase import Phase, Row
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
-from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin, check_forest
+from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin
+from warpriver.graph.forest import check_forest
 from warpriver.history.events import Collision, Event
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
@@ -218,7 +219,7 @@ class Collide(Phase):
                 break
             contacts = self.contacts(state)
             state.place_nodes()
-            joined = join_channels(state.network, contacts)
+            joined = join_channels(state.network, contacts, state.next_identity)
             if joined is None:
                 break
             edited, done = joined
@@ -243,12 +244,15 @@ def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[
     return events
 
 
-def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedChannels, list[Rejoin]] | None:
+def join_channels(
+    network: RiverNetwork, contacts: np.ndarray, next_identity: int = 0
+) -> tuple[EditedChannels, list[Rejoin]] | None:
     """Join the channels that touch, each pair at its uppermost contact on the channel that gives way.
 
     Args:
         network: The network.
         contacts: (K, 2) pairs of points of different channels.
+        next_identity: Least identity that a new channel may get.
 
     Returns:
         The channels afterwards and what was done; None when no contact could be acted on.
@@ -261,7 +265,7 @@ def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedCh
     order = np.lexsort((contacts[:, 0], on_minor, -flow.min(axis=1), -flow.max(axis=1)))
     pair = owner[order].min(axis=1) * np.int64(network.channel_count) + owner[order].max(axis=1)
     first = order[np.sort(np.unique(pair, return_index=True)[1])]
-    edit, done = NetworkEdit(network), []
+    edit, done = NetworkEdit(network, next_identity), []
     for (a, b), (point_a, point_b) in zip(owner[first].tolist(), contacts[first].tolist(), strict=True):
         result = edit.rejoin(a, point_a, b, point_b)
         if result is not None:

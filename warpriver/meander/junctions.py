@@ -18,7 +18,7 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
-from warpriver.graph.edits import check_forest
+from warpriver.graph.forest import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
