@@ -69,12 +69,13 @@ class Source:
     Attributes:
         path: The file.
         lines: Its channels.
-        crs: Its CRS, as ``crs_text`` gives it, or None.
+        crs: Its CRS as the file states it, or None.
         lonlat: Whether the coordinates are longitude and latitude by format or name.
         family: Whose attributes it has.
         origin: (x, y) zero of the device coordinates, where the file states it.
         node_xy: Positions of nodes by the names that the file gives them, where it states them.
         extra: Names of the free columns that are read from it, each with its kind where the file states it.
+        crs_beside: Whether the CRS comes from a file beside it, such as a .prj, which ``crs=`` overrules.
     """
 
     path: Path
@@ -85,3 +86,11 @@ class Source:
     origin: tuple[float, float] | None = None
     node_xy: dict[int, tuple[float, float]] = dataclasses.field(default_factory=dict)
     extra: Mapping[str, str | None] = dataclasses.field(default_factory=dict)
+    crs_beside: bool = False
+
+    def scale_place(self, factor: float) -> None:
+        """Multiply all coordinates by a number, as to turn feet into metres."""
+        if factor != 1.0:
+            self.origin, self.node_xy = None, {}
+            for line in self.lines:
+                line.xy = factor * line.xy
