@@ -7,11 +7,12 @@ import warnings
 import numpy as np
 import pytest
 from data_folder import data_folder
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import warpriver.device as device_module
 from warpriver.io.raster.terrains import read_terrain, terrain_formats, write_terrain
+from warpriver.sentinels import find_sentinels
 from warpriver.terrain import Terrain
 
 EXACT = [".tif", ".asc", ".npz"]
@@ -61,6 +62,7 @@ def test_what_is_written_is_read_back_to_the_bit(tmp_path, suffix, gaps, crs):
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(-1e4, 9e3, width=64), min_size=6, max_size=6), st.sampled_from([".asc", ".npz"]))
 def test_any_heights_come_back(tmp_path_factory, values, suffix):
+    assume(not find_sentinels(np.array(values)))
     terrain = Terrain(np.reshape(values, (2, 3)), 0.1, (1.0 / 3.0, -7.1))
     path = tmp_path_factory.mktemp("any") / f"a{suffix}"
     write_terrain(terrain, path)

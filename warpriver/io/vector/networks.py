@@ -25,13 +25,11 @@ from warpriver.io.vector.features import (
     OGR,
     PARQUET,
     SHAPEFILE_PARTS,
-    read_geojson,
-    read_ogr,
-    read_parquet,
     write_geojson,
     write_ogr,
     write_parquet,
 )
+from warpriver.io.vector.read_features import read_geojson, read_ogr, read_parquet
 from warpriver.io.vector.source import Line, Source
 from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
