@@ -12,6 +12,7 @@ import warp as wp
 from warpriver.device import PRECISIONS
 from warpriver.engine.checks import require
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, raster, runs, schedule
@@ -102,6 +103,7 @@ class Member(Protocol):
 
     name: str
     moves_nodes: bool
+    follows_stems: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -151,6 +153,7 @@ class State:
         limits: (C,) ``Limits`` of ``kernels/schedule.py``: the two limits of a sub-step, yr, and the smallest width, m.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
+        stems: Which channels go on from each other as one river; None where no phase follows stems.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
@@ -278,6 +281,8 @@ class State:
         self.parts = zeros(count)
         self.mobility = None if self.terrain is None else zeros(count, scalar)
         ringed = network.channel_closed.any()
+        follows = any(phase.follows_stems for phase in self.phases)
+        self.stems = StemArrays(count, self.device) if follows else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
@@ -346,6 +351,11 @@ class State:
         start = network.starts()
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
+        if self.stems is not None:
+            if self.stems.take(network, self.terrain):
+                self.changed()
+            if "parts" in carried:
+                carried["parts"] = self.stems.level(carried["parts"])
         for array, values in (
             (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
@@ -389,6 +399,8 @@ class State:
         struct.start, struct.form, struct.spacing, struct.step = self.start, self.form, self.spacing, self.step
         if self.closed is not None:
             struct.closed, struct.area = self.closed, self.area
+        if self.stems is not None:
+            self.stems.give(struct)
         return struct
 
     def points(self) -> Any:
@@ -552,13 +564,20 @@ class State:
             own |= phase.saved(self)
         return own
 
-    def check_moved(self, phase: str, anchored: bool) -> None:
-        """Raise ``PhaseError`` unless ``point_moved`` is finite and, where they are anchored, all ends are in place."""
+    def check_moved(self, phase: str, anchored: bool | np.ndarray) -> None:
+        """Raise ``PhaseError`` unless ``point_moved`` is finite and all ends that are anchored are in place.
+
+        Args:
+            phase: Name of the verb of the step.
+            anchored: Whether all ends are, or (C,) bool: all heads, and these feet.
+        """
         network, start = self.network, self.network.starts()
         moved, before = (a[: start[-1]].numpy() for a in (self.point_moved, network.point_xy))
         require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
-        for ends in (start[:-1], start[1:] - 1) if anchored else ():
-            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+        if anchored is False:
+            return
+        for ends, held in ((start[:-1], True), (start[1:] - 1, anchored)):
+            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed | ~np.asarray(held)
             require(kept, phase, "lost its anchored end", "channel")
 
     @property
