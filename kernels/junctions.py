@@ -124,8 +124,8 @@ def build(scalar):
     ):
         """Take the lower reach of each tributary along with its junction, the less the farther away, by a smoothstep.
 
-        So the tributaries keep apart and go on to meet at an angle. ``reach`` is in widths, half the channel at most. The
-        link that the stem comes from has moved by itself: only its last point follows.
+        So the tributaries keep apart and go on to meet at an angle. ``reach`` is in widths, half the channel at most.
+        The link that the stem comes from has moved by itself: only its last point follows.
         """
         channel = wp.tid()
         downstream = junctions.downstream[channel]

@@ -1,4 +1,4 @@
-"""Memory of the curvature upstream: what is left of it along a channel, and what a link of a stem hands on to the next."""
+"""Memory of curvature upstream: what is left of it along a channel, and what a link of a stem hands on to the next."""
 
 import functools
 import math
@@ -24,7 +24,7 @@ def build(scalar):
     line = polyline.build(scalar)
     vec2, vec3 = line.vec2, wp.types.vector(3, scalar)
     Channels, Points, Run, Ends = line.Channels, line.Points, line.Run, line.Ends
-    ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
+    ZERO, ONE = scalar(0.0), scalar(1.0)
     EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (8.0 / 9.0, 0.25, 2.0 / 3.0))
     SERIES_LIMIT = scalar(0.5)
     # What has faded to this fraction is lost in the rounding of the sum.
@@ -71,9 +71,10 @@ def build(scalar):
     class Memory:
         """What the links of stems hand on, by channel; the arrays are missing where no channel goes on in another one.
 
-        A link turns the upstream mean I and the smoothed rate u that enter it into A I + B and R u + T I + S: ``end`` is
-        (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is the (I, u) that enters. ``tail`` is
-        the rate just downstream of a link, smoothed upstream to there. ``ends`` is how far the ends of the stem are.
+        A link turns the upstream mean I and the smoothed rate u that enter it into A I + B and R u + T I + S: ``end``
+        is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is the (I, u) that enters.
+        ``tail`` is the rate just downstream of a link, smoothed upstream to there. ``ends`` is how far the ends of the
+        stem are.
         """
 
         end: wp.array[vec2]
@@ -218,7 +219,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def chained_start(channels: Channels, memory: Memory, run: Run) -> vec2:
-        """Upstream mean and smoothed rate that enter a link: those that the links upstream hand on, until all is lost."""
+        """Upstream mean and smoothed rate that enter a link: what the links upstream hand on, until all is lost."""
         mean = scalar(1.0)
         root = scalar(1.0)
         mixed = scalar(0.0)
@@ -347,7 +348,7 @@ def build(scalar):
         constants: MigrationConstants,
         tail: scalar,
     ) -> scalar:
-        """Rate of the second point of a link, smoothed upstream to there; ``tail`` is what comes from downstream of it."""
+        """Rate of the second point of a link, smoothed upstream to there; ``tail`` comes from downstream of it."""
         run = line.whole_run(channels, link)
         terms = smoothing_of(channels, points.xy, run, constants)
         r = terms.root

@@ -123,10 +123,10 @@ def build(scalar):
 
     @wp.func(module=name)
     def uneven_bend(channels: Channels, run: Run, j: int, bend: vec3) -> vec2:
-        """Curvature at a point and the second difference of three in a row, as if all were as far apart as in the channel.
+        """Curvature at a point and the second difference of three in a row, as if these were evenly spaced.
 
-        A circle through segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36 times
-        the second derivative there; both are read off the parabola through the three.
+        A circle through segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36
+        times the second derivative there; both are read off the parabola through the three.
         """
         h = segment_length(channels, run, j - 2)
         a = segment_length(channels, run, j - 1)
@@ -142,7 +142,9 @@ def build(scalar):
         return vec2(curvature + TWELFTH * change, change)
 
     @wp.func(module=name)
-    def junction_strength(channels: Channels, points: Points, run: Run, j: int, strength: scalar, constants: MigrationConstants) -> scalar:
+    def junction_strength(
+        channels: Channels, points: Points, run: Run, j: int, strength: scalar, constants: MigrationConstants
+    ) -> scalar:
         """Strength of a bend at a point; where the width jumps, at the junction downstream, the mean of both."""
         if j < run.last or run.lower < 0:
             return strength
@@ -237,7 +239,12 @@ def build(scalar):
 
     @wp.func(module=name)
     def ring_sweep(
-        channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants, point_rate_out: wp.array[scalar]
+        channels: Channels,
+        points: Points,
+        run: Run,
+        terms: Terms,
+        constants: MigrationConstants,
+        point_rate_out: wp.array[scalar],
     ) -> Sweep:
         """Sweep over a run of a ring: upstream mean and smoothed rate are closed over the ring at its first point.
 
@@ -250,7 +257,9 @@ def build(scalar):
         whole = decay_weights(depth)
         # Nothing is written before the sweep itself.
         first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, ZERO)
-        upstream = sweep_rate(channels, points, run, terms, constants, first_lap, point_rate_out)[0] / (whole[1] + whole[2])
+        upstream = sweep_rate(channels, points, run, terms, constants, first_lap, point_rate_out)[0] / (
+            whole[1] + whole[2]
+        )
         second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, ZERO)
         start = sweep_rate(channels, points, run, terms, constants, second_lap, point_rate_out)
         smoothed = start[1] / (ONE - ring_fade(points, run, terms, constants, lap))

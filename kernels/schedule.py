@@ -54,7 +54,6 @@ def build(scalar):
         substep: wp.array[int],
         # out
         channel_mobility_out: wp.array[scalar],
-        stem_substeps_out: wp.array[int],
         most_out: wp.array[int],
         status_io: wp.array[int],
     ):
@@ -74,8 +73,6 @@ def build(scalar):
         elif substep[PLANNED] == 0:
             if channel_mobility_out:
                 channel_mobility_out[channel] = ZERO
-            if stem_substeps_out:
-                stem_substeps_out[channel] = 0
             if channel == 0:
                 most_out[0] = 0
 
@@ -125,7 +122,6 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def plan_steps(
         # network
-        channels: Channels,
         channel_limits: wp.array[Limits],
         # params
         time_step: scalar,
@@ -136,10 +132,9 @@ def build(scalar):
         channel_pace: wp.array[scalar],
         # out
         channel_parts_out: wp.array[int],
-        stem_substeps_io: wp.array[int],
         most_io: wp.array[int],
     ):
-        """Number of equal sub-steps of each channel, and the maximum of them, also of those of each stem, at its top.
+        """Number of equal sub-steps of each channel, and the maximum of them.
 
         Where the ground lets no point move by more than a fraction g, sub-steps are longer by 1 / g. The pace of the
         step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
@@ -157,9 +152,23 @@ def build(scalar):
             needed = time_step * wp.max(mobility / limits.growth, travel) * SLACK
             parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
         channel_parts_out[channel] = parts
-        if channels.stems.top:
-            wp.atomic_max(stem_substeps_io, channels.stems.top[channel], parts)
         wp.atomic_max(most_io, 0, parts)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def gather_stems(
+        # network
+        channels: Channels,
+        # in
+        substep: wp.array[int],
+        status: wp.array[int],
+        channel_parts: wp.array[int],
+        # out
+        stem_parts_io: wp.array[int],
+    ):
+        """Maximum number of sub-steps of the links of each stem, at its top."""
+        channel = wp.tid()
+        if substep[PLANNED] == 0 and status[HALT] == 0:
+            wp.atomic_max(stem_parts_io, channels.stems.top[channel], channel_parts[channel])
 
     @wp.kernel(module=name, enable_backward=False)
     def level_stems(
@@ -168,14 +177,14 @@ def build(scalar):
         # in
         substep: wp.array[int],
         status: wp.array[int],
-        stem_substeps: wp.array[int],
+        stem_parts: wp.array[int],
         # out
         channel_parts_io: wp.array[int],
     ):
-        """Let all links of a stem that move at all take as many sub-steps, so that junctions move with both of theirs."""
+        """Let all links of a stem that move at all take the same sub-steps: a junction moves with both of its own."""
         channel = wp.tid()
         if substep[PLANNED] == 0 and status[HALT] == 0 and channel_parts_io[channel] > 0:
-            channel_parts_io[channel] = stem_substeps[channels.stems.top[channel]]
+            channel_parts_io[channel] = stem_parts[channels.stems.top[channel]]
 
     @wp.kernel(module=name, enable_backward=False)
     def schedule_channels(
@@ -223,6 +232,7 @@ def build(scalar):
         begin_substep=begin_substep,
         measure_mobility=measure_mobility,
         plan_steps=plan_steps,
+        gather_stems=gather_stems,
         level_stems=level_stems,
         schedule_channels=schedule_channels,
     )

@@ -53,8 +53,8 @@ def curvature_and_bend(xy, spacing):
 def migration_rates(lines, spacing, widths, depths, law):
     """Rate of every point of a stem before any smoothing, by link; see ``reference.migration_rate``.
 
-    What the bends of a link leave in the upstream mean goes on in the next one. Width and depth jump at a junction: each
-    segment has those of its own link, and the local term the mean of both there. The sinuosity is that of the stem.
+    What the bends of a link leave in the upstream mean goes on in the next one. Width and depth jump at a junction:
+    each segment has those of its own link, and the local term the mean of both there. The sinuosity is the stem's.
 
     Args:
         lines: The links.
@@ -67,8 +67,8 @@ def migration_rates(lines, spacing, widths, depths, law):
     h = by_segment(spacing, lines)[0]
     curvature, bend = curvature_and_bend(xy, h)
     strength = [np.array(reference.strength_of(w, law)) for w in by_segment(widths, lines)]
-    value = [strength[end] * (curvature - np.zeros(1))[end : len(xy) - 1 + end] for end in (0, 1)]
-    value = [value[end] - strength[end] * h**2 / 12.0 * bend[end : len(xy) - 1 + end] for end in (0, 1)]
+    ends = slice(0, -1), slice(1, None)
+    value = [s * (curvature[end] - h**2 / 12.0 * bend[end]) for s, end in zip(strength, ends, strict=True)]
     depth = by_segment(depths, lines)
     optical = law.friction * h * (1.0 / depth[0] + 1.0 / depth[1])
     weights = np.array([reference.decay_weights(x) for x in optical])
@@ -117,9 +117,10 @@ def stem_end_weights(lines, spacing, widths, damping):
 
 
 def stem_normals(xy, spacing):
-    """Unit normals to the right at the inner points, by the parabola through three points: (n - 2, 2)."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
-    tangent = reference.three_point_tangents(arc, xy)
+    """Unit normals to the right at the inner points, by the parabola through three points so far apart: (n - 2, 2)."""
+    segment = np.diff(xy, axis=0)
+    ratio = (spacing[1:] / spacing[:-1])[:, None]
+    tangent = segment[:-1] * ratio + segment[1:] / ratio
     return np.stack([tangent[:, 1], -tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
 
 
@@ -131,5 +132,5 @@ def move_stem(lines, rates, spacing, widths, law):
     speed = join_links([(s * w)[:, None] for s, w in zip(smoothed, weights, strict=True)])[0][:, 0]
     xy, _ = join_links(lines)
     moved = xy.copy()
-    moved[1:-1] += stem_normals(xy, spacing) * (speed[1:-1] * law.time_step)[:, None]
+    moved[1:-1] += stem_normals(xy, by_segment(spacing, lines)[0]) * (speed[1:-1] * law.time_step)[:, None]
     return split_links(moved, lines)

@@ -22,7 +22,7 @@ class StemArrays:
         links: The stems of the network.
         joined: Whether any channel goes on in another one; ``slides``: whether any leaves the map.
         length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
-        substeps: (C,) int32, scratch: most sub-steps of the links of a stem.
+        parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
     """
 
     links: Stems
@@ -34,16 +34,18 @@ class StemArrays:
         }
         self._edge = wp.zeros(count, dtype=wp.int32, device=device)
         self.length = wp.zeros(count, dtype=wp.int64, device=device)
-        self.substeps = wp.zeros(count, dtype=wp.int32, device=device)
+        self.parts = wp.zeros(count, dtype=wp.int32, device=device)
         self.joined = self.slides = False
 
     def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
-        """Take the channels of a network, of which some may be stems of their own; tell whether stages are out of date."""
+        """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
         before = self.joined, self.slides
         self.links, capacity = find_stems(network, alone), len(self._edge)
         for name, array in self._arrays.items():
             # Beyond the channels nothing goes on.
-            values = np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
+            values = (
+                np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
+            )
             values[: network.channel_count] = getattr(self.links, name)
             array.assign(values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
@@ -66,11 +68,11 @@ class StemArrays:
         """Return whether the last point of each channel stays in place, (C,) bool."""
         return (self.links.lower < 0) & (self._edge.numpy()[: len(self.links.lower)] == EDGE_NONE)
 
-    def level(self, substeps: np.ndarray) -> np.ndarray:
-        """Return the most sub-steps of all links of each channel's stem, (C,); 0 where the channel itself has none."""
-        most = np.zeros(len(substeps), substeps.dtype)
-        np.maximum.at(most, self.links.top, substeps)
-        return np.where(substeps > 0, most[self.links.top], 0)
+    def level(self, parts: np.ndarray) -> np.ndarray:
+        """Return the maximum over the links of each channel's stem, (C,); 0 where that of the channel itself is 0."""
+        most = np.zeros(len(parts), parts.dtype)
+        np.maximum.at(most, self.links.top, parts)
+        return np.where(parts > 0, most[self.links.top], 0)
 
 
 def find_edges(network: RiverNetwork, terrain: Terrain) -> np.ndarray:

@@ -32,9 +32,9 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
 class StemMemory:
     """What the links of stems hand on in a sub-step, and the launches that hand it on.
 
-    The rates of a link are computed as if nothing came from upstream. As these are linear in what enters it, one pair of
-    numbers a link tells what it makes of that, so that the links are chained without a walk over their points, and what
-    enters a link is added to its rates afterwards.
+    The rates of a link are computed as if nothing came from upstream. They are linear in what enters it: a few numbers
+    tell what a link makes of that, the links are chained without a walk over their points, and what enters each is
+    added to its rates afterwards.
     """
 
     def __init__(self, count: int, scalar: Any, device: Any):

@@ -126,8 +126,7 @@ class _Line:
         return CubicSpline(*again, bc_type="periodic")(self.arc)
 
     def end_weight(self, ends: Any) -> np.ndarray | float:
-        """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt; see the
-        kernels."""
+        """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt."""
         if self.closed:
             return 1.0
         up, down = self.arc, self.length - self.arc
@@ -168,7 +167,9 @@ def _compute_rates(
         memory = StemMemory(count, scalar, device)
         handed_on = memory.struct()
         memory.measure(channels, stems.length)
-    launch(kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device)
+    launch(
+        kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device
+    )
     if stems is not None and stems.joined:
         memory.chain(channels, constants, whole.work)
         memory.add(channels, points, constants, whole.of_channels(count), rate)
