@@ -161,6 +161,7 @@ class State:
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
         substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
             the channels ask for.
+        nodes_placed: Whether the nodes are where the ends of channels are; see ``place_nodes``.
         keep_plan: Whether the parts in which channels do a step hold for the next one, too.
     """
 
@@ -186,7 +187,7 @@ class State:
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
-        self.keep_plan = False
+        self.keep_plan, self.nodes_placed = False, True
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -543,12 +544,15 @@ class State:
         return any(phase.moves_nodes for phase in self.phases)
 
     def place_nodes(self) -> None:
-        """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
-        if self.nodes_move:
-            network, start = self.network, self.network.starts()
-            xy = network.point_xy[: network.point_count].numpy()
-            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+        """Bring the nodes to where the ends of channels have moved, if any phase moves them and a sub-step was done."""
+        if self.nodes_placed or not self.nodes_move:
+            return
+        network, start = self.network, self.network.starts()
+        ends = np.concatenate([start[:-1], start[1:] - 1]).astype(np.int32)
+        xy = network.point_xy[wp.array(ends, dtype=wp.int32, device=self.device)].numpy()
+        nodes = np.concatenate([network.channel_from, network.channel_to])
+        network.node_xy[nodes] = xy.astype(np.float64) + network.origin
+        self.nodes_placed = True
 
     # ---- records and checks
 

@@ -188,6 +188,7 @@ class MoveJunctions(Phase):
     def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows_stems: bool, drifts: bool):
         """Say what moves junctions: the stem, or a drift at a fraction of the rate k, m/yr, from (width, params)."""
         self._rate, self.follows_stems, self._drifts = rate, follows_stems, drifts
+        self._capacity = 0
 
     def check_network(self, network: RiverNetwork) -> None:
         """Junctions that drift have one channel downstream of them."""
@@ -195,8 +196,11 @@ class MoveJunctions(Phase):
             check_forest(network)
 
     def allocate(self, state: State) -> None:
-        """Make the device arrays."""
+        """Make the device arrays; where there are more points but no more channels, they stay."""
         count = state.channel_capacity
+        if self._capacity == count:
+            return
+        self._capacity = count
         self.downstream, self.tributaries, self.active = state.zeros(count), state.zeros(count), state.zeros(count)
         self.drift, self.shift = state.zeros(count, state.scalar), state.zeros(count, state.vec2)
 
