@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import REALS, SCALARS, channels_of, forms, starts_of, struct_of, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, channels_of, forms, share_out, starts_of, struct_of, to_device, unwritten
 
 from warpriver.kernels import junctions
 
@@ -68,6 +68,9 @@ def test_drift_matches_the_twin(device, dtype, number):
         active, substep = wp.zeros(count, dtype=int, device=device), to_device([number, 3], wp.int32, device)
         wp.launch(kernel.count_active, count, [channels, meet], [active], device=device)
         shift = unwritten(count, kernel.vec2, device)
+        inputs = [channels, points, share_out(1, count, 1, device)[0].work]
+        wp.launch(kernel.settle_heads, count, inputs, [shift, points], device=device)
+        assert not shift.numpy().any(), "no channel goes on in another one"
         inputs = [channels, meet, scalar(STEP), substep, active]
         wp.launch(kernel.shift_heads, count, inputs, [shift, points], device=device)
         wp.launch(kernel.follow_heads, count, [channels, meet, scalar(REACH), shift], [points], device=device)

@@ -12,6 +12,7 @@ import warp as wp
 from warpriver.device import PRECISIONS
 from warpriver.engine.checks import require
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, raster, runs, schedule
@@ -102,6 +103,7 @@ class Member(Protocol):
 
     name: str
     moves_nodes: bool
+    follows_stems: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -152,6 +154,7 @@ class State:
         limits: (C,) ``Limits`` of ``kernels/schedule.py``: the two limits of a sub-step, yr, and the smallest width, m.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
+        stems: Which channels go on from each other as one river; None where no phase follows stems.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
@@ -159,6 +162,7 @@ class State:
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
         substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
             the channels ask for.
+        nodes_placed: Whether the nodes are where the ends of channels are; see ``place_nodes``.
         keep_plan: Whether the parts in which channels do a step hold for the next one, too.
     """
 
@@ -184,7 +188,7 @@ class State:
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
-        self.keep_plan = False
+        self.keep_plan, self.nodes_placed = False, True
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -282,6 +286,8 @@ class State:
         self.parts = zeros(count)
         self.mobility = None if self.terrain is None else zeros(count, scalar)
         ringed = network.channel_closed.any()
+        follows = any(phase.follows_stems for phase in self.phases)
+        self.stems = StemArrays(count, self.device) if follows else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
@@ -350,6 +356,11 @@ class State:
         start = network.starts()
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
+        if self.stems is not None:
+            if self.stems.take(network, self.terrain):
+                self.changed()
+            if "parts" in carried:
+                carried["parts"] = self.stems.level(carried["parts"])
         for array, values in (
             (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
@@ -393,6 +404,8 @@ class State:
         struct.start, struct.form, struct.spacing, struct.step = self.start, self.form, self.spacing, self.step
         if self.closed is not None:
             struct.closed, struct.area = self.closed, self.area
+        if self.stems is not None:
+            self.stems.give(struct)
         return struct
 
     def points(self) -> Any:
@@ -536,12 +549,15 @@ class State:
         return any(phase.moves_nodes for phase in self.phases)
 
     def place_nodes(self) -> None:
-        """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
-        if self.nodes_move:
-            network, start = self.network, self.network.starts()
-            xy = network.point_xy[: network.point_count].numpy()
-            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+        """Bring the nodes to where the ends of channels have moved, if any phase moves them and a sub-step was done."""
+        if self.nodes_placed or not self.nodes_move:
+            return
+        network, start = self.network, self.network.starts()
+        ends = np.concatenate([start[:-1], start[1:] - 1]).astype(np.int32)
+        xy = network.point_xy[wp.array(ends, dtype=wp.int32, device=self.device)].numpy()
+        nodes = np.concatenate([network.channel_from, network.channel_to])
+        network.node_xy[nodes] = xy.astype(np.float64) + network.origin
+        self.nodes_placed = True
 
     # ---- records and checks
 
@@ -558,13 +574,20 @@ class State:
             own |= phase.saved(self)
         return own
 
-    def check_moved(self, phase: str, anchored: bool) -> None:
-        """Raise ``PhaseError`` unless ``point_moved`` is finite and, where they are anchored, all ends are in place."""
+    def check_moved(self, phase: str, anchored: bool | np.ndarray) -> None:
+        """Raise ``PhaseError`` unless ``point_moved`` is finite and all ends that are anchored are in place.
+
+        Args:
+            phase: Name of the verb of the step.
+            anchored: Whether all ends are, or (C,) bool: all heads, and these feet.
+        """
         network, start = self.network, self.network.starts()
         moved, before = (a[: start[-1]].numpy() for a in (self.point_moved, network.point_xy))
         require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
-        for ends in (start[:-1], start[1:] - 1) if anchored else ():
-            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+        if anchored is False:
+            return
+        for ends, held in ((start[:-1], True), (start[1:] - 1, anchored)):
+            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed | ~np.asarray(held)
             require(kept, phase, "lost its anchored end", "channel")
 
     @property

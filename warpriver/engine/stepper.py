@@ -136,6 +136,7 @@ class Stepper:
                 length = 1 << longest.bit_length() - 1
             status = self._launch(length, steps)
             if status[DONE] > 0:
+                state.nodes_placed = False
                 state.network.point_count = status[POINTS]
                 state.substeps = status[SUBSTEPS]
             self._calm += status[DONE]
