@@ -132,10 +132,11 @@ def test_distances_to_the_shore_are_those_in_the_plane(device, dtype):
     row, column = np.indices((size, size))
     exact = distance_transform_edt(np.hypot(row - 40, column - 40) < 0.45 * size)
     exact = np.array([exact[cell] for cell in listed.cell])
-    # Near the exit, which is no shore, it is farther.
-    off = np.array([np.hypot(cell[0] - 76, cell[1] - 40) for cell in listed.cell]) > exact + 1.0
+    # Near the exit, which is no shore, it is farther; around the lake the ground is level too.
+    from_exit = np.array([np.hypot(cell[0] - 76, cell[1] - 40) for cell in listed.cell])
+    off = (from_exit > exact + 1.0) & (exact > 0.0)
     error = (length[off] - exact[off]) / exact[off]
-    assert off.mean() > 0.9
+    assert off.sum() > 3000
     assert -0.02 < error.min() and error.max() < 0.09 and np.abs(error[exact[off] > 10.0]).max() < 0.04
 
 
