@@ -303,6 +303,8 @@ class NetworkEdit:
         gain = flow[last] / self._flow[base]
         table = old.channels.take(base)
         area = table.drainage_area
+        # What adds up at junctions is the area where it is known of all channels, else the discharge.
+        by_area = old.channels.drainage_area is not None and bool(np.isfinite(old.channels.drainage_area).all())
         above, below, node_xy = self._nodes(heads, last)
         changed = np.zeros(len(heads), bool)
         changed[np.searchsorted(heads, special)] = [self._is_changed(c, chain_of) for c in special]
@@ -318,8 +320,8 @@ class NetworkEdit:
                 id=identity[heads],
                 width=table.width * gain**WIDTH_BY_FLOW,
                 depth=table.depth * gain ** (WIDTH_BY_FLOW * DEPTH_BY_WIDTH),
-                discharge=table.discharge * (gain if area is None else gain**DISCHARGE_BY_AREA),
-                drainage_area=None if area is None else area * gain,
+                discharge=table.discharge * (gain**DISCHARGE_BY_AREA if by_area else gain),
+                drainage_area=None if area is None else area * (gain if by_area else gain ** (1.0 / DISCHARGE_BY_AREA)),
                 slope=self._slopes(heads, chains),
                 from_node=above,
                 to_node=below,
