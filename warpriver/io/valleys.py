@@ -261,9 +261,7 @@ def _with_mesh(path: Path, row: Mapping[str, Any], where: str) -> Mapping[str, A
         return row
     if {"vertices", "triangles"} & set(row):
         raise InputError(f"{path}: {where} has file and vertices or triangles; give one of them")
-    source = path.parent / str(row["file"])
-    if not source.is_file():
-        raise InputError(f"{path}: {where}.file = {_shown(row['file'])}: there is no such file beside it")
+    source = _neighbour(path, row["file"], where, "a mesh")
     vertices, triangles = read_mesh(source)
     rest = {key: value for key, value in row.items() if key != "file"}
     return rest | {"vertices": vertices, "triangles": triangles}
