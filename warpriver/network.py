@@ -295,7 +295,11 @@ class RiverNetwork:
 
     @property
     def channel_id(self) -> np.ndarray:
-        """(C,) int64, identity that a channel keeps when others come and go."""
+        """(C,) int64, identity that a channel keeps when others come and go.
+
+        It stays with the downstream end: a channel that captures another keeps it downstream of the new junction, a
+        river keeps it when its last tributary but one is captured. None is given twice in a run.
+        """
         return self._channels.id
 
     @property
