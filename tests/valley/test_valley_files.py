@@ -200,7 +200,7 @@ def test_a_series_of_a_file_is_checked(tmp_path):
     with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth': widths\.csv has no column of that"):
         wr.io.read_valley(tmp_path / "v.toml")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv"}]')
-    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': line 3 has no number in column 2"):
+    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': line 3 has no number in col"):
         wr.io.read_valley(tmp_path / "v.toml")
 
 
@@ -227,14 +227,14 @@ def test_files_outside_of_the_folder_are_refused_and_those_in_it_not_shown(tmp_p
         with pytest.raises(ValueError, match="lies outside of the folder of the valley file"):
             wr.io.read_valley(path)
     path.write_text(text.format(name=f"secret{suffix}"))
-    with pytest.raises(ValueError, match=r"v.toml: |secret.obj: holds no") as caught:
+    with pytest.raises(ValueError, match=r"v\.toml: |secret\.obj: holds no") as caught:
         wr.io.read_valley(path)
     assert "alice" not in str(caught.value) and "password" not in str(caught.value)
 
 
 def test_a_file_that_is_nested_too_deeply_is_no_traceback(tmp_path):
     (tmp_path / "v.toml").write_text("slope = " + "[" * 100_000 + "]" * 100_000)
-    with pytest.raises(ValueError, match="v.toml: not TOML"):
+    with pytest.raises(ValueError, match=r"v\.toml: not TOML"):
         wr.io.read_valley(tmp_path / "v.toml")
 
 
