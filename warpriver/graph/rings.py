@@ -10,9 +10,7 @@ from warpriver.network import RiverNetwork
 __all__ = ["split_rings"]
 
 
-def split_rings(
-    network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray, next_identity: int = 0
-) -> EditedChannels:
+def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray, next_identity: int = 0) -> EditedChannels:
     """Make channels of loops that were cut off rings: what is left of a ring keeps its place, its loops come last.
 
     A loop becomes a ring with all that its parent has but an identity of its own, the next that is free in the order of
