@@ -1,19 +1,14 @@
-"""Files as wholes: read and unpacked at once, replaced in one move."""
+"""Files as wholes: read and unpacked at once."""
 
 from __future__ import annotations
 
-import contextlib
 import gzip
-import os
-import shutil
-import tempfile
 import zlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import InputError, MissingFileError, WrongPathError
+from warpriver.errors import InputError, MissingFileError
 
-__all__ = ["beside", "check_readable", "decoded", "is_number"]
+__all__ = ["check_readable", "decoded", "is_number"]
 
 
 def check_readable(path: Path) -> None:
@@ -52,34 +47,3 @@ def decoded(path: Path) -> str:
     if not text.strip():
         raise InputError(f"{path}: the file is empty")
     return text
-
-
-@contextlib.contextmanager
-def beside(path: Path, parts: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a path of that name in a new folder beside it; at the end what is in there moves to its place.
-
-    Args:
-        path: File to write.
-        parts: Suffixes of further files that belong to it; those that are not written anew are removed.
-
-    Raises:
-        OSError: The file cannot be written; what was there before is untouched.
-    """
-    folder = None
-    try:
-        if path.is_dir():
-            raise WrongPathError("it is a directory; give a file name")
-        folder = Path(tempfile.mkdtemp(prefix=".writing-", dir=path.parent))
-        yield folder / path.name
-        made = {file.name for file in folder.iterdir()}
-        for stale in (path.with_suffix(part) for part in parts):
-            if stale.name not in made:
-                stale.unlink(missing_ok=True)
-        # The file itself last: once it is in place, its parts are there as well.
-        for name in sorted(made, key=lambda name: name == path.name):
-            os.replace(folder / name, path.parent / name)
-    except OSError as error:
-        raise type(error)(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)

@@ -16,9 +16,11 @@ from warpriver.io.crs import crs_text
 from warpriver.io.raster.source import RasterSource, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["TIFF", "read_geotiff", "write_geotiff"]
+__all__ = ["TIFF", "check_geotiff", "read_geotiff", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
+# Rows that are read back at a time, two rows of tiles.
+CHECK_ROWS = 512
 
 
 def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
@@ -89,3 +91,17 @@ def write_geotiff(raster: Raster, path: Path) -> None:
         if raster.name:
             dataset.set_band_description(1, raster.name)
         dataset.update_tags(AREA_OR_POINT="Area")
+
+
+def check_geotiff(path: Path, raster: Raster) -> None:
+    """Raise ``ValueError`` unless a file holds that raster: GDAL does not tell when its last bytes find no room."""
+    rasterio, windows = need(f"reading {path.suffix}", "rasterio", "rasterio.windows")
+    values = raster.numpy()
+    with rasterio.open(path) as dataset:
+        if dataset.shape != values.shape or (dataset.crs is None) != (raster.crs is None):
+            raise InputError(f"it has {dataset.shape} cells in place of {values.shape}, or no CRS")
+        for row in range(0, values.shape[0], CHECK_ROWS):
+            rows = values[row : row + CHECK_ROWS]
+            found = dataset.read(1, window=windows.Window(0, row, rows.shape[1], len(rows)))
+            if not np.array_equal(found.astype(values.dtype, copy=False), rows, equal_nan=values.dtype.kind == "f"):
+                raise InputError(f"rows {row} to {row + len(rows) - 1} differ")

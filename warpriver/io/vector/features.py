@@ -40,6 +40,7 @@ __all__ = [
     "OGR",
     "PARQUET",
     "SHAPEFILE_PARTS",
+    "check_ogr",
     "read_geojson",
     "read_ogr",
     "read_parquet",
@@ -198,6 +199,19 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
         raise InputError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
 
 
+def check_ogr(network: RiverNetwork, path: Path, suffix: str, layer: str) -> None:
+    """Raise ``ValueError`` unless a file holds that network: GDAL does not tell when its last bytes find no room."""
+    _, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
+    if suffix == ".shp":
+        _refuse_cut(path, suffix)
+        _refuse_cut_table(path.with_suffix(".dbf"))
+    meta, _, wkb, _ = raw.read(path, layer=layer if suffix == ".gpkg" else None)
+    if (meta["crs"] is None) != (network.crs is None):
+        raise InputError("it states no CRS")
+    if not np.array_equal(shapely.from_wkb(wkb), _line_strings(shapely, network)):
+        raise InputError("its lines differ")
+
+
 def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
     """Write GeoParquet."""
     geopandas, _, shapely = need("writing .parquet", *NEEDS[PARQUET])
@@ -351,6 +365,16 @@ def _refuse_cut(path: Path, suffix: str) -> None:
         needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
     if size < needed:
         raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
+
+
+def _refuse_cut_table(path: Path) -> None:
+    """Raise ``ValueError`` for the table of a shapefile that is shorter than its header says."""
+    head = path.read_bytes()[:12]
+    needed = int.from_bytes(head[8:10], "little") + int.from_bytes(head[4:8], "little") * int.from_bytes(
+        head[10:12], "little"
+    )
+    if len(head) < 12 or path.stat().st_size < needed:
+        raise InputError(f"{path.name} has {path.stat().st_size} of {needed} bytes")
 
 
 def _reason(error: Exception) -> str:
