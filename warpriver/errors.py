@@ -8,11 +8,13 @@ __all__ = [
     "InternalError",
     "MissingExtraError",
     "MissingFileError",
+    "MissingRecordError",
     "NotFiniteError",
     "OutOfMemoryError",
     "OutputExistsError",
     "PathDeniedError",
     "PathError",
+    "RunLockedError",
     "WarpriverError",
     "WrongPathError",
     "path_error",
@@ -25,6 +27,10 @@ class WarpriverError(Exception):
 
 class InputError(WarpriverError, ValueError):
     """A value that is not valid."""
+
+
+class MissingRecordError(InputError, IndexError):
+    """A record that a run does not have."""
 
 
 class InputTypeError(WarpriverError, TypeError):
@@ -65,6 +71,10 @@ class OutputExistsError(PathError, FileExistsError):
 
 class PathDeniedError(PathError, PermissionError):
     """A file or folder that this user may not read or write."""
+
+
+class RunLockedError(PathError, BlockingIOError):
+    """The folder of a run that another process or simulation writes to."""
 
 
 def path_error(error: OSError, what: str) -> PathError:

@@ -14,6 +14,7 @@ from warpriver.cli.shared import (
     quiet_warp,
     read_ground,
     read_lines,
+    read_run,
     stored_run,
 )
 from warpriver.errors import InputError
@@ -56,7 +57,6 @@ def add(commands: Any) -> None:
 
 def _render(options: argparse.Namespace) -> int:
     from warpriver import viz
-    from warpriver.history import History
 
     quiet_warp()
     source, out = Path(options.input), Path(options.out)
@@ -77,7 +77,7 @@ def _render(options: argparse.Namespace) -> int:
             viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
-    history = History.load(run)
+    history = read_run(run)
     until = None
     if options.until is not None:
         until = int((history.times <= options.until).sum()) - 1
