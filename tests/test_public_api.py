@@ -21,6 +21,7 @@ LEVELS = [
         "device",
         "errors",
         "extras",
+        "files",
         "hydraulic_geometry",
         "network",
         "network_checks",

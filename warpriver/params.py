@@ -177,7 +177,7 @@ class MeanderParams(Params):
         choices=("stem", "channel"),
         source="warpriver",
         doc="what a channel remembers of the curvature upstream of its head: that of the larger tributary, with which "
-        "it moves as one river, junction included (stem), or none, each channel held at both ends (channel) [Paris2023]",
+        "it moves as one river, junction included (stem), or none, each channel held at both ends (channel)",
     )
     sinuosity_scaling: str = parameter(
         "upstream",

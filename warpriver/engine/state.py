@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from warpriver.device import PRECISIONS
+from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
 from warpriver.engine.stems import StemArrays
-from warpriver.errors import InputError
+from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, raster, runs, schedule
 from warpriver.kernels.channels import COARSEST_SPACING, Work
@@ -35,6 +35,8 @@ SLAB_POINTS = 16_384
 CPU_COPY_CHUNK = 4096
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
+# Points are numbered by 32 bits; and what each takes at least on the device, for a word before nothing fits.
+MAX_POINTS, BYTES_PER_POINT = 2**31 - 1, 64
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
 # Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, m.
@@ -227,7 +229,7 @@ class State:
         network = self.network
         length = network.channel_lengths()
         fixed = self._fix_channels() if saved is None else saved["channel_fixed"]
-        needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
+        needed = max(network.point_count, _checked_count(float((length / fixed[:, WANTED]).sum()), self.device))
         self.channel_length = length
         self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
@@ -596,6 +598,18 @@ class State:
         # Two that begin at the same place are one.
         arrays = {a.ptr: a for a in arrays_of([vars(self), self.phases])}
         return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays.values())
+
+
+def _checked_count(points: float, device: Any) -> int:
+    """Return a number of points, or raise ``MemoryError`` if there is no room for them on a device."""
+    free = available_memory(device)
+    most = MAX_POINTS if free is None else min(MAX_POINTS, free // BYTES_PER_POINT)
+    if not HEADROOM * points + 64 <= most:
+        raise OutOfMemoryError(
+            f"the spacing makes about {points:.3g} points, and there is room for {int(most / HEADROOM):.3g} on "
+            f"{device.alias}; check the units of the lines and of the spacing, or use a larger spacing"
+        )
+    return int(points)
 
 
 def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
