@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import WrongPathError, path_error
+from warpriver.errors import PathError, WrongPathError, path_error
 
 __all__ = ["STAGING", "beside", "in_memory", "sync", "sync_folder"]
 
@@ -47,7 +47,7 @@ def beside(path: Path, parts: Sequence[str] = (), check: Callable[[Path], None] 
         yield folder / path.name
         made = {file.name for file in folder.iterdir()}
         if path.name not in made or (folder / path.name).stat().st_size == 0:
-            raise OSError("nothing was written")
+            raise PathError("nothing was written")
         for name in made:
             sync(folder / name)
         if check is not None:
@@ -81,7 +81,7 @@ def _check(path: Path, check: Callable[[Path], None]) -> None:
         check(path)
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise OSError(f"what was written is not whole when read back ({reason}); is the disk full?") from error
+        raise PathError(f"what was written is not whole when read back ({reason}); is the disk full?") from error
 
 
 def sync(path: Path) -> None:

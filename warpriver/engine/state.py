@@ -233,8 +233,7 @@ class State:
         self.channel_length = length
         self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
-            # Runs recorded before this was do not have it.
-            self.next_identity = max([self.next_identity, *saved.get("next_identity", np.zeros(0, int)).tolist()])
+            self.next_identity = int(saved["next_identity"][0])
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()

@@ -103,7 +103,7 @@ def _parsed(text: str) -> Any:
     counted = re.fullmatch(r"\((\d+):(.*)\)", text)
     words = (counted[2] if counted else text.strip("{}")).replace(",", " ").split()
     if len(text) >= LONGEST_TEXT or (counted and int(counted[1]) != len(words)):
-        raise ValueError("cut short")
+        raise InputError("cut short")
     return words
 
 
