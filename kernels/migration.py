@@ -122,21 +122,26 @@ def build(scalar):
         return run.spacing
 
     @wp.func(module=name)
-    def uneven_bend(channels: Channels, run: Run, j: int, bend: vec3) -> vec2:
-        """Curvature at a point and the second difference of three in a row, as if these were evenly spaced.
+    def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec2:
+        """Curvature at a point, to second order, and the second difference of three in a row, as if evenly spaced.
 
-        A circle through segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36
-        times the second derivative there; both are read off the parabola through the three.
+        Near a junction the stencil reaches into the next link, which has a spacing of its own. A circle through
+        segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36 times the second
+        derivative there; both are read off the parabola through the three.
         """
+        near_head = run.upper >= 0 and j < run.first + 2
+        near_foot = run.lower >= 0 and j > run.last - 2
+        if not near_head and not near_foot:
+            return vec2(k[1], k[0] - TWO * k[1] + k[2])
         h = segment_length(channels, run, j - 2)
         a = segment_length(channels, run, j - 1)
         b = segment_length(channels, run, j)
         x0 = (a - h) * THIRD - a
         x1 = (b - a) * THIRD
         x2 = (segment_length(channels, run, j + 1) - b) * THIRD + b
-        slope = (bend[1] - bend[0]) / (x1 - x0)
-        second = ((bend[2] - bend[1]) / (x2 - x1) - slope) / (x2 - x0)
-        curvature = bend[1] - x1 * (slope - second * x0)
+        slope = (k[1] - k[0]) / (x1 - x0)
+        second = ((k[2] - k[1]) / (x2 - x1) - slope) / (x2 - x0)
+        curvature = k[1] - x1 * (slope - second * x0)
         curvature = curvature - (a * a + a * b + b * b) * PART * (TWO * second)
         change = TWO * second * run.spacing * run.spacing
         return vec2(curvature + TWELFTH * change, change)
@@ -189,19 +194,11 @@ def build(scalar):
         value_before = scalar(0.0)
         upstream = scalar(0.0)
         smoothed = scalar(0.0)
-        # Beyond these points the stencil reaches into the next links, whose spacing and width are others.
-        inner_first = sweep.warm - 1
-        inner_last = int(sweep.stop)
-        if run.upper >= 0:
-            inner_first = run.first + 2
-        if run.lower >= 0:
-            inner_last = run.last - 2
         for j in range(sweep.warm, sweep.stop):
             ahead = line.extended_point(points.xy, j + 2, run)
             d = ahead - after
             ld = wp.length(d)
             k2 = line.circle_curvature(c, d, lc, ld)
-            change = k0 - TWO * k1 + k2
             if points.section:
                 k = int(j)
                 if j < run.first:
@@ -211,17 +208,12 @@ def build(scalar):
                 memory = TWO * constants.friction / section[1]
                 strength = strength_of(section[0], constants)
                 q = decay_weights(HALF * (memory_before + memory) * run.spacing)
-            middle = k1
-            local_strength = strength
-            if j < inner_first or j > inner_last:
-                bend = uneven_bend(channels, run, j, vec3(k0, k1, k2))
-                middle = bend[0]
-                change = bend[1]
-                local_strength = junction_strength(channels, points, run, j, strength, constants)
+            bend = bend_at(channels, run, j, vec3(k0, k1, k2))
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
-            value = strength * (middle - SIXTH * change)
+            value = strength * (bend[0] - SIXTH * bend[1])
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
-            rate = terms.local * local_strength * (middle - TWELFTH * change) + terms.upstream * upstream
+            local = terms.local * junction_strength(channels, points, run, j, strength, constants)
+            rate = local * (bend[0] - TWELFTH * bend[1]) + terms.upstream * upstream
             smoothed = (ONE - r) * rate + r * smoothed
             if j == sweep.head:
                 upstream = sweep.upstream

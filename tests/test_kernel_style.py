@@ -29,6 +29,7 @@ LAUNCHERS = {
     "flats": ["hydrology/lakes.py"],
     "junctions": ["meander/junctions.py"],
     "leheny": ["erosion/leheny.py"],
+    "memory": ["meander/memory.py"],
     "migration": ["meander/migration.py", "meander/rates.py"],
     "paths": ["shortest_path/push.py"],
     "raster": ["engine/state.py", "raster.py"],

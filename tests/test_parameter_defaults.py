@@ -23,6 +23,7 @@ DEFAULTS = {
         "friction": (0.011, "-"),
         "local_weight": (-1.0, "-"),
         "upstream_weight": (2.5, "-"),
+        "upstream_memory": ("stem", "-"),
         "sinuosity_scaling": ("upstream", "-"),
         "cutoff_distance": (1.0, "widths"),
         "cutoff_min_arc": (5.0, "widths"),

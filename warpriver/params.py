@@ -176,8 +176,8 @@ class MeanderParams(Params):
         "-",
         choices=("stem", "channel"),
         source="warpriver",
-        doc="what a channel remembers of the curvature upstream of its head: that of the larger tributary, with which "
-        "it moves as one river, junction included (stem), or none, each channel held at both ends (channel)",
+        doc="what a channel feels of the curvature upstream of its head: that of the larger tributary, with which it "
+        "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
     )
     sinuosity_scaling: str = parameter(
         "upstream",

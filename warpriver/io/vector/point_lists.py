@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.vector.attributes import is_no_value, list_names
 
 __all__ = ["PointLists", "filled_gaps"]
