@@ -76,7 +76,7 @@ def test_a_unit_that_is_not_known_is_never_metres(tmp_path):
     path = write_tif(tmp_path / "a.tif", valley())
     with rasterio.open(path, "r+") as dataset:
         dataset.units = ("kelvin",)
-    with pytest.raises(ValueError, match="its heights are in 'kelvin', which is not known.*pass z_factor="):
+    with pytest.raises(ValueError, match=r"its heights are in 'kelvin', which is not known.*pass z_factor="):
         read_terrain(path)
     np.testing.assert_array_equal(read_terrain(path, z_factor=1.0).to_numpy(), valley())
     assert read_raster(path).unit == "kelvin", "a raster may hold anything"
@@ -162,7 +162,7 @@ def test_crs_overrules_a_projection_beside_a_grid(tmp_path):
     assert read_terrain(tmp_path / "a.asc").crs == "EPSG:32633"
     assert read_terrain(tmp_path / "a.asc", crs="EPSG:32619").crs == "EPSG:32619"
     (tmp_path / "a.prj").write_text("nonsense")
-    with pytest.raises(ValueError, match="a.asc: pyproj does not know the CRS 'nonsense'"):
+    with pytest.raises(ValueError, match=r"a\.asc: pyproj does not know the CRS 'nonsense'"):
         read_terrain(tmp_path / "a.asc")
     assert read_terrain(tmp_path / "a.asc", crs="epsg:32619").crs == "EPSG:32619"
 
@@ -273,7 +273,7 @@ def test_rasters_of_other_programs(tmp_path, suffix, driver):
     inner = terrain.to_numpy()[1:-1]
     at = [(558_000.0, 5_127_000.0), (559_000.0, 5_126_800.0)]
     np.testing.assert_allclose(terrain.sample(at), read_terrain(source).sample(at), atol=1e-9)
-    assert terrain.cell_size == 30.0 and "NAD27" in terrain.crs or terrain.crs == "EPSG:26710"
+    assert (terrain.cell_size == 30.0 and "NAD27" in terrain.crs) or terrain.crs == "EPSG:26710"
     assert np.isfinite(inner).all() and inner.min() > 800.0
 
 
