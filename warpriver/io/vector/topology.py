@@ -79,7 +79,11 @@ def connect(lines: list[Line], sources: list[Source], topology: str, label: str)
     noded = np.array([line.from_node is not None and line.to_node is not None for line in lines])
     if 2 * noded.sum() > count:
         names = _node_names(lines, noded, label)
-        _turn(lines, *_neighbours(names), known, label)
+        above, below = _neighbours(names)
+        # Lines of one identity have the nodes of the whole, which tell nothing of where each of them lies.
+        shared = irregular & noded
+        _turn(lines, np.where(shared, -1, above), np.where(shared, -1, below), known, label)
+        _follow_siblings(lines, names)
         irregular = ~noded | (irregular & [line.channel_id is not None for line in lines])
         return Connections(identity, _nodes(lines, names, known, irregular, label))
     if identity is not None and any(line.next_down is not None for line in lines):
@@ -142,11 +146,7 @@ def _next_channels(lines: list[Line]) -> np.ndarray:
     identity it is the one that begins nearest; they follow one another where they meet. A channel downstream that the
     file does not hold may be one whose identity is damaged: then it is such a one that begins there.
     """
-    place: dict[int, list[int]] = {}
-    for c, line in enumerate(lines):
-        if line.channel_id is not None:
-            place.setdefault(line.channel_id, []).append(c)
-    ends = _ends(lines)
+    place, ends = _groups(lines), _ends(lines)
     down = np.full(len(lines), -1, np.int64)
     lost = []
     for c, line in enumerate(lines):
@@ -222,6 +222,27 @@ def _node_names(lines: list[Line], noded: np.ndarray, label: str) -> np.ndarray:
             stacklevel=5,
         )
     return ends
+
+
+def _follow_siblings(lines: list[Line], names: np.ndarray) -> None:
+    """Give lines of one identity that follow one another a node of their own between them."""
+    count, ends = len(lines), _ends(lines)
+    free = int(names.max()) + 1
+    for group in _groups(lines).values():
+        for c in group if len(group) > 1 else ():
+            begins, gap = _nearest(ends, c, np.array([d for d in group if d != c]))
+            if gap <= ends.room[c]:
+                names[count + c] = names[begins] = free
+                free += 1
+
+
+def _groups(lines: list[Line]) -> dict[int, list[int]]:
+    """Return the lines of each identity."""
+    groups: dict[int, list[int]] = {}
+    for c, line in enumerate(lines):
+        if line.channel_id is not None:
+            groups.setdefault(line.channel_id, []).append(c)
+    return groups
 
 
 def _neighbours(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
