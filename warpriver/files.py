@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import WrongPathError, path_error
+from warpriver.errors import PathError, WrongPathError
 
 __all__ = ["STAGING", "beside", "in_memory", "sync", "sync_folder"]
 
@@ -47,7 +47,7 @@ def beside(path: Path, parts: Sequence[str] = (), check: Callable[[Path], None] 
         yield folder / path.name
         made = {file.name for file in folder.iterdir()}
         if path.name not in made or (folder / path.name).stat().st_size == 0:
-            raise OSError("nothing was written")
+            raise PathError("nothing was written")
         for name in made:
             sync(folder / name)
         if check is not None:
@@ -60,7 +60,7 @@ def beside(path: Path, parts: Sequence[str] = (), check: Callable[[Path], None] 
             os.replace(folder / name, path.parent / name)
         sync_folder(path.parent)
     except OSError as error:
-        raise path_error(error, f"cannot write {path}") from error
+        raise PathError.of(error, f"cannot write {path}") from error
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -81,7 +81,7 @@ def _check(path: Path, check: Callable[[Path], None]) -> None:
         check(path)
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise OSError(f"what was written is not whole when read back ({reason}); is the disk full?") from error
+        raise PathError(f"what was written is not whole when read back ({reason}); is the disk full?") from error
 
 
 def sync(path: Path) -> None:
