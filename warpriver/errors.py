@@ -17,7 +17,6 @@ __all__ = [
     "RunLockedError",
     "WarpriverError",
     "WrongPathError",
-    "path_error",
 ]
 
 
@@ -56,6 +55,21 @@ class InternalError(WarpriverError, RuntimeError):
 class PathError(WarpriverError, OSError):
     """A file or folder that cannot be read or written."""
 
+    @staticmethod
+    def of(error: OSError, what: str) -> PathError:
+        """Return an error of the system as one of ours, of the same built-in kind and with its ``errno``.
+
+        Args:
+            error: What the system or a library raised.
+            what: What could not be done, as "cannot write rivers.csv"; the reason is added.
+        """
+        kinds = (MissingFileError, WrongPathError, OutputExistsError, PathDeniedError)
+        kind = next((kind for kind in kinds if isinstance(error, kind.__bases__[1])), PathError)
+        reason = error.strerror or " ".join(str(error).split()) or type(error).__name__
+        told = kind(f"{what}: {reason}")
+        told.errno = error.errno
+        return told
+
 
 class MissingFileError(PathError, FileNotFoundError):
     """A file or folder that is not there."""
@@ -75,18 +89,3 @@ class PathDeniedError(PathError, PermissionError):
 
 class RunLockedError(PathError, BlockingIOError):
     """The folder of a run that another process or simulation writes to."""
-
-
-def path_error(error: OSError, what: str) -> PathError:
-    """Return an error of the system as one of ours, of the same built-in kind and with its ``errno``.
-
-    Args:
-        error: What the system or a library raised.
-        what: What could not be done, as "cannot write rivers.csv"; the reason is added.
-    """
-    kinds = (MissingFileError, WrongPathError, OutputExistsError, PathDeniedError)
-    kind = next((kind for kind in kinds if isinstance(error, kind.__bases__[1])), PathError)
-    reason = error.strerror or " ".join(str(error).split()) or type(error).__name__
-    told = kind(f"{what}: {reason}")
-    told.errno = error.errno
-    return told

@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import PathError, WrongPathError, path_error
+from warpriver.errors import PathError, WrongPathError
 
 __all__ = ["STAGING", "beside", "in_memory", "sync", "sync_folder"]
 
@@ -60,7 +60,7 @@ def beside(path: Path, parts: Sequence[str] = (), check: Callable[[Path], None] 
             os.replace(folder / name, path.parent / name)
         sync_folder(path.parent)
     except OSError as error:
-        raise path_error(error, f"cannot write {path}") from error
+        raise PathError.of(error, f"cannot write {path}") from error
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)

@@ -209,6 +209,14 @@ class MeanderParams(Params):
         doc="which part of a ring goes on where a neck splits it: the longer one, the one with the ring's first point, "
         "or both, the other as a new channel; what does not go on becomes an oxbow lake",
     )
+    max_rings: int = parameter(
+        1000,
+        "-",
+        low=1,
+        high=1_000_000,
+        source="warpriver",
+        doc="number of rings up to which ring_policy both makes new ones; from there on it does as marked",
+    )
     end_damping: float = parameter(
         5.0,
         "widths",
@@ -404,6 +412,7 @@ class PathMeander(Params):
         "cutoff_min_arc", doc="points closer than this along the channel are neighbours, never joined"
     )
     ring_policy: str = shared("ring_policy")
+    max_rings: int = shared("max_rings")
     end_damping: float = shared(
         "end_damping",
         source="PathStudy2026",

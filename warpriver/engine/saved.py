@@ -11,7 +11,7 @@ from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
-__all__ = ["check_saved", "saved_error"]
+__all__ = ["SavedError", "check_saved"]
 
 # Factor by which widths, depths and target spacings may differ from those of the network: they are older than it.
 SCALE = 1e3
@@ -19,6 +19,16 @@ SCALE = 1e3
 LENGTH_SCALE = 10.0
 # Identities at most that channels younger than all of the network had, which are gone.
 MAX_GONE = 10**7
+
+
+class SavedError(InputError):
+    """A record that does not have what its run needs to go on."""
+
+    def __init__(self, name: str, record: str = "its record"):
+        """Name what is wrong with a record."""
+        super().__init__(
+            f"the run cannot go on from {record}: {name} is missing or damaged; resume from a copy of the run"
+        )
 
 
 def check_saved(
@@ -39,6 +49,7 @@ def check_saved(
     target = np.full(count, params.spacing)
     if params.spacing_in_widths > 0.0:
         target = np.minimum(target, params.spacing_in_widths * width)
+    spacing = _array(saved, "channel_spacing", (count,), step)
     fixed = _array(saved, "channel_fixed", (count, 4), step)
     expected = np.empty((count, 4))
     expected[:, NARROWEST], expected[:, SHALLOWEST], expected[:, WIDEST], expected[:, WANTED] = (
@@ -50,7 +61,6 @@ def check_saved(
         section = network.point_section[: network.point_count].numpy()
         ratio = section / np.repeat(np.column_stack([width, depth]), np.diff(network.starts()), axis=0)
         _require(_near(ratio, np.ones_like(ratio), SCALE).all(), "point_section", step)
-    spacing = _array(saved, "channel_spacing", (count,), step)
     length = spacing * (np.diff(network.starts()) - ~network.channel_closed)
     _require(_near(length, network.channel_lengths(), LENGTH_SCALE).all(), "channel_spacing", step)
     _require((spacing <= LENGTH_SCALE * fixed[:, WANTED]).all(), "channel_spacing", step)
@@ -78,11 +88,4 @@ def _near(values: np.ndarray, expected: np.ndarray, factor: float) -> np.ndarray
 
 def _require(good: bool | np.bool_, name: str, step: int) -> None:
     if not good:
-        raise saved_error(name, f"its record of step {step}")
-
-
-def saved_error(name: str, record: str = "its record") -> InputError:
-    """Return the error of a run whose record does not have what it needs to go on."""
-    return InputError(
-        f"the run cannot go on from {record}: {name} is missing or damaged; resume from a copy of the run"
-    )
+        raise SavedError(name, f"its record of step {step}")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warpriver.errors import InputError, OutputExistsError, path_error
+from warpriver.errors import InputError, OutputExistsError, PathError
 from warpriver.files import STAGING, beside, sync_folder
 from warpriver.history.events import Event
 from warpriver.history.lock import LOCK, FolderLock
@@ -83,7 +83,7 @@ class RunFolder:
             try:
                 path.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise path_error(error, f"cannot make the folder {path}") from error
+                raise PathError.of(error, f"cannot make the folder {path}") from error
             with FolderLock(path) as lock:
                 if any(entry.name != LOCK for entry in path.iterdir()):
                     made = []

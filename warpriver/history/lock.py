@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from warpriver.errors import RunLockedError, path_error
+from warpriver.errors import PathError, RunLockedError
 
 try:
     import fcntl
@@ -68,7 +68,7 @@ class FolderLock:
             try:
                 file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             except OSError as error:
-                raise path_error(error, f"cannot write to the run {self._folder}") from error
+                raise PathError.of(error, f"cannot write to the run {self._folder}") from error
             try:
                 holder = _holder(file)
                 if not _locked(file, unknown=holder is not None):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.errors import InputError, WarpriverError, path_error
+from warpriver.errors import InputError, PathError, WarpriverError
 from warpriver.files import beside, sync_folder
 from warpriver.history.events import Event, event_class, event_fields
 from warpriver.history.record import Record, check_record
@@ -124,7 +124,7 @@ class SegmentIndex:
             path.write_bytes(b"")
             sync_folder(path.parent)
         except OSError as error:
-            raise path_error(error, f"cannot write {path}") from error
+            raise PathError.of(error, f"cannot write {path}") from error
 
     @classmethod
     def load(cls, path: Path) -> SegmentIndex:
@@ -138,7 +138,7 @@ class SegmentIndex:
         try:
             data = path.read_bytes() if path.exists() else b""
         except OSError as error:
-            raise path_error(error, f"cannot read {path}") from error
+            raise PathError.of(error, f"cannot read {path}") from error
         *lines, last = data.split(b"\n")
         self._length = len(data) - len(last)
         # A whole line counts although its end is missing or another character: then it is the end that was damaged.
@@ -183,7 +183,7 @@ class SegmentIndex:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.truncate(self.path, self._length)
-            raise path_error(error, f"cannot write {self.path}") from error
+            raise PathError.of(error, f"cannot write {self.path}") from error
         self._length += len(line)
         self._open_line = False
         self.segments.append(segment)
