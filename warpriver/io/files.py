@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import InputError, MissingFileError, WrongPathError
+from warpriver.errors import InputError, MissingFileError, PathError, WrongPathError
 
 __all__ = ["beside", "check_readable", "decoded", "is_number"]
 
@@ -72,6 +72,8 @@ def beside(path: Path, parts: Sequence[str] = ()) -> Iterator[Path]:
         folder = Path(tempfile.mkdtemp(prefix=".writing-", dir=path.parent))
         yield folder / path.name
         made = {file.name for file in folder.iterdir()}
+        if path.name not in made:
+            raise PathError("whoever was to write it said nothing, but it is not there")
         for stale in (path.with_suffix(part) for part in parts):
             if stale.name not in made:
                 stale.unlink(missing_ok=True)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import logging
 import math
-import re
-import shutil
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,47 +16,18 @@ from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text, within_degrees
 from warpriver.io.files import decoded
-from warpriver.io.vector.attributes import (
-    LISTS,
-    SHORT_NAMES,
-    Family,
-    family_of,
-    list_names,
-    read_role,
-    useful_names,
-    write_columns,
-)
-from warpriver.io.vector.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
+from warpriver.io.gdal import name_to_read
+from warpriver.io.vector.attributes import LISTS, Family, family_of, list_names, read_role, useful_names
+from warpriver.io.vector.extras import EXTRA, stated_extra, wanted_extra
+from warpriver.io.vector.layers import NEEDS, OGR, PARQUET, reason_of
+from warpriver.io.vector.network_layers import FRAME, NODES, POINTS, point_lists
 from warpriver.io.vector.source import Line, Source
-from warpriver.network import RiverNetwork
 
-__all__ = [
-    "JSON",
-    "NEEDS",
-    "OGR",
-    "PARQUET",
-    "SHAPEFILE_PARTS",
-    "read_geojson",
-    "read_ogr",
-    "read_parquet",
-    "write_geojson",
-    "write_ogr",
-    "write_parquet",
-]
+__all__ = ["JSON", "read_geojson", "read_ogr", "read_parquet"]
 
 log = logging.getLogger("warpriver")
 
 JSON = (".geojson", ".json")
-OGR = {".gpkg": "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
-PARQUET = ".parquet"
-# Modules beyond the core that a format needs; all of them come with the extra "gis".
-NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
-# A .prj or an index that an older shapefile left behind would be taken for one of the new file.
-SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
-
-# The layer of nodes that belongs to a layer of channels in a GeoPackage; the key of what no attribute holds elsewhere.
-NODES = "_nodes"
-FRAME = "warpriver"
 
 # A feature is its kind of geometry, the (n, 2) or (n, 3) arrays of its parts, and its attributes by lower-case name.
 _Feature = tuple[str, list[np.ndarray], dict[str, Any]]
@@ -97,21 +64,26 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], 
     pyogrio, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
     _refuse_cut(path, suffix)
     try:
-        chosen = _line_layer(path, layer, pyogrio.list_layers(path))
-        info = pyogrio.read_info(path, layer=chosen)
-        frame = (info.get("layer_metadata") or {}).get(FRAME)
-        extra = wanted_extra(path, _frame_extra(frame), asked, info["fields"])
-        useful = useful_names(info["fields"], wanted, extra)
-        names = [name for name in info["fields"] if name in useful]
-        meta, _, wkb, data = raw.read(path, layer=chosen, columns=names, force_2d=not _has_z(info))
-        beside = [name for name, _ in pyogrio.list_layers(path) if name == chosen + NODES]
-        nodes = _read_nodes(shapely, raw, path, beside[0]) if beside else {}
+        with name_to_read(path) as name:
+            layers = pyogrio.list_layers(name)
+            chosen = _line_layer(path, layer, layers)
+            info = pyogrio.read_info(name, layer=chosen)
+            frame = (info.get("layer_metadata") or {}).get(FRAME)
+            extra = wanted_extra(path, _frame_extra(frame), asked, info["fields"])
+            useful = useful_names(info["fields"], wanted, extra)
+            names = [field for field in info["fields"] if field in useful]
+            meta, _, wkb, data = raw.read(name, layer=chosen, columns=names, force_2d=not _has_z(info))
+            beside = {str(there) for there, _ in layers}
+            nodes = _read_nodes(shapely, raw, name, chosen + NODES) if chosen + NODES in beside else {}
+            points = _read_points(raw, name, chosen + POINTS) if chosen + POINTS in beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({_reason(error)}); is it cut short?") from error
+        raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({reason_of(error)}); is it cut short?") from error
     if wkb is None or len(wkb) < info["features"]:
         count = 0 if wkb is None else len(wkb)
         raise InputError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
     attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
+    if points and "channel_id" in attributes:
+        attributes |= point_lists(points, np.asarray(attributes["channel_id"]))
     with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
     family = family_of(info["fields"])
@@ -126,89 +98,18 @@ def read_parquet(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     """Read lines from GeoParquet."""
     geopandas, pyarrow, shapely = need("reading .parquet", *NEEDS[PARQUET])
     try:
-        frame = geopandas.read_parquet(path)
+        frame = geopandas.read_parquet(path.absolute())
         geometries = frame.geometry.to_numpy()
         texts = [str(name) for name in frame.columns]
         extra = wanted_extra(path, _frame_extra(frame.attrs.get(FRAME)), asked, texts)
         useful = useful_names(texts, wanted, extra)
         attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read as GeoParquet ({_reason(error)}); is it cut short?") from error
+        raise InputError(f"{path}: cannot be read as GeoParquet ({reason_of(error)}); is it cut short?") from error
     family = family_of(texts)
     lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
     source = Source(path, lines, crs_text(frame.crs, str(path)), family=family, extra=extra)
     return _take_frame(source, frame.attrs.get(FRAME))
-
-
-def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
-    """Write GeoJSON with a "crs" member."""
-    crs = None
-    if network.crs is not None:
-        code = re.fullmatch(r"(\w+):(\w+)", network.crs)
-        name = f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else network.crs
-        crs = {"type": "name", "properties": {"name": name}}
-    columns = {name: _plain(c) for name, c in write_columns(network).items()}
-    features = [
-        {
-            "type": "Feature",
-            "properties": {name: column[c] for name, column in columns.items()},
-            "geometry": {"type": "LineString", "coordinates": points.tolist()},
-        }
-        for c, points in enumerate(_coordinates(network))
-    ]
-    head = {"type": "FeatureCollection", "name": layer, "crs": crs, FRAME: _frame_of(network)}
-    # One feature a line, so that versions of a file can be compared.
-    body = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
-    data = f'{json.dumps(head)[:-1]}, "features": [\n{body}\n]}}\n'.encode()
-    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix.lower() == ".gz" else data)
-
-
-def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, layer: str) -> None:
-    """Write through GDAL; the layers of an existing GeoPackage at ``path`` are taken over."""
-    _, shapely, raw = need(f"writing {suffix}", *NEEDS[suffix], "pyogrio.raw")
-    columns = _text_columns(network)
-    if suffix == ".shp":
-        columns = {SHORT_NAMES.get(name, name): column for name, column in columns.items()}
-    if suffix == ".gpkg" and path.exists():
-        shutil.copyfile(path, temporary)
-    # A FlatGeobuf with an index would have its channels in another order.
-    options: dict[str, Any] = {"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}
-    if suffix != ".shp":
-        frame = _frame_of(network)
-        if suffix == ".gpkg":
-            del frame["node_xy"]  # they are a layer of their own
-        options["layer_metadata"] = {FRAME: json.dumps(frame)}
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
-            raw.write(
-                temporary,
-                geometry=shapely.to_wkb(_line_strings(shapely, network)),
-                field_data=list(columns.values()),
-                fields=np.array(list(columns)),
-                geometry_type="LineString" if network.point_z is None else "LineString Z",
-                crs=network.crs,
-                driver=OGR[suffix],
-                layer=layer if suffix == ".gpkg" else None,
-                **options,
-            )
-            if suffix == ".gpkg":
-                _write_nodes(shapely, raw, network, temporary, layer)
-    except RuntimeError as error:
-        raise InputError(f"{path}: GDAL cannot write it ({_reason(error)})") from error
-
-
-def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
-    """Write GeoParquet."""
-    geopandas, _, shapely = need("writing .parquet", *NEEDS[PARQUET])
-    try:
-        frame = geopandas.GeoDataFrame(
-            _text_columns(network), geometry=_line_strings(shapely, network), crs=network.crs
-        )
-        frame.attrs[FRAME] = _frame_of(network)
-        frame.to_parquet(temporary, index=False)
-    except RuntimeError as error:
-        raise InputError(f"{path}: cannot be written as GeoParquet ({_reason(error)})") from error
 
 
 # ---- reading
@@ -327,6 +228,8 @@ def _line_layer(path: Path, layer: str | None, layers: np.ndarray) -> str:
     lines = lines or [name for name, kind in kinds.items() if "Unknown" in kind or "Collection" in kind]
     if not lines:
         raise InputError(f"{path}: no lines in it; it has {listed or 'no layers'}")
+    # Of the layers of a run the one that is a network has nodes.
+    lines = [name for name in lines if name + NODES in kinds] or lines
     if len(lines) > 1:
         raise InputError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
     return str(lines[0])
@@ -353,36 +256,6 @@ def _refuse_cut(path: Path, suffix: str) -> None:
         raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
 
 
-def _reason(error: Exception) -> str:
-    """Return what a library says of its failure, as a part of one line."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-# ---- writing
-
-
-def _text_columns(network: RiverNetwork) -> dict[str, np.ndarray]:
-    """Return the attributes of the channels, lists as JSON text and words as objects."""
-    columns = {}
-    for name, column in write_columns(network).items():
-        if isinstance(column, list):
-            column = np.array([None if v is None else json.dumps(v) for v in column], object)
-        columns[name] = column.astype(object) if column.dtype.kind == "U" else column
-    return columns
-
-
-def _plain(values: Any) -> list[Any]:
-    """Return a column as JSON has it: null for what is not known."""
-    plain = values if isinstance(values, list) else values.tolist()
-    return [None if isinstance(v, float) and math.isnan(v) else v for v in plain]
-
-
-def _frame_of(network: RiverNetwork) -> dict[str, Any]:
-    """Return what no attribute holds: the zero of the device coordinates, the nodes by number, the free columns."""
-    extra = {EXTRA: extra_kinds(network.channels)} if network.channels.extra else {}
-    return {"origin": network.origin.tolist(), "node_xy": network.node_xy.tolist(), **extra}
-
-
 def _frame_extra(frame: Any) -> dict[str, str]:
     """Return the free columns that :func:`_frame_of` told, with their kinds."""
     try:
@@ -405,21 +278,12 @@ def _take_frame(source: Source, frame: Any) -> Source:
     return source
 
 
-def _write_nodes(shapely: Any, raw: Any, network: RiverNetwork, path: Path, layer: str) -> None:
-    """Add the nodes as a layer of points beside that of the channels."""
-    arriving = np.bincount(network.channel_to, minlength=network.node_count)
-    leaving = np.bincount(network.channel_from, minlength=network.node_count)
-    kind = np.where(arriving == 0, "source", np.where(leaving == 0, "outlet", "junction"))
-    raw.write(
-        path,
-        geometry=shapely.to_wkb(shapely.points(network.node_xy)),
-        field_data=[np.arange(network.node_count), kind.astype(object)],
-        fields=np.array(["node_id", "kind"]),
-        geometry_type="Point",
-        crs=network.crs,
-        driver="GPKG",
-        layer=layer + NODES,
-    )
+def _read_points(raw: Any, path: Path, layer: str) -> dict[str, np.ndarray]:
+    """Return the columns of the points along the channels; nothing where one of them is missing."""
+    names = ["channel_id", "point", *(f"{role}_m" for role in LISTS)]
+    meta, _, _, data = raw.read(path, layer=layer, columns=names, read_geometry=False)
+    columns = dict(zip(meta["fields"].tolist(), data, strict=True))
+    return columns if set(columns) == set(names) else {}
 
 
 def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tuple[float, float]]:
@@ -430,18 +294,3 @@ def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tup
     points = shapely.from_wkb(wkb, on_invalid="ignore")
     known = [p is not None and p.geom_type == "Point" and not p.is_empty for p in points]
     return {int(k): (p.x, p.y) for k, p, there in zip(data[0], points, known, strict=True) if there and k == k}
-
-
-def _line_strings(shapely: Any, network: RiverNetwork) -> np.ndarray:
-    """Return the channels as shapely LineStrings."""
-    lines = _coordinates(network)
-    owner = np.repeat(np.arange(network.channel_count), [len(points) for points in lines])
-    return shapely.linestrings(np.concatenate(lines), indices=owner)
-
-
-def _coordinates(network: RiverNetwork) -> list[np.ndarray]:
-    """Return the points of the channels, (n, 2), or (n, 3) with elevations."""
-    lines, elevations = network.polylines(close=True), network.point_elevations(close=True)
-    if elevations is None:
-        return lines
-    return [np.column_stack([xy, z]) for xy, z in zip(lines, elevations, strict=True)]

@@ -1,0 +1,192 @@
+"""Layers: features of one kind with their attributes, written to GeoPackage, shapefile, FlatGeobuf or GeoParquet."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.errors import InputError
+from warpriver.extras import need
+from warpriver.io.gdal import name_to_write
+from warpriver.io.vector.geopackage import add_styles, drop_layers, edited_geopackage, is_database
+
+__all__ = [
+    "GEOPACKAGE",
+    "NEEDS",
+    "OGR",
+    "PARQUET",
+    "SHAPEFILE_PARTS",
+    "Layer",
+    "reason_of",
+    "write_geopackage",
+    "write_layer",
+]
+
+GEOPACKAGE, PARQUET = ".gpkg", ".parquet"
+OGR = {GEOPACKAGE: "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
+# Modules beyond the core that a format needs; all of them come with the extra "gis".
+NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
+# A .prj or an index that an older shapefile left behind would be taken for one of the new file.
+SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
+# The most decimals of a number in a shapefile.
+DECIMALS = 15
+
+
+@dataclasses.dataclass(frozen=True)
+class Layer:
+    """Features of one kind, as they are written.
+
+    Attributes:
+        name: Name of the layer.
+        kind: Kind of the geometries: "LineString", "LineString Z", "Point", "Polygon" ...
+        geometry: (F,) shapely geometries.
+        columns: The attributes by name, each (F,) numbers, words (object) or times, or a list of F lists of numbers.
+        style: Name of its style in QGIS.
+        frame: What is told of the layer as a whole, JSON text; "" for nothing.
+    """
+
+    name: str
+    kind: str
+    geometry: np.ndarray
+    columns: Mapping[str, Any]
+    style: str
+    frame: str = ""
+
+
+def write_geopackage(path: Path, layers: Sequence[Layer], crs: str | None, stale: Sequence[str] = ()) -> None:
+    """Write layers to a GeoPackage, in place of those of the same names; it keeps its other layers.
+
+    Args:
+        path: The file, which need not exist.
+        layers: What to write.
+        crs: Their coordinate reference system.
+        stale: Layers to remove, of those that there are.
+
+    Raises:
+        ImportError: pyogrio or shapely is missing.
+        OSError: The file cannot be written, or another program is writing into it.
+        ValueError: The CRS is unknown.
+    """
+    need("writing .gpkg", *NEEDS[GEOPACKAGE])
+    made = {} if is_database(path) else {"dataset_options": {"VERSION": "1.3"}}
+    with edited_geopackage(path) as temporary:
+        if not made:
+            drop_layers(temporary, {*stale, *(layer.name for layer in layers)})
+        for layer in layers:
+            _write_ogr(layer, temporary, path, crs, **made)
+            made = {}
+        add_styles(temporary, {layer.name: layer.style for layer in layers})
+
+
+def write_layer(layer: Layer, temporary: Path, path: Path, crs: str | None) -> None:
+    """Write one layer to the file of another format.
+
+    Args:
+        layer: What to write.
+        temporary: The file to write to.
+        path: What to call it in messages.
+        crs: Coordinate reference system.
+    """
+    suffix = path.suffix.lower()
+    if suffix == PARQUET:
+        _write_parquet(layer, temporary, path, crs)
+        return
+    with name_to_write(temporary) as name:
+        # A FlatGeobuf with an index would have its features in another order.
+        _write_ogr(layer, name, path, crs, **({"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}))
+        if suffix == ".shp":
+            fit_numbers(name.with_suffix(".dbf"), layer.columns)
+
+
+def _write_ogr(layer: Layer, temporary: Path, path: Path, crs: str | None, **options: Any) -> None:
+    """Write a layer through GDAL."""
+    suffix = path.suffix.lower()
+    _, shapely, raw = need(f"writing {suffix}", *NEEDS[suffix], "pyogrio.raw")
+    if layer.frame and suffix != ".shp":
+        options["layer_metadata"] = {"warpriver": layer.frame}
+    columns = {name: _as_field(column) for name, column in layer.columns.items()}
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="'crs' was not provided")
+            raw.write(
+                temporary,
+                geometry=shapely.to_wkb(layer.geometry),
+                field_data=list(columns.values()),
+                fields=np.array(list(columns), object),
+                geometry_type=layer.kind,
+                crs=crs,
+                driver=OGR[suffix],
+                layer=layer.name if suffix == GEOPACKAGE else None,
+                **options,
+            )
+    except RuntimeError as error:
+        raise InputError(f"{path}: GDAL cannot write it ({reason_of(error)})") from error
+
+
+def _write_parquet(layer: Layer, temporary: Path, path: Path, crs: str | None) -> None:
+    """Write GeoParquet, in which lists are lists."""
+    geopandas, *_ = need("writing .parquet", *NEEDS[PARQUET])
+    columns = {name: _as_objects(column) for name, column in layer.columns.items()}
+    try:
+        frame = geopandas.GeoDataFrame(columns, geometry=layer.geometry, crs=crs)
+        if layer.frame:
+            frame.attrs["warpriver"] = json.loads(layer.frame)
+        frame.to_parquet(temporary.absolute(), index=False)
+    except RuntimeError as error:
+        raise InputError(f"{path}: cannot be written as GeoParquet ({reason_of(error)})") from error
+
+
+def _as_field(column: Any) -> np.ndarray:
+    """Return a column as GDAL takes it: lists as JSON text, words as objects."""
+    if isinstance(column, list):
+        return np.array([None if value is None else json.dumps(value) for value in column], object)
+    return column.astype(object) if column.dtype.kind == "U" else column
+
+
+def _as_objects(column: Any) -> np.ndarray:
+    """Return a column as pandas takes it: lists and words as objects."""
+    if not isinstance(column, list):
+        return column.astype(object) if column.dtype.kind == "U" else column
+    values = np.empty(len(column), object)
+    values[:] = [None if value is None else np.array(value, np.float64) for value in column]
+    return values
+
+
+def fit_numbers(path: Path, columns: Mapping[str, Any]) -> None:
+    """Give the numbers of a .dbf as many decimals as the field has room for beside their whole digits, up to 15.
+
+    GDAL gives every field 15 of its 24 places: from 1e8 on a number fills more than its field, and programs that
+    save the file again cut it or refuse it.
+
+    Args:
+        path: The .dbf, as GDAL wrote it.
+        columns: The values of its columns, by name.
+    """
+    data = bytearray(path.read_bytes())
+    count, head, size = (int.from_bytes(data[a:b], "little") for a, b in ((4, 8), (8, 10), (10, 12)))
+    records = np.frombuffer(data, np.uint8, count * size, head).reshape(count, size)
+    first = 1  # a record begins with the mark of a deleted one
+    for place in range(32, head - 1, 32):
+        name = bytes(data[place : place + 11]).split(b"\0")[0].decode()
+        width, decimals = data[place + 16], data[place + 17]
+        if decimals and name in columns:
+            values = np.asarray(columns[name], np.float64)
+            known = np.isfinite(values)
+            largest = int(np.abs(values[known]).max(initial=0.0))
+            fit = min(DECIMALS, width - 2 - len(str(largest)) - int((values[known] < 0.0).any()))
+            text = np.char.mod(f"%{width}.{max(fit, 0)}f", values[known]).astype(f"S{width}")
+            records[known, first : first + width] = text.view(np.uint8).reshape(-1, width)
+            data[place + 17] = max(fit, 0)
+        first += width
+    path.write_bytes(data)
+
+
+def reason_of(error: Exception) -> str:
+    """Return what a library says of its failure, in one line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
