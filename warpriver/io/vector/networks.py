@@ -277,8 +277,9 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
 
     *Shapefile.* Names have at most 10 characters: dis_m3s, area_km2 and area_m2. Numbers have up to 15 decimals, as
     their fields have room for; coordinates may differ in the last bit, and short channels need ``short="keep"`` to be
-    read. It does not say which attributes are free columns: name those in ``read_network(extra=)``. Names and words that
-    a format cannot hold are refused.
+    read. It does not say which attributes are free columns: name those in ``read_network(extra=)``.
+
+    Names and words that a format cannot hold are refused.
 
     The file is written beside its place and then renamed, so that a failure leaves the old one as it was. A path is a
     path, whatever stands in it: none is taken for an archive or an address.
