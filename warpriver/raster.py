@@ -272,10 +272,10 @@ class Raster:
             reference = pyproj.CRS(self.crs).to_cf() if pyproj else {}
             reference |= {"spatial_ref": reference.get("crs_wkt", self.crs)}
         reference["GeoTransform"] = " ".join(repr(float(v)) for v in (west, size, 0.0, north, 0.0, -size))
-        spacing = {"units": "m", "standard_name": "projection_x_coordinate", "axis": "X"}
-        y_attributes = spacing | {"standard_name": "projection_y_coordinate", "axis": "Y"}
-        y = ("y", north - (np.arange(rows) + 0.5) * size, y_attributes)
-        x = ("x", west + (np.arange(columns) + 0.5) * size, spacing)
+        # No "axis": with it ParaView takes metres for degrees and wraps the map round a sphere.
+        y_named, x_named = ({"units": "m", "standard_name": f"projection_{axis}_coordinate"} for axis in "yx")
+        y = ("y", north - (np.arange(rows) + 0.5) * size, y_named)
+        x = ("x", west + (np.arange(columns) + 0.5) * size, x_named)
         told = {"units": self.unit} if self.unit else {}
         told |= {"long_name": self.name} if self.name else {}
         return xarray.DataArray(

@@ -1,12 +1,13 @@
 """Names of files for GDAL: some of its Python packages take a name for an address, in an archive or on the web.
 
 pyogrio splits names at "!" and looks for schemes as "zip:"; a path is a path here, whatever stands in it. An absolute
-one has no scheme; what has a "!" in it is handed over under another name.
+one has no scheme; what has a "!" or the like in it is handed over under another name.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -15,9 +16,13 @@ from pathlib import Path
 __all__ = ["is_address", "name_to_read", "name_to_write"]
 
 
+# What ends the name of an archive, or begins that of one of GDAL's virtual file systems.
+ADDRESS = re.compile(r"[!;?#\x00-\x1f]|^/vsi|\.zip", re.IGNORECASE)
+
+
 def is_address(path: Path) -> bool:
     """Tell whether a path would be taken for an address even when it is absolute."""
-    return "!" in str(path.absolute())
+    return ADDRESS.search(str(path.absolute())) is not None
 
 
 @contextlib.contextmanager

@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, PathError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
 from warpriver.io.raster.source import RasterSource, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["TIFF", "read_geotiff", "write_geotiff"]
+__all__ = ["TIFF", "read_geotiff", "write_gdal", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
+# Cells a side of the tiles of a GeoTIFF that is written.
+BLOCK = 512
 
 
 def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
@@ -63,29 +65,56 @@ def _stated_crs(crs: Any, path: Path) -> str | None:
 def write_geotiff(raster: Raster, path: Path) -> None:
     """Write whole numbers as they are, others as float32 where that keeps them all to the bit, else as float64.
 
-    Deflated, with the CRS; NaN is the value of no data of the latter.
+    The file is a cloud-optimized GeoTIFF: deflated tiles, and overviews (means, of whole numbers nearest cells), with
+    the CRS; NaN is the value of no data of what is not whole.
     """
-    rasterio, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.transform")
     values = raster.numpy()
     if not raster.is_integer:
         with np.errstate(over="ignore"):
             single = values.astype(np.float32)
         if np.array_equal(single.astype(np.float64), values, equal_nan=True):
             values = single
+    options = {
+        "compress": "deflate", "blocksize": BLOCK, "bigtiff": "if_safer",
+        "overview_resampling": "nearest" if raster.is_integer else "average",
+    }  # fmt: skip
+    write_gdal(raster, values, path, "COG", None if raster.is_integer else math.nan, **options)
+
+
+def write_gdal(
+    raster: Raster, values: np.ndarray, path: Path, driver: str, nodata: float | None, **options: Any
+) -> None:
+    """Write a band through GDAL, with the place, CRS, unit and name of a raster.
+
+    Args:
+        raster: Whose place it has.
+        values: (rows, columns) numbers of a type that the format holds.
+        path: File to write.
+        driver: GDAL's name of the format.
+        nodata: Value that stands for no data.
+        options: Of the driver.
+
+    Raises:
+        ImportError: rasterio is missing.
+        OSError: The file cannot be written.
+    """
+    rasterio, errors, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.errors", "rasterio.transform")
     size, (west, north) = raster.cell_size, raster.origin
     profile = {
-        "driver": "GTiff", "width": raster.shape[1], "height": raster.shape[0], "count": 1,
-        "dtype": values.dtype.name, "nodata": None if raster.is_integer else math.nan, "compress": "deflate",
-        "tiled": True, "transform": transform.from_origin(west, north, size, size), "bigtiff": "if_safer",
+        "driver": driver, "width": raster.shape[1], "height": raster.shape[0], "count": 1,
+        "dtype": values.dtype.name, "nodata": nodata, "transform": transform.from_origin(west, north, size, size),
     }  # fmt: skip
     if raster.crs is not None:
         (crs,) = need("writing a CRS", "rasterio.crs")
         profile["crs"] = crs.CRS.from_user_input(raster.crs)
-    with rasterio.open(path, "w", **profile) as dataset:
-        dataset.write(values, 1)
-        if raster.unit:
-            dataset.units = (raster.unit,)
-            dataset.update_tags(units=raster.unit)
-        if raster.name:
-            dataset.set_band_description(1, raster.name)
-        dataset.update_tags(AREA_OR_POINT="Area")
+    try:
+        with rasterio.open(path.absolute(), "w", **profile, **options) as dataset:
+            dataset.write(values, 1)
+            if raster.unit:
+                dataset.units = (raster.unit,)
+                dataset.update_tags(units=raster.unit)
+            if raster.name:
+                dataset.set_band_description(1, raster.name)
+            dataset.update_tags(AREA_OR_POINT="Area")
+    except errors.RasterioError as error:
+        raise PathError(f"GDAL cannot write it ({error})") from error

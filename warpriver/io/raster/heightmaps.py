@@ -1,4 +1,8 @@
-"""Height maps of 16 bits, PNG and raw, with a JSON file beside them that says what a pixel and a step are."""
+"""Height maps of 16 bits, PNG and raw, with files beside them that say where they lie and what a step is.
+
+A JSON file is for people and for :func:`read_heightmap`; what GDAL, QGIS and their like read is in an .aux.xml (place,
+CRS, scale and offset of the heights), with a world file beside a PNG and an ESRI header beside a raw file.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,11 @@ import struct
 import warnings
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
+from warpriver.crs import pyproj_or_none
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
@@ -19,7 +25,7 @@ from warpriver.io.files import decoded
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
 
-__all__ = ["PNG", "RAW", "read_heightmap", "write_heightmap"]
+__all__ = ["PNG", "RAW", "parts_of", "read_heightmap", "write_heightmap"]
 
 log = logging.getLogger("warpriver")
 
@@ -97,10 +103,14 @@ def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, in
     return np.fromfile(path, "<u2").reshape(rows, columns), TOP
 
 
-def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None) -> None:
+def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None, told: Path) -> None:
     """Write steps of height between ``limits``, by default the lowest and the highest; 0 is no data where there is any.
 
-    The JSON file is written beside it.
+    Args:
+        terrain: What to write.
+        path: File to write; those that say where it lies are written beside it.
+        limits: Heights of the first and the last step, m.
+        told: What to call the file in messages.
     """
     height = terrain.to_numpy()
     gap = np.isnan(height)
@@ -108,7 +118,7 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     low, high = checked_limits(limits or (lowest, highest if highest > lowest else lowest + 1.0))
     if lowest < low or highest > high:
         raise InputError(
-            f"{path}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
+            f"{told}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
         )
     first = int(gap.any())
     with np.errstate(invalid="ignore"):
@@ -117,14 +127,61 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     if path.suffix.lower() == PNG:
         (image,) = need(f"writing {path.suffix}", "PIL.Image")
         image.fromarray(step.astype(np.uint16)).save(path)
+        _write_world_file(terrain, path.with_suffix(".pgw"))
     else:
         step.astype("<u2").tofile(path)
+        _write_header(terrain, path.with_suffix(".hdr"))
+    rise = (high - low) / (TOP - first)
+    _write_placing(terrain, path.with_name(path.name + ".aux.xml"), rise, low - first * rise, first)
     side = {
         "metres_per_pixel": terrain.cell_size, "rows": terrain.shape[0], "columns": terrain.shape[1],
         "height_low": low, "height_high": high, "no_data": 0 if first else None,
         "origin": list(terrain.origin), "crs": terrain.crs,
+        # A landscape of Unreal Engine at a scale of 100 has pixels of 1 m and 512 m between the first and last step.
+        "unreal_scale_xy": 100.0 * terrain.cell_size, "unreal_scale_z": 100.0 * TOP * rise / 512.0,
     }  # fmt: skip
     side_file(path).write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
+
+
+def parts_of(path: Path) -> tuple[str, ...]:
+    """Return the suffixes of the files that belong to a height map, in place of its own."""
+    places = (".pgw",) if path.suffix.lower() == PNG else (".hdr",)
+    return (*places, f"{path.suffix}.json", f"{path.suffix}.aux.xml")
+
+
+def _write_placing(terrain: Terrain, path: Path, scale: float, offset: float, first: int) -> None:
+    """Write the .aux.xml in which GDAL finds place, CRS, and metres: height = offset + scale * step."""
+    top = ElementTree.Element("PAMDataset")
+    if terrain.crs is not None:
+        pyproj = pyproj_or_none()
+        text = pyproj.CRS(terrain.crs).to_wkt() if pyproj else terrain.crs
+        ElementTree.SubElement(top, "SRS", dataAxisToSRSAxisMapping="1,2").text = text
+    (west, north), size = terrain.origin, terrain.cell_size
+    place = ", ".join(repr(float(v)) for v in (west, size, 0.0, north, 0.0, -size))
+    ElementTree.SubElement(top, "GeoTransform").text = place
+    band = ElementTree.SubElement(top, "PAMRasterBand", band="1")
+    told = {"Description": "height", "UnitType": "m", "Offset": repr(offset), "Scale": repr(scale)}
+    for tag, text in (told | ({"NoDataValue": "0"} if first else {})).items():
+        ElementTree.SubElement(band, tag).text = text
+    ElementTree.ElementTree(top).write(path, encoding="utf-8")
+
+
+def _write_world_file(terrain: Terrain, path: Path) -> None:
+    """Write the six numbers of a world file: sides of a pixel, and the centre of the first one."""
+    (west, north), size = terrain.origin, terrain.cell_size
+    place = (size, 0.0, 0.0, -size, west + 0.5 * size, north - 0.5 * size)
+    path.write_text("".join(f"{float(v)!r}\n" for v in place), encoding="ascii")
+
+
+def _write_header(terrain: Terrain, path: Path) -> None:
+    """Write the header by which GDAL and ESRI's programs open a raw file."""
+    (west, north), size, (rows, columns) = terrain.origin, float(terrain.cell_size), terrain.shape
+    header = {
+        "NROWS": rows, "NCOLS": columns, "NBANDS": 1, "NBITS": 16, "PIXELTYPE": "UNSIGNEDINT", "BYTEORDER": "I",
+        "LAYOUT": "BIL", "ULXMAP": repr(west + 0.5 * size), "ULYMAP": repr(north - 0.5 * size),
+        "XDIM": repr(size), "YDIM": repr(size),
+    }  # fmt: skip
+    path.write_text("".join(f"{key:<10} {value}\n" for key, value in header.items()), encoding="ascii")
 
 
 def checked_limits(limits: Any) -> tuple[float, float]:
