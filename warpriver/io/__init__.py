@@ -1,8 +1,9 @@
 """Files in and out; the modules that a format needs are imported when it is used."""
 
+from warpriver.io.meshes import write_mesh
 from warpriver.io.raster.terrains import read_raster, read_terrain, write_raster, write_terrain
 from warpriver.io.raster.xarrays import from_xarray, raster_from_xarray, to_xarray
-from warpriver.io.valleys import read_valley, write_breaklines, write_mesh, write_points, write_valley
+from warpriver.io.valleys import read_valley, write_breaklines, write_points, write_valley
 from warpriver.io.vector.networks import line_formats, read_network, write_network
 
 __all__ = [

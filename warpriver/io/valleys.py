@@ -1,4 +1,4 @@
-"""Valley files: parameters as TOML; points, meshes and breaklines of a valley's surface.
+"""Valley files: parameters as TOML; points and breaklines of a valley's surface.
 
 A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyParams` under their names, and
 
@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError
+from warpriver.errors import InputError
 from warpriver.io.files import beside, is_number
 from warpriver.valley.controls import TERMS
 from warpriver.valley.params import (
@@ -39,7 +39,7 @@ from warpriver.valley.params import (
     ValleyParams,
 )
 
-__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
+__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_points", "write_valley"]
 
 # Keys of the file, other than single constants, and what they hold.
 TABLES = {"section": CrossSection, "covariance": CovarianceTarget}
@@ -51,7 +51,6 @@ OPTIONAL = {
     "depth": ("m", "bankfull depth; by eq. 4 from grain size and Shields stress where it is left out"),
 }
 POINTS = (".xyz", ".csv", ".npz")
-MESHES = (".obj", ".ply", ".stl", ".vtp")
 
 
 # ---- parameters
@@ -339,33 +338,6 @@ def write_points(grid: Any, path: Any) -> None:
             np.savetxt(temporary, grid.points(), fmt="%.4f", delimiter=",", header="x,y,z", comments="")
         else:
             np.savetxt(temporary, grid.points(), fmt="%.4f")
-
-
-def write_mesh(grid: Any, path: Any) -> None:
-    """Write the triangles of a curvilinear grid.
-
-    Args:
-        grid: ValleyGrid.
-        path: .obj; or .ply, .stl or .vtp, which need pyvista. Coordinates are absolute m, z up.
-
-    Raises:
-        ImportError: pyvista is missing.
-        ValueError: Another suffix.
-        OSError: The file cannot be written.
-    """
-    target = _checked_suffix(path, MESHES)
-    with beside(target) as temporary:
-        if target.suffix.lower() == ".obj":
-            with temporary.open("w", encoding="ascii") as file:
-                np.savetxt(file, grid.points(), fmt="v %.4f %.4f %.4f")
-                np.savetxt(file, grid.triangles() + 1, fmt="f %d %d %d")
-            return
-        try:
-            import pyvista
-        except ImportError as error:
-            raise MissingExtraError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
-        faces = np.insert(grid.triangles(), 0, 3, axis=1)
-        pyvista.PolyData(grid.points(), faces.ravel()).save(temporary)
 
 
 def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:

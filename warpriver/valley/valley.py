@@ -58,11 +58,17 @@ class ValleyGrid:
         xyz: (stations, columns, 3) absolute places and heights in m.
         banks: Columns of the left and the right bank.
         edges: Columns of the left and the right edge of the valley floor.
+        station: (stations,) distance along the channel in m.
+        lateral: (stations, columns) distance from the centreline across the channel in m, positive to the left.
+        crs: Coordinate reference system, or None.
     """
 
     xyz: FloatArray
     banks: tuple[int, int]
     edges: tuple[int, int]
+    station: FloatArray
+    lateral: FloatArray
+    crs: str | None = None
 
     def points(self) -> FloatArray:
         """Return the points as (n, 3), a station after the other."""
@@ -218,8 +224,13 @@ class Valley:
         wp.launch(kernel.lay_sections, dim=(count, across), inputs=inputs, outputs=[xyz], device=self.device)
         inputs = [self._surface, self._lattice, frame, first, FLOOR_COLUMNS, SIDE_COLUMNS]
         wp.launch(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
-        last = across + 2 * beside - 1
-        return ValleyGrid(xyz.numpy(), (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
+        last, places = across + 2 * beside - 1, xyz.numpy()
+        line = self.stations.line
+        middle, tangent = line.xy[reach], line.tangent[reach]
+        left = at.to_map(middle + np.column_stack([-tangent[:, 1], tangent[:, 0]])) - at.to_map(middle)
+        lateral = np.einsum("sck,sk->sc", places[..., :2] - at.to_map(middle)[:, None], left)
+        edges = (SIDE_COLUMNS, last - SIDE_COLUMNS)
+        return ValleyGrid(places, (beside, last - beside), edges, line.s[reach].copy(), lateral, self.crs)
 
     def breaklines(self) -> dict[str, FloatArray]:
         """Return the lines along which the surface bends, by name, (n, 3) absolute places and heights in m.
