@@ -23,6 +23,7 @@ import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
 from warpriver.errors import InputError, InputTypeError, MissingFileError, OutputExistsError, PathError
+from warpriver.extras import need
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -40,6 +41,7 @@ from warpriver.history.segments import (
     unsealed,
     write_archive,
 )
+from warpriver.history.tables import event_columns, features_of, geometry_of, summary_columns
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 
@@ -209,6 +211,46 @@ class History:
             crs=self.crs,
             dtype=self.dtype,
         )
+
+    # ---- as tables
+
+    def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> Any:
+        """Return a layer of the run as ``geopandas.GeoDataFrame`` (``warpriver[gis]``).
+
+        ``time_yr`` is the time of the record or event in yr; ``begin`` and ``end`` are dates, for programs that show
+        time by dates: year 0 of the run is 2000. Beyond the year 9999 they are empty.
+
+        Args:
+            layer: "courses": the line of each channel at each record. "oxbows": the loops that were cut off, as areas
+                as wide as the channel. "abandoned": the courses that were given up where channels met.
+            every: Take every so many records; the last one always.
+
+        Raises:
+            ImportError: geopandas is missing.
+            ValueError: Another layer, an interval below 1, or a history without a record.
+        """
+        (geopandas,) = need("History.to_geopandas", "geopandas")
+        features = features_of(self, layer, every)
+        return geopandas.GeoDataFrame(dict(features.columns), geometry=geometry_of(features), crs=self.crs)
+
+    def event_table(self) -> Any:
+        """Return all events as ``pandas.DataFrame`` (``warpriver[gis]``), a row each, in order of time.
+
+        Columns: ``time_yr``, ``kind``, ``length_m`` and ``x``, ``y`` (the mean point) of the line that an event left
+        behind, then what its kind tells: ``channel_id``, ``width_m`` and so on; NaN or "" where a kind has no such.
+        """
+        (pandas,) = need("History.event_table", "pandas")
+        return pandas.DataFrame(event_columns(self))
+
+    def summary(self) -> Any:
+        """Return a row a record as ``pandas.DataFrame`` (``warpriver[gis]``).
+
+        Columns: ``time_yr``, ``step``, the numbers of ``channels`` and ``points``, total ``length_m``, ``sinuosity``
+        (length over the distance of the ends, of channels that are no rings), mean ``width_m``, and how many events of
+        each kind there had been: ``cutoffs``, ``collisions`` ...
+        """
+        (pandas,) = need("History.summary", "pandas")
+        return pandas.DataFrame(summary_columns(self))
 
     def __repr__(self) -> str:
         if not self._times:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,9 +25,13 @@ __all__ = [
     "PARQUET",
     "SHAPEFILE_PARTS",
     "Layer",
+    "crs_member",
+    "geojson_text",
+    "plain_values",
     "reason_of",
     "write_geopackage",
     "write_layer",
+    "write_layer_geojson",
 ]
 
 GEOPACKAGE, PARQUET = ".gpkg", ".parquet"
@@ -102,6 +108,47 @@ def write_layer(layer: Layer, temporary: Path, path: Path, crs: str | None) -> N
         _write_ogr(layer, name, path, crs, **({"SPATIAL_INDEX": "NO"} if suffix == ".fgb" else {}))
         if suffix == ".shp":
             fit_numbers(name.with_suffix(".dbf"), layer.columns)
+
+
+def write_layer_geojson(layer: Layer, path: Path, crs: str | None) -> None:
+    """Write a layer as GeoJSON with a "crs" member."""
+    (shapely,) = need("writing .geojson", "shapely")
+    columns = {name: plain_values(column) for name, column in layer.columns.items()}
+    features = [
+        json.dumps(
+            {
+                "type": "Feature",
+                "properties": {name: column[k] for name, column in columns.items()},
+                "geometry": json.loads(text),
+            },
+            allow_nan=False,
+        )
+        for k, text in enumerate(shapely.to_geojson(layer.geometry).tolist())
+    ]
+    path.write_bytes(geojson_text({"name": layer.name, "crs": crs_member(crs)}, features).encode())
+
+
+def geojson_text(members: Mapping[str, Any], features: Sequence[str]) -> str:
+    """Return a collection of features, one a line, so that versions of a file can be compared."""
+    head = json.dumps({"type": "FeatureCollection", **members})[:-1]
+    body = ",\n".join(features)
+    return f'{head}, "features": [\n{body}\n]}}\n'
+
+
+def crs_member(crs: str | None) -> dict[str, Any] | None:
+    """Return a CRS as GDAL and QGIS find it in GeoJSON."""
+    if crs is None:
+        return None
+    code = re.fullmatch(r"(\w+):(\w+)", crs)
+    return {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else crs}}
+
+
+def plain_values(values: Any) -> list[Any]:
+    """Return a column as JSON has it: null for what is not known, dates as text."""
+    if not isinstance(values, list) and values.dtype.kind == "M":
+        return [None if text == "NaT" else text for text in np.datetime_as_string(values, "s").tolist()]
+    plain = values if isinstance(values, list) else values.tolist()
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in plain]
 
 
 def _write_ogr(layer: Layer, temporary: Path, path: Path, crs: str | None, **options: Any) -> None:

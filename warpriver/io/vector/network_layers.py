@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import math
-import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -21,12 +19,15 @@ from warpriver.io.vector.layers import (
     NEEDS,
     SHAPEFILE_PARTS,
     Layer,
+    crs_member,
+    geojson_text,
+    plain_values,
     write_geopackage,
     write_layer,
 )
 from warpriver.network import RiverNetwork
 
-__all__ = ["FRAME", "NODES", "POINTS", "channel_layer", "point_lists", "write_features", "write_geojson"]
+__all__ = ["FRAME", "NODES", "POINTS", "network_layers", "point_lists", "write_features", "write_geojson"]
 
 # The layers of nodes and of points that belong to a layer of channels in a GeoPackage; the key of what no attribute
 # holds elsewhere.
@@ -36,39 +37,30 @@ FRAME = "warpriver"
 
 def write_geojson(network: RiverNetwork, path: Path, layer: str) -> None:
     """Write GeoJSON with a "crs" member."""
-    crs = None
-    if network.crs is not None:
-        code = re.fullmatch(r"(\w+):(\w+)", network.crs)
-        name = f"urn:ogc:def:crs:{code[1]}::{code[2]}" if code else network.crs
-        crs = {"type": "name", "properties": {"name": name}}
-    columns = {name: _plain(c) for name, c in write_columns(network).items()}
+    columns = {name: plain_values(c) for name, c in write_columns(network).items()}
     features = [
-        {
-            "type": "Feature",
-            "properties": {name: column[c] for name, column in columns.items()},
-            "geometry": {"type": "LineString", "coordinates": points.tolist()},
-        }
+        json.dumps(
+            {
+                "type": "Feature",
+                "properties": {name: column[c] for name, column in columns.items()},
+                "geometry": {"type": "LineString", "coordinates": points.tolist()},
+            },
+            allow_nan=False,
+        )
         for c, points in enumerate(_coordinates(network))
     ]
-    head = {"type": "FeatureCollection", "name": layer, "crs": crs, FRAME: _frame_of(network)}
-    # One feature a line, so that versions of a file can be compared.
-    body = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
-    data = f'{json.dumps(head)[:-1]}, "features": [\n{body}\n]}}\n'.encode()
+    members = {"name": layer, "crs": crs_member(network.crs), FRAME: _frame_of(network)}
+    data = geojson_text(members, features).encode()
     path.write_bytes(gzip.compress(data, mtime=0) if path.suffix.lower() == ".gz" else data)
 
 
 def write_features(network: RiverNetwork, path: Path, layer: str) -> None:
     """Write a network to a GeoPackage, shapefile, FlatGeobuf or GeoParquet; the suffix says to which."""
     suffix = path.suffix.lower()
-    (shapely,) = need(f"writing {suffix}", "shapely")
-    channels = channel_layer(shapely, network, layer, suffix)
-    if suffix == GEOPACKAGE:
-        layers = [channels, _node_layer(shapely, network, layer + NODES)]
-        if network.point_section is not None:
-            layers.append(_point_layer(shapely, network, layer + POINTS))
-        write_geopackage(path, layers, network.crs, stale=[layer + POINTS])
-        return
     need(f"writing {suffix}", *NEEDS[suffix])
+    if suffix == GEOPACKAGE:
+        write_geopackage(path, network_layers(network, layer), network.crs, stale=[layer + POINTS])
+        return
     if suffix == ".shp" and network.point_section is not None:
         warnings.warn(
             f"{path}: a shapefile holds one width and one depth for each channel: their means are written; those of "
@@ -77,11 +69,19 @@ def write_features(network: RiverNetwork, path: Path, layer: str) -> None:
             stacklevel=3,
         )
     with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
-        write_layer(channels, temporary, path, network.crs)
+        write_layer(_channel_layer(network, layer, suffix), temporary, path, network.crs)
 
 
-def channel_layer(shapely: Any, network: RiverNetwork, name: str, suffix: str) -> Layer:
+def network_layers(network: RiverNetwork, name: str) -> list[Layer]:
+    """Return the layers that a GeoPackage has of a network: channels, nodes and, where sections vary, points."""
+    (shapely,) = need("writing .gpkg", "shapely")
+    layers = [_channel_layer(network, name, GEOPACKAGE), _node_layer(shapely, network, name + NODES)]
+    return layers + ([_point_layer(shapely, network, name + POINTS)] if network.point_section is not None else [])
+
+
+def _channel_layer(network: RiverNetwork, name: str, suffix: str) -> Layer:
     """Return the channels as lines, with the attributes that the format of a suffix has a place for."""
+    (shapely,) = need(f"writing {suffix}", "shapely")
     columns = write_columns(network)
     if suffix in (GEOPACKAGE, ".shp"):
         columns = {name: column for name, column in columns.items() if not isinstance(column, list)}
@@ -138,12 +138,6 @@ def point_lists(columns: dict[str, np.ndarray], channel_id: np.ndarray) -> dict[
         made[:] = [values[a:b] if b > a else None for a, b in zip(first.tolist(), last.tolist(), strict=True)]
         lists[list_names(role)[0]] = made
     return lists
-
-
-def _plain(values: Any) -> list[Any]:
-    """Return a column as JSON has it: null for what is not known."""
-    plain = values if isinstance(values, list) else values.tolist()
-    return [None if isinstance(v, float) and math.isnan(v) else v for v in plain]
 
 
 def _frame_of(network: RiverNetwork) -> dict[str, Any]:

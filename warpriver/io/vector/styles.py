@@ -15,9 +15,6 @@ __all__ = ["STYLES"]
 WATER, LAKE, DRY, NODE = "61,126,166,255", "134,174,174,255", "185,138,102,255", "29,69,96,255"
 # Least width of a line or point that stands for water, mm on the screen.
 LEAST = 0.25
-# What QGIS calls the width of a line and the size of a point, as a number and in the file.
-PROPERTY = {"line": "outlineWidth", "marker": "size"}
-OLD = 'coalesce(("time_yr" - minimum("time_yr")) / nullif(maximum("time_yr") - minimum("time_yr"), 0), 1)'
 
 
 def _symbol(kind: str, properties: Mapping[str, str], defined: Mapping[str, str]) -> str:
@@ -68,8 +65,12 @@ def _points(size: str, unit: str, defined: Mapping[str, str]) -> str:
     return _symbol("marker", properties, defined)
 
 
-# By age: the youngest is bright, the oldest is near the colour of the ground.
-AGED = {"outlineColor": f"color_mix('206,196,160', '61,126,166', {OLD})"}
+# By age: the oldest course has the colour of sand, the youngest that of water.
+_BY_TIME = ", ".join(
+    f'scale_linear("time_yr", minimum("time_yr"), maximum("time_yr"), {old}, {new})'
+    for old, new in ((222, 61), (210, 126), (170, 166))
+)
+AGED = {"outlineColor": f"color_rgb({_BY_TIME})"}
 STYLES: Mapping[str, str] = {
     "channels": _line(WATER),
     "courses": _line(WATER, defined=AGED),
