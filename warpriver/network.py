@@ -352,6 +352,10 @@ class RiverNetwork:
         """
         return self._copied(channels)
 
+    def with_elevations(self, point_z: Any) -> RiverNetwork:
+        """Return a copy whose points have these elevations, (P,) in m, or None for none: ``point_z``."""
+        return RiverNetwork(**(self._host_values() | {"point_z": point_z}))
+
     def channel_flow(self) -> np.ndarray:
         """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
         return self.channel_discharge if self.channel_drainage_area is None else self.channel_drainage_area
