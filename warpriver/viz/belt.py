@@ -23,6 +23,7 @@ from warpriver.viz.maps import (
 )
 from warpriver.viz.relief import relief_picture
 from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, color_ramp, need_matplotlib, style_bar
+from warpriver.viz.sweeps import STAGES, courses_between
 
 __all__ = ["draw_before_after", "draw_belt"]
 
@@ -372,31 +373,42 @@ class BeltPainter:
     def advance(self, record: int) -> None:
         """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
         while self._courses <= record:
-            time = self._times[self._courses]
+            time, following = self._times[self._courses], self._history.networks[self._courses]
+            if self.network is not None:
+                for stage, lines, widths in courses_between(self.network, following):
+                    self._fill(lines, widths, self._course_code(self._courses - 1) + stage)
             while self._oxbows < len(self._cutoffs) and self._cutoff_times[self._oxbows] <= time:
                 cutoff = self._cutoffs[self._oxbows]
                 xy = np.asarray(cutoff.xy, np.float64)
                 if len(xy) >= 3:
-                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], 1 + len(self._times) + self._oxbows)
+                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], self._first_oxbow + self._oxbows)
                 self._oxbows += 1
             while self._beds < len(self._collisions) and self._collision_times[self._beds] <= time:
                 self._fill_bed(self._collisions[self._beds])
                 self._beds += 1
-            self.network = self._history.networks[self._courses]
+            self._fill(
+                following.polylines(close=True), following.point_widths(close=True), self._course_code(self._courses)
+            )
+            self.network = following
             self._courses += 1
-            self._fill(self.network.polylines(close=True), self.network.point_widths(close=True), self._courses)
+
+    def _course_code(self, record: int) -> int:
+        """Number of the course of a record; the stages on the way to the next one follow it."""
+        return 1 + STAGES * record
+
+    @property
+    def _first_oxbow(self) -> int:
+        """Number of the first oxbow lake; the dry beds come after them."""
+        return self._course_code(len(self._times))
 
     def _fill_bed(self, collision: Any) -> None:
         """Fill the course that was given up in a collision."""
         lines = [np.asarray(xy, np.float64) for xy in collision.pieces() if len(xy) >= 2]
-        code = 1 + len(self._times) + len(self._cutoffs) + self._beds
+        code = self._first_oxbow + len(self._cutoffs) + self._beds
         self._fill(lines, [np.full(len(xy), float(collision.width)) for xy in lines], code)
 
     def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
-        """Fill the bands of some lines with an event's number.
-
-        Course k is 1 + k, oxbow j of J is 1 + K + j, and bed i is 1 + K + J + i.
-        """
+        """Fill the bands of some lines with the number of a course, an oxbow lake or a dry bed."""
         from matplotlib.path import Path
         from matplotlib.transforms import Affine2D
 
@@ -434,7 +446,7 @@ class BeltPainter:
             row = np.floor((self._window[3] - xy[:, 1]) * self._scale).astype(np.int64)
             inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
             code = cover[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-            seen = inside & (code == 1 + len(self._times) + k)
+            seen = inside & (code == self._first_oxbow + k)
             if seen.any():
                 age = (self._times[record] - cutoff.time) / self.age_span
                 yield xy, float(cutoff.width), float(np.clip(age, 0.0, 1.0)), seen
@@ -442,16 +454,19 @@ class BeltPainter:
     def picture(self, record: int) -> np.ndarray:
         """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north."""
         now = self._times[record]
-        age = (now - np.concatenate([self._times, self._cutoff_times, self._collision_times])) / self.age_span
+        share = np.arange(STAGES) / STAGES
+        step = np.diff(self._times, append=self._times[-1])
+        courses_at = (self._times[:, None] + share * step[:, None]).ravel()
+        age = (now - np.concatenate([courses_at, self._cutoff_times, self._collision_times])) / self.age_span
         age = np.clip(age, 0.0, 1.0)
-        courses = slice(1, 1 + len(self._times))
+        courses = slice(1, self._first_oxbow)
         oxbows = slice(courses.stop, courses.stop + len(self._cutoffs))
         beds = slice(oxbows.stop, 1 + len(age))
         age = np.concatenate([[0.0], age])
         table = np.zeros((len(age), 4))
         table[0, :3], table[0, 3] = color_ramp(((0.0, GROUND),), 0.0), 0.4
         table[courses, :3] = color_ramp(DEPOSIT_RAMP, age[courses])
-        table[courses, :3] *= 1.0 + _scroll_tone(self._times, self.age_span)[:, None]
+        table[courses, :3] *= 1.0 + _scroll_tone(courses_at, self.age_span)[:, None]
         table[courses, 3] = 0.25 + 0.75 * age[courses]
         table[oxbows, :3] = color_ramp(OXBOW_RAMP, age[oxbows])
         table[oxbows, 3] = 0.6 * age[oxbows]
