@@ -1,6 +1,6 @@
 """Files in and out; the modules that a format needs are imported when it is used."""
 
-from warpriver.io.meshes import write_mesh
+from warpriver.io.meshes import read_mesh, write_mesh
 from warpriver.io.raster.terrains import read_raster, read_terrain, write_raster, write_terrain
 from warpriver.io.raster.xarrays import from_xarray, raster_from_xarray, to_xarray
 from warpriver.io.valleys import read_valley, write_breaklines, write_points, write_valley
@@ -11,6 +11,7 @@ __all__ = [
     "from_xarray",
     "line_formats",
     "raster_from_xarray",
+    "read_mesh",
     "read_network",
     "read_raster",
     "read_terrain",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.io.files import beside
 from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
@@ -25,7 +25,7 @@ from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import finite_numbers
 from warpriver.valley.valley import Valley, ValleyGrid
 
-__all__ = ["MESHES", "write_mesh"]
+__all__ = ["MESHES", "read_mesh", "write_mesh"]
 
 OBJ, PLY, STL, VTP = MESHES = (".obj", ".ply", ".stl", ".vtp")
 # Formats that hold lines.
@@ -111,6 +111,35 @@ def write_mesh(
         if zero.any():
             told = {"origin": zero.tolist(), "crs": mesh.crs, "unit": "m"}
             temporary.with_suffix(side).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Read a mesh of triangles, for :class:`~warpriver.valley.MeshStamp`.
+
+    Args:
+        path: .obj, .ply, .stl or .vtp; polygons of more corners are divided.
+
+    Returns:
+        (n, 3) vertices, float64, and (m, 3) indices of them.
+
+    Raises:
+        ImportError: pyvista is missing.
+        ValueError: Another suffix, or a file without triangles.
+        OSError: The file cannot be read.
+    """
+    source = Path(path)
+    if source.suffix.lower() not in MESHES:
+        raise InputError(f"cannot read {source}: the name must end in {', '.join(MESHES)}")
+    if not source.is_file():
+        raise MissingFileError(f"{source}: there is no such file")
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingExtraError(f'reading {source.suffix} needs pyvista: pip install "warpriver[viz]"') from error
+    mesh = pyvista.read(source).extract_surface().triangulate()
+    if not mesh.n_cells:
+        raise InputError(f"{source}: holds no triangles")
+    return np.asarray(mesh.points, np.float64), mesh.faces.reshape(-1, 4)[:, 1:].astype(np.int32)
 
 
 # ---- what becomes a mesh
