@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class Relief:
 
 
 def hillshade(
-    terrain: Any, azimuth: float = 315.0, altitude: float = 45.0, exaggeration: float | None = None
+    terrain: Terrain | Raster, azimuth: float = 315.0, altitude: float = 45.0, exaggeration: float | None = None
 ) -> np.ndarray:
     """Brightness of a terrain under a lamp: the cosine between the light and the ground's normal.
 
@@ -74,11 +73,11 @@ def hillshade(
     return np.where(np.isnan(height), np.nan, _lit(factor * east, factor * north, azimuth, altitude))
 
 
-def relief_picture(terrain: Any, window: Window, shape: tuple[int, int], *, strength: float = 1.0) -> Relief:
+def relief_picture(terrain: Terrain, window: Window, shape: tuple[int, int], *, strength: float = 1.0) -> Relief:
     """Paint a window of a terrain in tints of height under light from the north-west.
 
     Args:
-        terrain: Terrain.
+        terrain: The ground.
         window: (west, south, east, north) in m; parts off the terrain have no data.
         shape: Rows and columns of the picture.
         strength: Strength of the shades; 0 leaves the tints.
@@ -121,7 +120,7 @@ def height_grid(terrain: Terrain, window: Window, shape: tuple[int, int]) -> tup
     """Resample a window of a terrain: means where it gets coarser, cubic splines where it gets finer.
 
     Args:
-        terrain: Terrain.
+        terrain: The ground.
         window: (west, south, east, north) in m.
         shape: Rows and columns of the result.
 
@@ -206,7 +205,7 @@ def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _C
     return _Cells(height, gap, size * factor, shape, step / factor, (begin + 0.5 * step) / factor - 0.5)
 
 
-def check_ground(terrain: Any, bounds: Window, crs: str | None) -> None:
+def check_ground(terrain: Terrain | Raster, bounds: Window, crs: str | None) -> None:
     """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
     kind = "raster" if isinstance(terrain, Raster) else "terrain"
     if terrain.crs is not None and crs is not None and terrain.crs != crs:

@@ -13,15 +13,14 @@ import struct
 import warnings
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
-from warpriver.crs import pyproj_or_none
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.files import decoded
+from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
 
@@ -103,14 +102,14 @@ def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, in
     return np.fromfile(path, "<u2").reshape(rows, columns), TOP
 
 
-def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None, told: Path) -> None:
+def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None, label: Path) -> None:
     """Write steps of height between ``limits``, by default the lowest and the highest; 0 is no data where there is any.
 
     Args:
         terrain: What to write.
         path: File to write; those that say where it lies are written beside it.
         limits: Heights of the first and the last step, m.
-        told: What to call the file in messages.
+        label: What to call the file in messages.
     """
     height = terrain.to_numpy()
     gap = np.isnan(height)
@@ -118,21 +117,25 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     low, high = checked_limits(limits or (lowest, highest if highest > lowest else lowest + 1.0))
     if lowest < low or highest > high:
         raise InputError(
-            f"{told}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
+            f"{label}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
         )
     first = int(gap.any())
     with np.errstate(invalid="ignore"):
         step = np.rint((height - low) * ((TOP - first) / (high - low))) + first
     step[gap] = 0.0
+    place = (*terrain.origin, terrain.cell_size, terrain.cell_size)
     if path.suffix.lower() == PNG:
         (image,) = need(f"writing {path.suffix}", "PIL.Image")
         image.fromarray(step.astype(np.uint16)).save(path)
-        _write_world_file(terrain, path.with_suffix(".pgw"))
+        write_world_file(path.with_suffix(WORLD_FILES[PNG]), place)
     else:
         step.astype("<u2").tofile(path)
         _write_header(terrain, path.with_suffix(".hdr"))
     rise = (high - low) / (TOP - first)
-    _write_placing(terrain, path.with_name(path.name + ".aux.xml"), rise, low - first * rise, first)
+    # height = offset + scale * step
+    told = {"Description": "height", "UnitType": "m", "Offset": repr(low - first * rise), "Scale": repr(rise)}
+    told |= {"NoDataValue": "0"} if first else {}
+    write_placing(path.with_name(f"{path.name}.aux.xml"), place, terrain.crs, told)
     side = {
         "metres_per_pixel": terrain.cell_size, "rows": terrain.shape[0], "columns": terrain.shape[1],
         "height_low": low, "height_high": high, "no_data": 0 if first else None,
@@ -145,32 +148,8 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
 
 def parts_of(path: Path) -> tuple[str, ...]:
     """Return the suffixes of the files that belong to a height map, in place of its own."""
-    places = (".pgw",) if path.suffix.lower() == PNG else (".hdr",)
+    places = (WORLD_FILES[PNG],) if path.suffix.lower() == PNG else (".hdr",)
     return (*places, f"{path.suffix}.json", f"{path.suffix}.aux.xml")
-
-
-def _write_placing(terrain: Terrain, path: Path, scale: float, offset: float, first: int) -> None:
-    """Write the .aux.xml in which GDAL finds place, CRS, and metres: height = offset + scale * step."""
-    top = ElementTree.Element("PAMDataset")
-    if terrain.crs is not None:
-        pyproj = pyproj_or_none()
-        text = pyproj.CRS(terrain.crs).to_wkt() if pyproj else terrain.crs
-        ElementTree.SubElement(top, "SRS", dataAxisToSRSAxisMapping="1,2").text = text
-    (west, north), size = terrain.origin, terrain.cell_size
-    place = ", ".join(repr(float(v)) for v in (west, size, 0.0, north, 0.0, -size))
-    ElementTree.SubElement(top, "GeoTransform").text = place
-    band = ElementTree.SubElement(top, "PAMRasterBand", band="1")
-    told = {"Description": "height", "UnitType": "m", "Offset": repr(offset), "Scale": repr(scale)}
-    for tag, text in (told | ({"NoDataValue": "0"} if first else {})).items():
-        ElementTree.SubElement(band, tag).text = text
-    ElementTree.ElementTree(top).write(path, encoding="utf-8")
-
-
-def _write_world_file(terrain: Terrain, path: Path) -> None:
-    """Write the six numbers of a world file: sides of a pixel, and the centre of the first one."""
-    (west, north), size = terrain.origin, terrain.cell_size
-    place = (size, 0.0, 0.0, -size, west + 0.5 * size, north - 0.5 * size)
-    path.write_text("".join(f"{float(v)!r}\n" for v in place), encoding="ascii")
 
 
 def _write_header(terrain: Terrain, path: Path) -> None:
