@@ -28,6 +28,7 @@ LEVELS = [
         "progress",
         "raster",
         "terrain",
+        "thumbnail",
         "validate",
     },
     {"history"},

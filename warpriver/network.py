@@ -26,6 +26,7 @@ from warpriver.network_checks import (
     ring_marks,
     ring_points,
 )
+from warpriver.thumbnail import WATER, card, lines_picture, png_of
 from warpriver.validate import checked_line, one_of
 
 __all__ = ["RiverNetwork"]
@@ -459,6 +460,26 @@ class RiverNetwork:
             f"RiverNetwork({self.channel_count} channels{rings}, {self.node_count} nodes, {self.point_count} points, "
             f"{length:.4g} km, width {span} m,{varying} crs={self.crs}, {self.dtype} on {self.device.alias})"
         )
+
+    def _repr_html_(self) -> str:
+        def span(values: np.ndarray, unit: str) -> str:
+            low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+            return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+        facts = {
+            "channels": f"{self.channel_count:,}",
+            "nodes": f"{self.node_count:,}",
+            "points": f"{self.point_count:,}",
+            "length": f"{self.channel_lengths().sum() / 1e3:.4g} km",
+            "width": span(self.channel_width, "m"),
+            "discharge": span(self.channel_discharge, "m3/s"),
+            "west, south, east, north": ", ".join(f"{v:.10g}" for v in self.bounds()),
+            "CRS": short_name(self.crs),
+        }
+        return card("RiverNetwork", facts, self._repr_png_())
+
+    def _repr_png_(self) -> bytes:
+        return png_of(lines_picture([(self.polylines(close=True), self.channel_width.tolist(), WATER)]))
 
 
 def _rebuilt(values: dict[str, Any]) -> RiverNetwork:

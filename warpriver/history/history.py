@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
+from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, OutputExistsError, PathError
 from warpriver.extras import need
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
@@ -44,10 +45,13 @@ from warpriver.history.segments import (
 from warpriver.history.tables import event_columns, features_of, geometry_of, summary_columns
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.thumbnail import LAKE, SAND, WATER, card, lines_picture, png_of
 
 __all__ = ["History", "StopReason"]
 
 FORMAT = "warpriver-run-2"
+# Earlier courses that a notebook shows at most.
+THUMBNAIL_COURSES = 12
 HEADER = "run.json"
 
 
@@ -261,6 +265,31 @@ class History:
         always = {Cutoff.kind: 0, Collision.kind: 0}
         told = "".join(f"{count} {kind.replace('_', ' ')}s, " for kind, count in {**always, **counts}.items())
         return f"History({len(self)} records, {self._times[0]:.4g} to {self._times[-1]:.4g} yr, {told}{reason}{where})"
+
+    def _repr_html_(self) -> str:
+        if not self._times:
+            return "<b>History</b>, empty"
+        counts = {Cutoff.kind: 0, Collision.kind: 0} | self.events.counts()
+        facts = {
+            "records": f"{len(self)}, {self._times[0]:.4g} to {self._times[-1]:.4g} yr",
+            **{f"{kind.replace('_', ' ')}s": f"{count:,}" for kind, count in counts.items()},
+            "ended": self.stop_reason.value if self.stop_reason else "still running",
+            "stored in": "memory" if self.path is None else str(self.path),
+            "CRS": short_name(self.crs),
+        }
+        return card("History", facts, self._repr_png_() or b"")
+
+    def _repr_png_(self) -> bytes | None:
+        """Draw some of the earlier courses, the loops that were cut off, and the channels of the last record."""
+        if not self._times:
+            return None
+        shown = np.unique(np.linspace(0, len(self) - 1, THUMBNAIL_COURSES).round().astype(int)).tolist()
+        networks = [self.network(k) for k in shown]
+        layers = [(n.polylines(close=True), n.channel_width.tolist(), SAND) for n in networks[:-1]]
+        loops = [cutoff for cutoff in self.cutoffs if len(cutoff.xy) > 1]
+        layers.append(([loop.xy for loop in loops], [loop.width for loop in loops], LAKE))
+        layers.append((networks[-1].polylines(close=True), networks[-1].channel_width.tolist(), WATER))
+        return png_of(lines_picture(layers))
 
     # ---- writing
 
