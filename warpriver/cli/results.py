@@ -66,10 +66,10 @@ def write_ground(terrain: Terrain, folder: Path, source: str | None = None) -> N
         folder: Where to write it.
         source: The file that it comes from, or None.
     """
-    from warpriver.io.raster.terrains import terrain_formats, write_terrain
+    from warpriver.io.raster.terrains import SUFFIXES, write_terrain
 
     suffix = "" if source is None else Path(source).suffix.lower()
-    if suffix in (".npz", ".npy", "") or not terrain_formats().get(suffix):
+    if suffix in (".npz", ".npy") or suffix not in SUFFIXES:
         suffix = ".tif" if importlib.util.find_spec("rasterio") else ".asc"
     target = folder / f"terrain{suffix}"
     write_terrain(terrain, target)

@@ -13,9 +13,9 @@ from warpriver.history import History
 from warpriver.history.tables import FEATURES, Features, features_of, geometry_of
 from warpriver.io.files import beside
 from warpriver.io.vector.attributes import SHORT_NAMES
-from warpriver.io.vector.features import JSON
 from warpriver.io.vector.layers import (
     GEOPACKAGE,
+    JSON,
     NEEDS,
     SHAPEFILE_PARTS,
     Layer,

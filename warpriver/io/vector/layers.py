@@ -20,6 +20,7 @@ from warpriver.io.vector.geopackage import add_styles, drop_layers, edited_geopa
 
 __all__ = [
     "GEOPACKAGE",
+    "JSON",
     "NEEDS",
     "OGR",
     "PARQUET",
@@ -28,12 +29,13 @@ __all__ = [
     "crs_member",
     "geojson_text",
     "plain_values",
-    "reason_of",
+    "reason",
     "write_geopackage",
     "write_layer",
     "write_layer_geojson",
 ]
 
+JSON = (".geojson", ".json")
 GEOPACKAGE, PARQUET = ".gpkg", ".parquet"
 OGR = {GEOPACKAGE: "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
 # Modules beyond the core that a format needs; all of them come with the extra "gis".
@@ -173,7 +175,7 @@ def _write_ogr(layer: Layer, temporary: Path, path: Path, crs: str | None, **opt
                 **options,
             )
     except RuntimeError as error:
-        raise InputError(f"{path}: GDAL cannot write it ({reason_of(error)})") from error
+        raise InputError(f"{path}: GDAL cannot write it ({reason(error)})") from error
 
 
 def _write_parquet(layer: Layer, temporary: Path, path: Path, crs: str | None) -> None:
@@ -186,7 +188,7 @@ def _write_parquet(layer: Layer, temporary: Path, path: Path, crs: str | None) -
             frame.attrs["warpriver"] = json.loads(layer.frame)
         frame.to_parquet(temporary.absolute(), index=False)
     except RuntimeError as error:
-        raise InputError(f"{path}: cannot be written as GeoParquet ({reason_of(error)})") from error
+        raise InputError(f"{path}: cannot be written as GeoParquet ({reason(error)})") from error
 
 
 def _as_field(column: Any) -> np.ndarray:
@@ -234,6 +236,6 @@ def fit_numbers(path: Path, columns: Mapping[str, Any]) -> None:
     path.write_bytes(data)
 
 
-def reason_of(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """Return what a library says of its failure, in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Lines as features: GeoJSON, GeoPackage, GeoParquet, shapefile, FlatGeobuf."""
+"""Lines read from features: GeoJSON, GeoPackage, GeoParquet, shapefile, FlatGeobuf."""
 
 from __future__ import annotations
 
@@ -14,20 +14,29 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.io.crs import crs_text, within_degrees
-from warpriver.io.files import decoded
-from warpriver.io.gdal import name_to_read
-from warpriver.io.vector.attributes import LISTS, Family, family_of, list_names, read_role, useful_names
+from warpriver.io.crs import within_degrees
+from warpriver.io.files import check_unpacked, decoded, plain_path
+from warpriver.io.vector.attributes import (
+    LISTS,
+    family_of,
+    is_no_value,
+    is_ours,
+    read_role,
+    tell_lost_names,
+    useful_names,
+)
 from warpriver.io.vector.extras import EXTRA, stated_extra, wanted_extra
-from warpriver.io.vector.layers import NEEDS, OGR, PARQUET, reason_of
+from warpriver.io.vector.layers import NEEDS, OGR, PARQUET, reason
 from warpriver.io.vector.network_layers import FRAME, NODES, POINTS, point_lists
-from warpriver.io.vector.source import Line, Source
+from warpriver.io.vector.point_lists import PointLists
+from warpriver.io.vector.source import Line, Source, checked_points
 
-__all__ = ["JSON", "read_geojson", "read_ogr", "read_parquet"]
+__all__ = ["read_geojson", "read_ogr", "read_parquet"]
 
 log = logging.getLogger("warpriver")
 
-JSON = (".geojson", ".json")
+# How files of a format begin.
+BEGINNINGS = {".gpkg": b"SQLite format 3\0", ".shp": (9994).to_bytes(4, "big"), ".fgb": b"fgb\x03"}
 
 # A feature is its kind of geometry, the (n, 2) or (n, 3) arrays of its parts, and its attributes by lower-case name.
 _Feature = tuple[str, list[np.ndarray], dict[str, Any]]
@@ -37,7 +46,7 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     """Read lines from GeoJSON."""
     try:
         root = json.loads(decoded(path))
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not whole JSON ({error}); is it cut short?") from error
     kind = root.get("type") if isinstance(root, dict) else None
     if kind == "FeatureCollection":
@@ -49,46 +58,58 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
         raise InputError(f"{path}: not GeoJSON; expected a FeatureCollection, a Feature or a geometry")
     names = {n for f in features if isinstance(f.get("properties"), dict) for n in f["properties"]}
-    family, extra = family_of(names), wanted_extra(path, _frame_extra(root.get(FRAME)), asked, names)
-    lines = _lines_of(path, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted, family, extra)
+    extra = wanted_extra(path, _frame_extra(root.get(FRAME)), asked, names)
+    source = Source(path, [], None, family=family_of(names), extra=extra, ours=is_ours(names))
+    tell_lost_names(path, names, wanted)
+    _read_lines(source, (_geojson_feature(path, k, f) for k, f in enumerate(features)), wanted)
     member = root.get("crs")
     named = member.get("properties") if isinstance(member, dict) else None
     name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
-    crs = crs_text(f"EPSG:{name}" if str(name).isdigit() else name, str(path))
-    source = Source(path, lines, crs, "crs" not in root and within_degrees(lines), family, extra=extra)
+    source.crs = f"EPSG:{name}" if str(name).isdigit() else name
+    source.lonlat = "crs" not in root and within_degrees(source.lines)
     return _take_frame(source, root.get(FRAME))
 
 
 def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines through GDAL."""
+    need(f"reading {suffix}", *NEEDS[suffix])
+    _refuse_others(path, suffix)
+    with plain_path(path) as plain:
+        return _read_ogr(path, plain, suffix, layer, wanted, asked)
+
+
+def _read_ogr(
+    path: Path, plain: Path, suffix: str, layer: str | None, wanted: Sequence[str], asked: Iterable[str] | None
+) -> Source:
+    """Read the lines of a file that GDAL opens by the name ``plain``."""
     pyogrio, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
-    _refuse_cut(path, suffix)
     try:
-        with name_to_read(path) as name:
-            layers = pyogrio.list_layers(name)
-            chosen = _line_layer(path, layer, layers)
-            info = pyogrio.read_info(name, layer=chosen)
-            frame = (info.get("layer_metadata") or {}).get(FRAME)
-            extra = wanted_extra(path, _frame_extra(frame), asked, info["fields"])
-            useful = useful_names(info["fields"], wanted, extra)
-            names = [field for field in info["fields"] if field in useful]
-            meta, _, wkb, data = raw.read(name, layer=chosen, columns=names, force_2d=not _has_z(info))
-            beside = {str(there) for there, _ in layers}
-            nodes = _read_nodes(shapely, raw, name, chosen + NODES) if chosen + NODES in beside else {}
-            points = _read_points(raw, name, chosen + POINTS) if chosen + POINTS in beside else {}
+        layers = pyogrio.list_layers(plain)
+        chosen = _line_layer(path, layer, layers)
+        info = pyogrio.read_info(plain, layer=chosen)
+        frame = (info.get("layer_metadata") or {}).get(FRAME)
+        extra = wanted_extra(path, _frame_extra(frame), asked, info["fields"])
+        useful = useful_names(info["fields"], wanted, [*extra, "length_m"])
+        names = [name for name in info["fields"] if name in useful]
+        meta, _, wkb, data = raw.read(plain, layer=chosen, columns=names, force_2d=not _has_z(info))
+        beside = {str(name) for name, _ in layers}
+        nodes = _read_nodes(shapely, raw, plain, chosen + NODES) if chosen + NODES in beside else {}
+        points = _read_points(raw, plain, chosen + POINTS) if chosen + POINTS in beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({reason_of(error)}); is it cut short?") from error
+        why = reason(error).replace(str(plain), path.name)
+        raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({why}); is it cut short?") from error
     if wkb is None or len(wkb) < info["features"]:
         count = 0 if wkb is None else len(wkb)
         raise InputError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
     attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
     if points and "channel_id" in attributes:
         attributes |= point_lists(points, np.asarray(attributes["channel_id"]))
-    with np.errstate(invalid="ignore"):  # a NaN is told by _lines_of
+    with np.errstate(invalid="ignore"):  # a NaN is told by _read_lines
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
-    family = family_of(info["fields"])
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
-    source = Source(path, lines, crs_text(meta["crs"], str(path)), family=family, extra=extra)
+    source = Source(path, [], meta["crs"], family=family_of(info["fields"]), extra=extra, ours=is_ours(info["fields"]))
+    source.crs_beside = suffix == ".shp"
+    tell_lost_names(path, info["fields"], wanted)
+    _read_lines(source, _shapely_features(shapely, geometries, attributes), wanted)
     _take_frame(source, frame)
     source.node_xy.update(nodes)
     return source
@@ -96,30 +117,32 @@ def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], 
 
 def read_parquet(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines from GeoParquet."""
-    geopandas, pyarrow, shapely = need("reading .parquet", *NEEDS[PARQUET])
+    geopandas, pyarrow, shapely, parquet = need("reading .parquet", *NEEDS[PARQUET], "pyarrow.parquet")
     try:
-        frame = geopandas.read_parquet(path.absolute())
+        # From a file that is open: a path would be looked at for a protocol.
+        with path.open("rb") as file:
+            told = parquet.read_metadata(file)
+            unpacked = sum(told.row_group(k).total_byte_size for k in range(told.num_row_groups))
+            check_unpacked(path, path.stat().st_size, unpacked)
+            frame = geopandas.read_parquet(file)
         geometries = frame.geometry.to_numpy()
         texts = [str(name) for name in frame.columns]
         extra = wanted_extra(path, _frame_extra(frame.attrs.get(FRAME)), asked, texts)
-        useful = useful_names(texts, wanted, extra)
+        useful = useful_names(texts, wanted, [*extra, "length_m"])
         attributes = {str(n).lower(): frame[n].to_numpy(dtype=object, na_value=None) for n in useful}
+    except InputError:
+        raise
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read as GeoParquet ({reason_of(error)}); is it cut short?") from error
-    family = family_of(texts)
-    lines = _lines_of(path, _shapely_features(shapely, geometries, attributes), wanted, family, extra)
-    source = Source(path, lines, crs_text(frame.crs, str(path)), family=family, extra=extra)
+        raise InputError(f"{path}: cannot be read as GeoParquet ({reason(error)}); is it cut short?") from error
+    source = Source(path, [], frame.crs, family=family_of(texts), extra=extra, ours=is_ours(texts))
+    tell_lost_names(path, texts, wanted)
+    _read_lines(source, _shapely_features(shapely, geometries, attributes), wanted)
     return _take_frame(source, frame.attrs.get(FRAME))
 
 
-# ---- reading
-
-
-def _lines_of(
-    path: Path, features: Iterable[_Feature], wanted: Sequence[str], family: Family, extra: Iterable[str]
-) -> list[Line]:
-    """Turn features into channels, or raise ``ValueError`` if none is a line."""
-    lines: list[Line] = []
+def _read_lines(source: Source, features: Iterable[_Feature], wanted: Sequence[str]) -> None:
+    """Turn features into the lines of a source, or raise ``ValueError`` if none is a line."""
+    path, lists = source.path, PointLists(source.path)
     others: Counter[str] = Counter()
     for k, (kind, parts, attributes) in enumerate(features):
         if kind not in ("LineString", "MultiLineString") or not any(map(len, parts)):
@@ -127,29 +150,29 @@ def _lines_of(
             continue
         where = f"{path}, feature {k}"
         for points in _chained([part for part in parts if len(part)]):
-            xy = points[:, :2].copy()
-            if not np.isfinite(xy).all():
-                point = int((~np.isfinite(xy)).any(axis=1).argmax())
-                raise InputError(f"{where}: point {point} is not finite; remove or repair it")
-            line = Line(xy, where, feature=k, z=points[:, 2].copy() if points.shape[1] > 2 else None)
-            line.extra = {name: attributes.get(name.lower()) for name in extra}
+            line = Line(checked_points(points[:, :2].copy(), where), where, feature=k)
+            if points.shape[1] > 2:
+                line.z = np.where(is_no_value(points[:, 2], "z"), np.nan, points[:, 2])
+            line.extra = {name: attributes.get(name.lower()) for name in source.extra}
             for role in wanted:
-                value = _point_list(attributes, role, len(xy), where) if role in LISTS else None
-                whole = read_role(attributes, family, role, where)
+                value = lists.read(attributes, role, line.xy) if role in LISTS else None
+                whole = read_role(attributes, source.family, role, where)
                 setattr(line, role, whole if value is None else value)
                 if value is not None:
                     setattr(line, f"mean_{role}", whole)
-            lines.append(line)
+                    line.lists = (*line.lists, role)
+            source.lines.append(line)
+    lists.tell()
     found = ", ".join(f"{count} {kind}" for kind, count in others.items())
-    if not lines:
+    if not source.lines:
         raise InputError(f"{path}: no lines in it; it holds {found or 'no features'}")
     if others:
         log.info("%s: passed over %s", path, found)
-    return lines
 
 
 def _chained(parts: list[np.ndarray]) -> list[np.ndarray]:
     """Join parts that follow end to start; where more than two parts meet, none is joined."""
+    parts = [part for part in parts if (part[1:, :2] != part[:1, :2]).any()] or parts[:1]
     heads = [(float(p[0, 0]), float(p[0, 1])) for p in parts]
     tails = [(float(p[-1, 0]), float(p[-1, 1])) for p in parts]
     starts, ends = Counter(heads), Counter(tails)
@@ -167,22 +190,6 @@ def _chained(parts: list[np.ndarray]) -> list[np.ndarray]:
         if chain:
             chains.append((k, np.concatenate(chain)))
     return [xy for _, xy in sorted(chains, key=lambda item: item[0])]
-
-
-def _point_list(attributes: dict[str, Any], role: str, count: int, where: str) -> np.ndarray | None:
-    """Return a list of one number a point, None if there is none, or raise ``ValueError``."""
-    for name in list_names(role):
-        value = attributes.get(name)
-        if value is None or isinstance(value, float):  # a NaN stands for none in some tables
-            continue
-        try:
-            array = np.array(json.loads(value) if isinstance(value, str) else value, np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{where}: {name} is not a list of numbers ({error})") from error
-        if array.shape != (count,):
-            raise InputError(f"{where}: {name} has {array.size} numbers for {count} points; remove it, or pass {role}=")
-        return array
-    return None
 
 
 def _geojson_feature(path: Path, k: int, feature: dict[str, Any]) -> _Feature:
@@ -241,16 +248,22 @@ def _has_z(info: dict[str, Any]) -> bool:
     return kind.endswith(" Z") or kind.startswith("2.5D")
 
 
-def _refuse_cut(path: Path, suffix: str) -> None:
-    """Raise ``ValueError`` for a file shorter than its header says: GDAL may read a part without a word."""
+def _refuse_others(path: Path, suffix: str) -> None:
+    """Raise ``ValueError`` for what is no file of this format, or is shorter than its header says.
+
+    GDAL would open by its content what has another format's name, and some of its formats read whatever other files or
+    addresses they name; of a file that is cut short it may read a part without a word.
+    """
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(100)
+    if not head.startswith(BEGINNINGS[suffix]):
+        raise InputError(f"{path}: cannot be read as {OGR[suffix]}, it does not begin like one; is its suffix right?")
     needed = 0
-    if suffix == ".gpkg" and head.startswith(b"SQLite format 3"):
+    if suffix == ".gpkg":
         page = int.from_bytes(head[16:18], "big")
         needed = max(100, (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big"))
-    elif suffix == ".shp" and head.startswith((9994).to_bytes(4, "big")):
+    elif suffix == ".shp":
         needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
     if size < needed:
         raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
