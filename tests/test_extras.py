@@ -198,6 +198,6 @@ def test_rows_of_text_name_their_columns(tmp_path):
     network = RiverNetwork.from_polylines([line], width=20.0, z=[np.arange(10.0)], extra={"rock": ["clay"], "n": [3]})
     write_network(network, tmp_path / "a.csv")
     rows = (tmp_path / "a.csv").read_text().splitlines()
-    assert rows[1] == '# extra {"rock": "text", "n": "int"}'
-    assert rows[2] == "channel_id,x,y,z,width_m,depth_m,discharge_m3s,from_node,to_node,rock,n"
-    assert rows[3].endswith(",clay,3") and rows[3].split(",")[3] == "0.0"
+    assert rows[0] == "channel_id,x,y,z,width_m,depth_m,discharge_m3s,from_node,to_node,rock,n,warpriver"
+    assert '""extra"": {""rock"": ""text"", ""n"": ""int""}' in rows[1]
+    assert rows[2].endswith(",clay,3,") and rows[1].split(",")[3] == "0.0"

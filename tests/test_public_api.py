@@ -30,6 +30,7 @@ LEVELS = [
         "raster",
         "sentinels",
         "terrain",
+        "thumbnail",
         "validate",
     },
     {"history"},

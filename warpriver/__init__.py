@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History
     from warpriver.hydrology.extraction import extract_network
+    from warpriver.io.meshes import write_mesh
     from warpriver.io.raster.terrains import read_terrain, write_terrain
     from warpriver.io.raster.xarrays import from_xarray, to_xarray
-    from warpriver.io.valleys import write_mesh
     from warpriver.io.vector.networks import read_network, write_network
     from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
@@ -81,7 +81,7 @@ _HOMES = {
     "synthetic_valley": "warpriver.valley.valley",
     "taubin_smooth": "warpriver.meander.smoothing",
     "to_xarray": "warpriver.io.raster.xarrays",
-    "write_mesh": "warpriver.io.valleys",
+    "write_mesh": "warpriver.io.meshes",
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }

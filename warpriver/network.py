@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.crs import CRSLike, metric_crs
+from warpriver.crs import CRSLike, metric_crs, short_name
 from warpriver.device import PRECISIONS, resolve_device
 from warpriver.errors import InputError, InputTypeError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
@@ -26,6 +26,7 @@ from warpriver.network_checks import (
     ring_marks,
     ring_points,
 )
+from warpriver.thumbnail import WATER, card, lines_picture, png_of
 from warpriver.validate import checked_line, one_of
 
 __all__ = ["RiverNetwork"]
@@ -349,6 +350,10 @@ class RiverNetwork:
         """
         return self._copied(channels)
 
+    def with_elevations(self, point_z: Any) -> RiverNetwork:
+        """Return a copy whose points have these elevations, (P,) in m, or None for none: ``point_z``."""
+        return RiverNetwork(**(self._host_values() | {"point_z": point_z}))
+
     def channel_flow(self) -> np.ndarray:
         """Return what adds up at junctions, (C,): drainage area in m2 if it is known of all, else discharge in m3/s."""
         area = self.channel_drainage_area
@@ -453,6 +458,26 @@ class RiverNetwork:
             f"RiverNetwork({self.channel_count} channels{rings}, {self.node_count} nodes, {self.point_count} points, "
             f"{length:.4g} km, width {span} m,{varying} crs={self.crs}, {self.dtype} on {self.device.alias})"
         )
+
+    def _repr_html_(self) -> str:
+        def span(values: np.ndarray, unit: str) -> str:
+            low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+            return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+        facts = {
+            "channels": f"{self.channel_count:,}",
+            "nodes": f"{self.node_count:,}",
+            "points": f"{self.point_count:,}",
+            "length": f"{self.channel_lengths().sum() / 1e3:.4g} km",
+            "width": span(self.channel_width, "m"),
+            "discharge": span(self.channel_discharge, "m3/s"),
+            "west, south, east, north": ", ".join(f"{v:.10g}" for v in self.bounds()),
+            "CRS": short_name(self.crs),
+        }
+        return card("RiverNetwork", facts, self._repr_png_())
+
+    def _repr_png_(self) -> bytes:
+        return png_of(lines_picture([(self.polylines(close=True), self.channel_width.tolist(), WATER)]))
 
 
 def _rebuilt(values: dict[str, Any]) -> RiverNetwork:

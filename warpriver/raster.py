@@ -15,6 +15,7 @@ from warpriver.device import PRECISIONS, present_device, require_memory, resolve
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
+from warpriver.thumbnail import card, png_of, raster_picture
 from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = [
@@ -272,10 +273,10 @@ class Raster:
             reference = pyproj.CRS(self.crs).to_cf() if pyproj else {}
             reference |= {"spatial_ref": reference.get("crs_wkt", self.crs)}
         reference["GeoTransform"] = " ".join(repr(float(v)) for v in (west, size, 0.0, north, 0.0, -size))
-        spacing = {"units": "m", "standard_name": "projection_x_coordinate", "axis": "X"}
-        y_attributes = spacing | {"standard_name": "projection_y_coordinate", "axis": "Y"}
-        y = ("y", north - (np.arange(rows) + 0.5) * size, y_attributes)
-        x = ("x", west + (np.arange(columns) + 0.5) * size, spacing)
+        # No "axis": with it ParaView takes metres for degrees and wraps the map round a sphere.
+        y_named, x_named = ({"units": "m", "standard_name": f"projection_{axis}_coordinate"} for axis in "yx")
+        y = ("y", north - (np.arange(rows) + 0.5) * size, y_named)
+        x = ("x", west + (np.arange(columns) + 0.5) * size, x_named)
         told = {"units": self.unit} if self.unit else {}
         told |= {"long_name": self.name} if self.name else {}
         return xarray.DataArray(
@@ -300,6 +301,27 @@ class Raster:
     def __repr__(self) -> str:
         label = self.name or "unnamed"
         return f"Raster({label}{f' in {self.unit}' if self.unit else ''}, {self.summary('values', self.unit)})"
+
+    def _repr_html_(self) -> str:
+        facts = {"name": self.name or "unnamed", **self.facts("values", self.unit)}
+        return card("Raster", facts, self._repr_png_())
+
+    def _repr_png_(self) -> bytes:
+        return png_of(raster_picture(self.values.numpy(), self.cell_size, heights=False))
+
+    def facts(self, word: str, unit: str) -> dict[str, str]:
+        """Return what a notebook tells of a raster, whose values are called ``word``."""
+        array = self.values.numpy()
+        (rows, columns), gap = self.shape, np.isnan(array)
+        form = "d" if self.is_integer else ".6g"
+        span = "none" if gap.all() else f"{np.nanmin(array):{form}} to {np.nanmax(array):{form}} {unit}".rstrip()
+        return {
+            "cells": f"{rows} x {columns} of {self.cell_size:.6g} m",
+            word: span,
+            "no data": f"{100.0 * gap.mean():.3g} %",
+            "west, south, east, north": ", ".join(f"{v:.10g}" for v in self.bounds),
+            "CRS": short_name(self.crs),
+        }
 
     def summary(self, word: str, unit: str) -> str:
         """Size, place and span of the values, for a ``repr``."""

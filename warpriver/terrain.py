@@ -22,6 +22,7 @@ from warpriver.raster import (
     refuse_infinite,
 )
 from warpriver.sentinels import find_sentinels, listed
+from warpriver.thumbnail import card, png_of, raster_picture
 from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = ["NAME", "UNIT", "Terrain", "square_cells", "surface_of"]
@@ -319,6 +320,12 @@ class Terrain:
 
     def __repr__(self) -> str:
         return f"Terrain({self.raster.summary('heights', UNIT)})"
+
+    def _repr_html_(self) -> str:
+        return card(type(self).__name__, self.raster.facts("heights", UNIT), self._repr_png_())
+
+    def _repr_png_(self) -> bytes:
+        return png_of(raster_picture(self.height.numpy(), self.cell_size, heights=True))
 
     def _launch(self, name: str, dim: Any, inputs: list[Any], outputs: list[Any]) -> None:
         """Launch one of the float64 kernels."""

@@ -42,7 +42,7 @@ def test_simulate_writes_run_lines_and_map_and_continues(river, tmp_path, capsys
         assert (out / name).stat().st_size > 0, name
     first = History.load(out / "run")
     assert first.crs == "EPSG:32619" and first.steps[-1] == 138 and first.params.spacing == 50.0
-    assert "EPSG:32619" in (out / "channels.csv").read_text().splitlines()[0]
+    assert "EPSG:32619" in (out / "channels.csv").read_text().splitlines()[1]
     code, _, err = run(capsys, "simulate", out / "run", "--years", 10, "--no-progress")
     assert code == 0, err
     assert History.load(out / "run").steps[-1] == 138 + 35

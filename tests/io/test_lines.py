@@ -1,5 +1,6 @@
 """Tests of the line files: every format there and back, writing that fails, arguments that do not fit."""
 
+import csv
 import json
 import logging
 import os
@@ -93,11 +94,19 @@ def test_round_trip_keeps_a_crs_without_code(tmp_path, suffix):
 
 def test_csv_has_the_documented_head(tmp_path):
     write_network(confluence(), tmp_path / "a.csv")
-    head = (tmp_path / "a.csv").read_text().splitlines()[:3]
+    rows = list(csv.reader((tmp_path / "a.csv").open()))
+    assert rows[0] == "channel_id x y width_m depth_m discharge_m3s from_node to_node warpriver".split()
+    assert rows[1][1].startswith("58") and {len(row) for row in rows} == {9}
+    facts = {"crs": "EPSG:32619", "units": "m", "order": "downstream", "origin": [583000.0, -717000.0]}
+    assert [json.loads(row[-1]) for row in rows[1:] if row[-1]] == [facts] * 3  # once a channel
+    assert np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1, usecols=range(8)).shape == (120, 8)
+
+
+def test_other_text_has_its_facts_in_comments(tmp_path):
+    write_network(confluence(), tmp_path / "a.txt")
+    head = (tmp_path / "a.txt").read_text().splitlines()[:2]
     assert head[0] == "# crs=EPSG:32619 units=m order=downstream origin_x=583000.0 origin_y=-717000.0"
-    assert head[1] == "channel_id,x,y,width_m,depth_m,discharge_m3s,from_node,to_node"
-    assert head[2].startswith("0,58")
-    assert np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=2).shape == (120, 8)
+    assert head[1] == "channel_id x y width_m depth_m discharge_m3s from_node to_node"
 
 
 def test_the_same_network_gives_the_same_bytes(tmp_path):
@@ -153,7 +162,7 @@ def test_a_geopackage_keeps_its_other_layers(tmp_path):
     write_network(confluence(varying=True), path, layer="after")
     write_network(confluence(varying=True), path, layer="after")
     layers = sorted(name for name, _ in pyogrio.list_layers(path))
-    assert layers == ["after", "after_nodes", "before", "before_nodes"]
+    assert layers == ["after", "after_nodes", "after_points", "before", "before_nodes", "layer_styles"]
     with pytest.raises(ValueError, match=r"several layers hold lines: .*before.*layer="):
         read_network(path)
     with pytest.raises(ValueError, match=r"no layer 'none' .*before"):
@@ -168,10 +177,13 @@ def test_a_geopackage_keeps_its_other_layers(tmp_path):
 
 
 @needs_ogr
-def test_a_shapefile_takes_no_section_that_varies_and_no_stale_parts(tmp_path):
-    with pytest.raises(ValueError, match=r"shapefile cannot hold.*\.gpkg"):
-        write_network(confluence(varying=True), tmp_path / "a.shp")
-    write_network(confluence(), tmp_path / "a.shp")
+def test_a_shapefile_has_the_mean_section_and_no_stale_parts(tmp_path):
+    network = confluence(varying=True)
+    with pytest.warns(UserWarning, match=r"one width and one depth for each channel.*\.gpkg"):
+        write_network(network, tmp_path / "a.shp")
+    again = read_network(tmp_path / "a.shp")
+    assert again.point_section is None
+    np.testing.assert_allclose(again.channel_width, network.channel_width, rtol=1e-14)
     assert (tmp_path / "a.prj").exists()
     write_network(confluence(None), tmp_path / "a.shp")
     assert read_network(tmp_path / "a.shp").crs is None

@@ -279,7 +279,7 @@ def test_meshes_are_written(small, tmp_path):
         wr.io.write_mesh(grid, tmp_path / f"m.{suffix}")
         mesh = pyvista.read(tmp_path / f"m.{suffix}")
         assert mesh.n_cells == len(grid.triangles())
-        # PLY and STL hold float32: heights of 1,000 m to 1e-4 m.
+        # STL holds float32: heights of 1,000 m to 1e-4 m.
         np.testing.assert_allclose(
             np.array(mesh.bounds).reshape(3, 2).T, [grid.points().min(0), grid.points().max(0)], atol=1e-3
         )

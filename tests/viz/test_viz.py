@@ -156,16 +156,19 @@ def test_refined_lines_pass_through_their_points_and_follow_a_circle():
 
 
 def test_event_numbers_survive_the_picture():
-    # More events than a byte holds: each straight course covers a strip of its own.
-    count = 700
-    lines = [np.array([[0.0, k], [5.0, k], [10.0, k]]) + 0.5 for k in range(count)]
+    # More events than a byte holds: each straight course covers a strip of its own, further from the one before than
+    # anything is taken to have moved.
+    count, apart = 700, 13
+    lines = [np.array([[0.0, k], [5.0, k], [10.0, k]]) + 0.5 for k in range(0, apart * count, apart)]
     networks = [RiverNetwork.from_polylines([xy], 1.0) for xy in lines]
     strips = types.SimpleNamespace(times=np.arange(float(count)), networks=networks, cutoffs=[])
-    painter = belt.BeltPainter(strips, (2.0, 0.0, 8.0, float(count)), (2 * count, 12), supersample=1)
+    high = apart * count
+    painter = belt.BeltPainter(strips, (2.0, 0.0, 8.0, float(high)), (2 * high, 12), supersample=1)
     painter.advance(count - 1)
     cover = painter.cover()
-    assert set(np.unique(cover)) == set(range(1, count + 1))
-    np.testing.assert_array_equal(cover[::-2, 6], np.arange(1, count + 1))
+    numbers = [painter.course_number(k) for k in range(count)]
+    assert set(np.unique(cover)) == {0, *numbers}
+    np.testing.assert_array_equal(cover[:: -2 * apart, 6], numbers)
 
 
 # ---- network map
@@ -330,7 +333,7 @@ def test_later_courses_erase_older_lakes():
     later.cutoffs[0].xy = sine(120.0, 48.0)[60:140]
     painter = belt.BeltPainter(later, (0.0, -500.0, 4000.0, 500.0), (250, 1000))
     painter.advance(4)
-    code = 1 + len(later.times)
+    code = painter.oxbow_number(0)
     first = (painter.cover() == code).sum()
     assert [len(seen) for *_, seen in painter.lakes(4)] in ([], [80])
     painter.advance(7)
@@ -346,7 +349,8 @@ def test_painting_step_by_step_gives_the_same_picture_at_the_cost_of_one(history
     for k in range(8):
         steps.advance(k)
     assert len(calls) == 8 + 1
-    assert calls[:6] == [1, 2, 3, 4, 9, 5], "the lake of year 35 comes before the course of year 40"
+    courses = [steps.course_number(k) for k in range(5)]
+    assert calls[:6] == [*courses[:4], steps.oxbow_number(0), courses[4]], "the lake of year 35 is before year 40's"
     once = belt.BeltPainter(history, window, shape)
     once.advance(7)
     np.testing.assert_array_equal(steps.picture(7), once.picture(7))

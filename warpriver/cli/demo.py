@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.results import write_ground, write_run
 from warpriver.cli.runs import add_run_options, make_simulation, run_simulation, write_results
 from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp
 
@@ -28,8 +29,9 @@ def add(commands: Any) -> None:
         help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
         description="Make up a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off\n"
         "their bends and run into each other, and draw them before and after. Needs no file from outside.\n"
-        "Into FOLDER go terrain.npz, network.csv and network.png (the rivers as found), run (the simulation),\n"
-        "channels.csv and rivers.png (the rivers after it), before_after.png, and the movie rivers.gif.",
+        "Into FOLDER go terrain.npz and terrain.tif, network.csv and network.png (the rivers as found), run (the\n"
+        "simulation), channels.csv and rivers.png (the rivers after it), rivers.gpkg (for a GIS: rivers, courses with\n"
+        "times, oxbow lakes, abandoned courses), before_after.png, and the movie rivers.gif.",
         epilog="examples:\n"
         "  warpriver demo\n"
         "  warpriver demo --seed 3 --relief 600 --years 500 -o out/gentle\n"
@@ -64,8 +66,10 @@ def _demo(options: argparse.Namespace) -> int:
     write_terrain(terrain, folder / "terrain.npz")
     write_network(network, folder / "network.csv")
     print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
+    write_ground(terrain, folder)
     code = run_simulation(simulation, options, folder)
     write_results(simulation, folder)
+    write_run(simulation.history, folder)
     _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
     return code
 

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.results import write_ground, write_lines
 from warpriver.cli.shared import OK, add_heights, can_draw, command, quiet_warp, read_ground
 from warpriver.errors import InputError
 from warpriver.params import LehenyParams
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add"]
 
+STARTS = ("plane", "peak")
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -29,8 +32,9 @@ def add(commands: Any) -> None:
         _erode,
         help="let rain carve a river network into a plane, a peak or a terrain",
         description="Leheny's erosion: units of rain fall on random cells, walk downhill by chance, take a constant\n"
-        "depth off every cell of their way, and what gets too steep slides. Writes the terrain, its rivers as lines,\n"
-        "and pictures: the terrain by elevation, the drainage, the ordered network.",
+        "depth off every cell of their way, and what gets too steep slides. Writes the terrain (.npz, and\n"
+        ".tif or the format of its start), its rivers (.csv and .gpkg), and pictures: the terrain by elevation, the\n"
+        "drainage, the ordered network.",
         epilog="examples:\n"
         "  warpriver erode --size 300x200 --events 10000 --start plane -o out/erode\n"
         "  warpriver erode --size 401x401 --start peak --events 40000 --movie growth.gif\n"
@@ -136,6 +140,8 @@ def _erode(options: argparse.Namespace) -> int:
     write_terrain(eroded, folder / "terrain.npz")
     write_network(network, folder / "rivers.csv")
     print(f"  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'rivers.csv'}")
+    write_ground(eroded, folder, None if options.start in STARTS else options.start)
+    write_lines(network, folder)
     _draw_erosion(eroded, flow, network, threshold, folder, options.movie)
     return OK
 
@@ -144,7 +150,7 @@ def _erosion_start(options: argparse.Namespace) -> Terrain:
     """Make or read the terrain that rain is to fall on."""
     from warpriver import generate
 
-    made = {"plane": generate.erosion_plane, "peak": generate.erosion_peak}
+    made = dict(zip(STARTS, (generate.erosion_plane, generate.erosion_peak), strict=True))
     if options.start not in made:
         for flag in ("size", "slope"):
             if getattr(options, flag) is not None:

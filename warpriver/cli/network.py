@@ -18,7 +18,8 @@ def add(commands: Any) -> None:
         _network,
         help="find the rivers of a terrain and write them as lines",
         description="Route water over a terrain, take what drains enough ground for a channel, and write the channels\n"
-        "with their width, depth and discharge. Depressions are opened by carving first.",
+        "with their width, depth, discharge and elevation, which never rises downstream. Depressions are opened by\n"
+        "carving first.",
         epilog="examples:\n"
         "  warpriver network dem.tif --min-area 2 -o rivers.gpkg --picture rivers.png\n"
         "  warpriver network dem.asc --crs EPSG:4326 --to-crs utm -o rivers.csv",
@@ -55,6 +56,7 @@ def _network(options: argparse.Namespace) -> int:
         smoothing=options.smoothing,
         carve=not options.fill,
     )
+    network = hydrology.drape(network, terrain)
     print(network)
     area = network.channel_drainage_area
     if area is not None:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from warpriver.cli.results import write_run
 from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
 from warpriver.cli.shared import (
     add_ground,
@@ -29,7 +30,8 @@ def add(commands: Any) -> None:
         _simulate,
         help="let the rivers of a file migrate, or go on with a stored run",
         description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; downstream order), let\n"
-        "them migrate and cut off their bends, and write the run, the final lines and a map into a folder.\n"
+        "them migrate and cut off their bends, and write into a folder the run, the final lines, a map, and for a GIS\n"
+        "the rivers, courses with times, oxbow lakes and abandoned courses, in the format of INPUT or as .gpkg.\n"
         "INPUT may also be the run folder of an earlier command: it is then continued and grows.",
         epilog="examples:\n"
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
@@ -74,5 +76,6 @@ def _simulate(options: argparse.Namespace) -> int:
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = run_simulation(simulation, options, folder)
     write_results(simulation, folder)
+    write_run(simulation.history, folder, source)
     draw_results(simulation.history, folder, terrain)
     return code

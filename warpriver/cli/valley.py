@@ -116,7 +116,7 @@ def _valley(options: argparse.Namespace) -> int:
 
 def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
     """Write what the name of a file says: breaklines, channel, parameters, picture, mesh, points, else terrain."""
-    from warpriver.io import valleys
+    from warpriver.io import meshes, valleys
     from warpriver.io.raster.terrains import terrain_formats, write_terrain
     from warpriver.io.vector.networks import line_formats, write_network
 
@@ -129,8 +129,8 @@ def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
         write_network(valley.network, path)
     elif suffix in valleys.POINTS and suffix != ".npz":
         valleys.write_points(valley.grid(spacing), path)
-    elif suffix in valleys.MESHES:
-        valleys.write_mesh(valley.grid(spacing), path)
+    elif suffix in meshes.MESHES:
+        meshes.write_mesh(valley.grid(spacing), path)
     elif suffix in (".pdf", ".svg", ".png", ".jpg"):
         from warpriver import viz
 

@@ -21,12 +21,9 @@ from typing import Any
 import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
-from warpriver.errors import (
-    InputError,
-    InputTypeError,
-    MissingFileError,
-    MissingRecordError,
-)
+from warpriver.crs import short_name
+from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
+from warpriver.extras import need
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -40,8 +37,10 @@ from warpriver.history.segments import (
     unsealed,
     write_archive,
 )
+from warpriver.history.tables import event_columns, features_of, geometry_of, summary_columns
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.thumbnail import LAKE, SAND, WATER, card, lines_picture, png_of
 from warpriver.validate import whole
 
 __all__ = ["History", "StopReason"]
@@ -49,6 +48,8 @@ __all__ = ["History", "StopReason"]
 FORMAT = "warpriver-run-2"
 # What the system says where a file finds no room: then a shorter one may.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# Earlier courses that a notebook shows at most.
+THUMBNAIL_COURSES = 12
 
 
 class StopReason(enum.Enum):
@@ -229,6 +230,46 @@ class History:
             dtype=self.dtype,
         )
 
+    # ---- as tables
+
+    def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> Any:
+        """Return a layer of the run as ``geopandas.GeoDataFrame`` (``warpriver[gis]``).
+
+        ``time_yr`` is the time of the record or event in yr; ``begin`` and ``end`` are dates, for programs that show
+        time by dates: year 0 of the run is 2000. Beyond the year 9999 they are empty.
+
+        Args:
+            layer: "courses": the line of each channel at each record. "oxbows": the loops that were cut off, as areas
+                as wide as the channel. "abandoned": the courses that were given up where channels met.
+            every: Take every so many records; the last one always.
+
+        Raises:
+            ImportError: geopandas is missing.
+            ValueError: Another layer, an interval below 1, or a history without a record.
+        """
+        (geopandas,) = need("History.to_geopandas", "geopandas")
+        features = features_of(self, layer, every)
+        return geopandas.GeoDataFrame(dict(features.columns), geometry=geometry_of(features), crs=self.crs)
+
+    def event_table(self) -> Any:
+        """Return all events as ``pandas.DataFrame`` (``warpriver[gis]``), a row each, in order of time.
+
+        Columns: ``time_yr``, ``kind``, ``length_m`` and ``x``, ``y`` (the mean point) of the line that an event left
+        behind, then what its kind tells: ``channel_id``, ``width_m`` and so on; NaN or "" where a kind has no such.
+        """
+        (pandas,) = need("History.event_table", "pandas")
+        return pandas.DataFrame(event_columns(self))
+
+    def summary(self) -> Any:
+        """Return a row a record as ``pandas.DataFrame`` (``warpriver[gis]``).
+
+        Columns: ``time_yr``, ``step``, the numbers of ``channels`` and ``points``, total ``length_m``, ``sinuosity``
+        (length over the distance of the ends, of channels that are no rings), mean ``width_m``, and how many events of
+        each kind there had been: ``cutoffs``, ``collisions`` ...
+        """
+        (pandas,) = need("History.summary", "pandas")
+        return pandas.DataFrame(summary_columns(self))
+
     def __repr__(self) -> str:
         if not self._times:
             return "History(empty)"
@@ -238,6 +279,31 @@ class History:
         always = {Cutoff.kind: 0, Collision.kind: 0}
         told = "".join(f"{count} {kind.replace('_', ' ')}s, " for kind, count in {**always, **counts}.items())
         return f"History({len(self)} records, {self._times[0]:.4g} to {self._times[-1]:.4g} yr, {told}{reason}{where})"
+
+    def _repr_html_(self) -> str:
+        if not self._times:
+            return "<b>History</b>, empty"
+        counts = {Cutoff.kind: 0, Collision.kind: 0} | self.events.counts()
+        facts = {
+            "records": f"{len(self)}, {self._times[0]:.4g} to {self._times[-1]:.4g} yr",
+            **{f"{kind.replace('_', ' ')}s": f"{count:,}" for kind, count in counts.items()},
+            "ended": self.stop_reason.value if self.stop_reason else "still running",
+            "stored in": "memory" if self.path is None else str(self.path),
+            "CRS": short_name(self.crs),
+        }
+        return card("History", facts, self._repr_png_() or b"")
+
+    def _repr_png_(self) -> bytes | None:
+        """Draw some of the earlier courses, the loops that were cut off, and the channels of the last record."""
+        if not self._times:
+            return None
+        shown = np.unique(np.linspace(0, len(self) - 1, THUMBNAIL_COURSES).round().astype(int)).tolist()
+        networks = [self.network(k) for k in shown]
+        layers = [(n.polylines(close=True), n.channel_width.tolist(), SAND) for n in networks[:-1]]
+        loops = [cutoff for cutoff in self.cutoffs if len(cutoff.xy) > 1]
+        layers.append(([loop.xy for loop in loops], [loop.width for loop in loops], LAKE))
+        layers.append((networks[-1].polylines(close=True), networks[-1].channel_width.tolist(), WATER))
+        return png_of(lines_picture(layers))
 
     # ---- writing
 

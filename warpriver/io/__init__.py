@@ -1,8 +1,10 @@
 """Files in and out; the modules that a format needs are imported when it is used."""
 
+from warpriver.io.meshes import read_mesh, write_mesh
 from warpriver.io.raster.terrains import read_raster, read_terrain, write_raster, write_terrain
 from warpriver.io.raster.xarrays import from_xarray, raster_from_xarray, to_xarray
-from warpriver.io.valleys import read_mesh, read_valley, write_breaklines, write_mesh, write_points, write_valley
+from warpriver.io.valleys import read_valley, write_breaklines, write_points, write_valley
+from warpriver.io.vector.histories import write_history
 from warpriver.io.vector.networks import line_formats, read_network, write_network
 
 __all__ = [
@@ -16,6 +18,7 @@ __all__ = [
     "read_valley",
     "to_xarray",
     "write_breaklines",
+    "write_history",
     "write_mesh",
     "write_network",
     "write_points",

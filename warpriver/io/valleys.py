@@ -1,4 +1,4 @@
-"""Valley files: parameters as TOML; points, meshes and breaklines of a valley's surface.
+"""Valley files: parameters as TOML; points and breaklines of a valley's surface.
 
 A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyParams` under their names, and
 
@@ -32,9 +32,10 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError, MissingFileError
+from warpriver.errors import InputError
 from warpriver.files import beside
 from warpriver.io.files import is_number
+from warpriver.io.meshes import read_mesh
 from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
@@ -47,15 +48,7 @@ from warpriver.valley.profile import LongProfile
 from warpriver.valley.stamps import MeshStamp, RoughnessPatch
 from warpriver.valley.terms import TERMS
 
-__all__ = [
-    "read_mesh",
-    "read_valley",
-    "valley_schema",
-    "write_breaklines",
-    "write_mesh",
-    "write_points",
-    "write_valley",
-]
+__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_points", "write_valley"]
 
 # Keys of the file, other than single constants, and what they hold.
 TABLES = {"section": CrossSection, "covariance": CovarianceTarget, "profile": LongProfile}
@@ -74,7 +67,6 @@ OPTIONAL = {
     "floor_window": ("m", "length of valley whose outermost banks set the floor's edges; the reach where left out"),
 }
 POINTS = (".xyz", ".csv", ".npz")
-MESHES = (".obj", ".ply", ".stl", ".vtp")
 
 
 # ---- parameters
@@ -413,94 +405,6 @@ def write_points(grid: Any, path: Any) -> None:
             np.savetxt(temporary, grid.points(), fmt="%.4f", delimiter=",", header="x,y,z", comments="")
         else:
             np.savetxt(temporary, grid.points(), fmt="%.4f")
-
-
-def write_mesh(grid: Any, path: Any) -> None:
-    """Write the triangles of a curvilinear grid.
-
-    Args:
-        grid: ValleyGrid.
-        path: .obj, .ply or .stl; or .vtp, which needs pyvista. Coordinates are absolute m, z up.
-
-    Raises:
-        ImportError: pyvista is missing.
-        ValueError: Another suffix.
-        OSError: The file cannot be written.
-    """
-    target = _checked_suffix(path, MESHES)
-    with beside(target) as temporary:
-        if target.suffix.lower() == ".obj":
-            with temporary.open("w", encoding="ascii") as file:
-                np.savetxt(file, grid.points(), fmt="v %.4f %.4f %.4f")
-                np.savetxt(file, grid.triangles() + 1, fmt="f %d %d %d")
-        else:
-            encoded = {".ply": _ply, ".stl": _stl, ".vtp": _vtp}[target.suffix.lower()]
-            temporary.write_bytes(encoded(grid.points(), grid.triangles()))
-
-
-def _stl(points: np.ndarray, triangles: np.ndarray) -> bytes:
-    """Triangles as binary STL: a normal and three corners each, in single precision."""
-    corners = points[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
-    facets = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    facets["normal"], facets["corners"] = normal, corners
-    return b"warpriver".ljust(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
-
-
-def _ply(points: np.ndarray, triangles: np.ndarray) -> bytes:
-    """Triangles as binary PLY, in double precision: coordinates of a map need more digits than single has."""
-    head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.zeros(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, triangles
-    return head.encode() + np.ascontiguousarray(points, "<f8").tobytes() + faces.tobytes()
-
-
-def _vtp(points: np.ndarray, triangles: np.ndarray) -> bytes:
-    """Triangles as VTK's XML writer has them, in memory: on a full disk it would end the process."""
-    try:
-        import pyvista
-        from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-    except ImportError as error:
-        raise MissingExtraError('writing .vtp needs pyvista: pip install "warpriver[viz]"') from error
-    writer = vtkXMLPolyDataWriter()
-    writer.SetInputData(pyvista.PolyData(points, np.insert(triangles, 0, 3, axis=1).ravel()))
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    return writer.GetOutputString().encode()
-
-
-def read_mesh(path: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Read a mesh of triangles, for :class:`~warpriver.valley.MeshStamp`.
-
-    Args:
-        path: .obj, .ply, .stl or .vtp; polygons of more corners are divided.
-
-    Returns:
-        (n, 3) vertices, float64, and (m, 3) indices of them.
-
-    Raises:
-        ImportError: pyvista is missing.
-        ValueError: Another suffix, or a file without triangles.
-        OSError: The file cannot be read.
-    """
-    source = Path(path)
-    if source.suffix.lower() not in MESHES:
-        raise InputError(f"cannot read {source}: the name must end in {', '.join(MESHES)}")
-    if not source.is_file():
-        raise MissingFileError(f"{source}: there is no such file")
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingExtraError(f'reading {source.suffix} needs pyvista: pip install "warpriver[viz]"') from error
-    mesh = pyvista.read(source).extract_surface().triangulate()
-    if not mesh.n_cells:
-        raise InputError(f"{source}: holds no triangles")
-    return np.asarray(mesh.points, np.float64), mesh.faces.reshape(-1, 4)[:, 1:].astype(np.int32)
 
 
 def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:

@@ -61,11 +61,17 @@ class ValleyGrid:
         xyz: (stations, columns, 3) absolute places and heights in m.
         banks: Columns of the left and the right bank.
         edges: Columns of the left and the right edge of the valley floor.
+        station: (stations,) distance along the channel in m.
+        lateral: (stations, columns) distance from the centreline across the channel in m, positive to the left.
+        crs: Coordinate reference system, or None.
     """
 
     xyz: FloatArray
     banks: tuple[int, int]
     edges: tuple[int, int]
+    station: FloatArray
+    lateral: FloatArray
+    crs: str | None = None
 
     def points(self) -> FloatArray:
         """Return the points as (n, 3), a station after the other."""
@@ -277,15 +283,19 @@ class Valley:
         wp.launch(kernel.lay_sections, dim=(count, across), inputs=inputs, outputs=[xyz], device=self.device)
         inputs = [self._surface, self._lattice, frame, first, FLOOR_COLUMNS, SIDE_COLUMNS]
         wp.launch(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
-        last = across + 2 * beside - 1
-        nodes = xyz.numpy()
+        last, places = across + 2 * beside - 1, xyz.numpy()
         if self._is_stamped:
-            local = at.to_valley(nodes[..., :2]).reshape(-1, 2)
+            local = at.to_valley(places[..., :2]).reshape(-1, 2)
             place: wp.array = wp.array(local, dtype=wp.vec2d, device=self.device)
-            height: wp.array = wp.array(nodes[..., 2].ravel(), dtype=wp.float64, device=self.device)
+            height: wp.array = wp.array(places[..., 2].ravel(), dtype=wp.float64, device=self.device)
             self._stamp(Ground(height, place))
-            nodes[..., 2] = height.numpy().reshape(nodes.shape[:2])
-        return ValleyGrid(nodes, (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
+            places[..., 2] = height.numpy().reshape(places.shape[:2])
+        line = self.stations.line
+        middle, tangent = line.xy[reach], line.tangent[reach]
+        left = at.to_map(middle + np.column_stack([-tangent[:, 1], tangent[:, 0]])) - at.to_map(middle)
+        lateral = np.einsum("sck,sk->sc", places[..., :2] - at.to_map(middle)[:, None], left)
+        edges = (SIDE_COLUMNS, last - SIDE_COLUMNS)
+        return ValleyGrid(places, (beside, last - beside), edges, line.s[reach].copy(), lateral, self.crs)
 
     def breaklines(self) -> dict[str, FloatArray]:
         """Return the lines along which the surface bends, by name, (n, 3) absolute places and heights in m.

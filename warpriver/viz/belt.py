@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.history import History
 from warpriver.hydrology.orders import strahler_order
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
 from warpriver.viz.maps import (
     FLOW_RAMP,
@@ -22,7 +26,12 @@ from warpriver.viz.maps import (
     value_norm,
 )
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, color_ramp, need_matplotlib, style_bar
+from warpriver.viz.sheet import GROUND, INK, WATER, color_ramp, make_sheet, need_matplotlib, style_bar
+from warpriver.viz.sweeps import STAGES, courses_between
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["draw_before_after", "draw_belt"]
 
@@ -46,10 +55,10 @@ SCROLL_STRENGTH = 0.075
 
 
 def draw_belt(
-    history: Any,
-    path: Any = None,
+    history: History,
+    path: str | os.PathLike[str] | None = None,
     *,
-    terrain: Any = None,
+    terrain: Terrain | None = None,
     color: str = "water",
     until: int | None = None,
     window: Sequence[float] | None = None,
@@ -58,18 +67,20 @@ def draw_belt(
     title: str | None = None,
     legend: bool = True,
     age_span: float | None = None,
-) -> Any:
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw the channel belt: where the river has been, what it left there, and where it runs now.
 
     Each recorded course is drawn at its true width, in the order of time, as a point-bar deposit whose shade
     tells how long ago the channel left it: sand where it is fresh, closed forest where it is old. Loops that
     were cut off lie among them as lakes that turn into swamp, and courses given up where two channels met as dry
     beds that scrub covers. The present channel is on top. A faint banding in time is added to the shades so that
-    scroll bars read as arcs. Record often enough that the channel moves less than its width between two records;
-    otherwise bare ground shows between them.
+    scroll bars read as arcs. Between two records the channel is taken to have moved in straight lines, up to a dozen
+    widths; where it moved further, or was cut off, bare ground shows.
 
     Args:
-        history: History.
+        history: The run.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
         color: Colour of the present channels: "water", or by "discharge" (m3/s), "width" (m), "area" (drainage area,
@@ -83,9 +94,12 @@ def draw_belt(
         legend: Draw scale bar, north arrow and the bars of age.
         age_span: Age in yr at which deposits look oldest; by default the time that the whole history spans,
             so that pictures of one history can be compared.
+        frame: False for the map alone, exactly the window (by default the terrain, or everything), as in
+            :func:`draw_network`.
+        ax: Axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the map, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -108,31 +122,34 @@ def draw_belt(
         age_span=age_span,
         terrain=terrain,
         color=color,
+        frame=frame,
+        ax=ax,
     )
     page.turn_to(record)
     if path is not None:
         page.sheet.save(path)
-    return page.sheet.figure
+    return page.sheet.figure if ax is None else ax  # type: ignore[return-value]
 
 
 def draw_before_after(
-    history: Any,
-    path: Any = None,
+    history: History,
+    path: str | os.PathLike[str] | None = None,
     *,
-    terrain: Any = None,
+    terrain: Terrain | None = None,
     color: str = "water",
     until: int | None = None,
     window: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     dpi: float = 200.0,
     title: str | None = None,
-) -> Any:
+    ax: Sequence[Axes] | None = None,
+) -> Figure | Sequence[Axes]:
     """Draw the first record and the last one of a history in two maps of the same extent, as :func:`draw_belt` does.
 
     The maps lie side by side or, where the river is long from west to east, one above the other.
 
     Args:
-        history: History.
+        history: The run.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
         color: Colour of the present channels: "water", or by "discharge" (m3/s), "width" (m), "area" (drainage area,
@@ -142,9 +159,10 @@ def draw_before_after(
         size: Width and height of the picture in pixels; by default fitted to the window.
         dpi: Pixels per inch.
         title: Title at the upper left; None writes "Before and after", "" leaves the line out.
+        ax: Two axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the two maps, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -164,12 +182,13 @@ def draw_before_after(
         terrain=terrain,
         color=color,
         two=True,
+        ax=ax,
     )
     page.turn_to(0, panel=0)
     page.turn_to(record, panel=1)
     if path is not None:
         page.sheet.save(path)
-    return page.sheet.figure
+    return page.sheet.figure if ax is None else ax  # type: ignore[return-value]
 
 
 class BeltSheet:
@@ -177,7 +196,7 @@ class BeltSheet:
 
     def __init__(
         self,
-        history: Any,
+        history: History,
         *,
         window: Sequence[float] | None,
         size: tuple[int, int] | None,
@@ -186,17 +205,32 @@ class BeltSheet:
         legend: bool,
         age_span: float | None,
         bounds: Window | None = None,
-        terrain: Any = None,
+        terrain: Terrain | None = None,
         color: str = "water",
         two: bool = False,
+        frame: bool = True,
+        ax: Axes | Sequence[Axes] | None = None,
     ):
         """Lay out the page; parameters as in :func:`draw_belt`, ``bounds`` in m where they are known."""
         bounds = bounds or history_bounds(history, len(history.times) - 1)
         margin = 2.0 * float(np.max(history.networks[0].channel_width))
+        if window is None and terrain is not None and not frame:
+            window = terrain.bounds
         view = map_window(window, bounds, margin, terrain, getattr(history, "crs", None))
         text = "Channel belt" if title is None else title
         self._history = history
-        self.sheet = Sheet(view, size=size, dpi=dpi, title=text, legend=legend, two=two)
+        self.sheet = make_sheet(
+            view,
+            ax=ax,
+            frame=frame,
+            size=size,
+            dpi=dpi,
+            title=text,
+            legend=legend,
+            two=two,
+            cell=None if terrain is None else terrain.cell_size,
+            crs=getattr(history, "crs", None),
+        )
         self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span, terrain=terrain)
         self._water_color = WATER if terrain is None else RELIEF_WATER
         self._ramp = FLOW_RAMP if terrain is None else RELIEF_RAMP
@@ -204,19 +238,13 @@ class BeltSheet:
         ends = [_values(history.networks[k], color) for k in (0, -1)]
         if color != "water":
             self._norm = value_norm(np.concatenate([v for v in ends if v is not None]), whole=color == "order")
-        west, south, east, north = self.sheet.window
         blank = np.zeros((*self.sheet.shape, 3), np.uint8)
-        self._images = [
-            axes.imshow(
-                blank, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest"
-            )
-            for axes in self.sheet.panels
-        ]
+        self._images = [self.sheet.lay(blank, panel=k) for k in range(len(self.sheet.panels))]
         self._water: list[list[Any]] = [[] for _ in self.sheet.panels]
         self._notes = [self.sheet.note if text else None]
         if two:
             self._notes = [self._add_note(axes) for axes in self.sheet.panels]
-        if legend:
+        if legend and self.sheet.is_page:
             network = history.networks[0]
             longest = max(network.polylines(), key=len)
             # Several channels, and a ring, have no one direction.
@@ -231,6 +259,7 @@ class BeltSheet:
         for collection in self._water[panel]:
             collection.remove()
         network = self.painter.network
+        assert network is not None
         values, bank = _values(network, self._color), 0.7
         colors: Any = self._water_color
         if values is not None:
@@ -289,7 +318,7 @@ class BeltSheet:
             add_value_bar(self.sheet, self._norm, VALUE_LABELS[self._color], self._ramp, right=width + LEGEND_GAP)
 
 
-def _values(network: Any, color: str) -> np.ndarray | None:
+def _values(network: RiverNetwork, color: str) -> np.ndarray | None:
     """Return the value of each channel that sets its colour, None for one colour."""
     order = strahler_order(network.channel_from, network.channel_to) if color == "order" else None
     return channel_values(network, color, order)
@@ -308,19 +337,19 @@ class BeltPainter:
 
     def __init__(
         self,
-        history: Any,
+        history: History,
         window: Window,
         shape: tuple[int, int],
         *,
         supersample: int = 2,
         age_span: float | None = None,
-        terrain: Any = None,
+        terrain: Terrain | None = None,
         strength: float = 1.0,
     ):
         """Prepare an empty floodplain.
 
         Args:
-            history: History.
+            history: The run.
             window: (west, south, east, north) of the picture, m.
             shape: (rows, columns) in pixels.
             supersample: Samples per pixel and direction.
@@ -343,7 +372,7 @@ class BeltPainter:
         self._scale = columns / (window[2] - window[0])
         self._cutoffs = sorted(history.cutoffs, key=lambda cutoff: cutoff.time)
         self._cutoff_times = np.array([cutoff.time for cutoff in self._cutoffs])
-        self.network: Any = None
+        self.network: RiverNetwork | None = None
         self._courses = 0
         self._oxbows = 0
         self._collisions = sorted(getattr(history, "collisions", ()), key=lambda collision: collision.time)
@@ -372,31 +401,45 @@ class BeltPainter:
     def advance(self, record: int) -> None:
         """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
         while self._courses <= record:
-            time = self._times[self._courses]
+            time, following = self._times[self._courses], self._history.networks[self._courses]
+            if self.network is not None:
+                for stage, lines, widths in courses_between(self.network, following):
+                    self._fill(lines, widths, self.course_number(self._courses - 1) + stage)
             while self._oxbows < len(self._cutoffs) and self._cutoff_times[self._oxbows] <= time:
                 cutoff = self._cutoffs[self._oxbows]
                 xy = np.asarray(cutoff.xy, np.float64)
                 if len(xy) >= 3:
-                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], 1 + len(self._times) + self._oxbows)
+                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], self.oxbow_number(self._oxbows))
                 self._oxbows += 1
             while self._beds < len(self._collisions) and self._collision_times[self._beds] <= time:
                 self._fill_bed(self._collisions[self._beds])
                 self._beds += 1
-            self.network = self._history.networks[self._courses]
+            self._fill(
+                following.polylines(close=True), following.point_widths(close=True), self.course_number(self._courses)
+            )
+            self.network = following
             self._courses += 1
-            self._fill(self.network.polylines(close=True), self.network.point_widths(close=True), self._courses)
+
+    def course_number(self, record: int) -> int:
+        """Number of the course of a record; those of the stages on the way to the next record follow it."""
+        return 1 + STAGES * record
+
+    def oxbow_number(self, cutoff: int) -> int:
+        """Number of the lake that a cutoff left."""
+        return self.course_number(len(self._times)) + cutoff
+
+    def bed_number(self, collision: int) -> int:
+        """Number of the dry bed that a collision left."""
+        return self.oxbow_number(len(self._cutoffs)) + collision
 
     def _fill_bed(self, collision: Any) -> None:
         """Fill the course that was given up in a collision."""
         lines = [np.asarray(xy, np.float64) for xy in collision.pieces() if len(xy) >= 2]
-        code = 1 + len(self._times) + len(self._cutoffs) + self._beds
+        code = self.bed_number(self._beds)
         self._fill(lines, [np.full(len(xy), float(collision.width)) for xy in lines], code)
 
     def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
-        """Fill the bands of some lines with an event's number.
-
-        Course k is 1 + k, oxbow j of J is 1 + K + j, and bed i is 1 + K + J + i.
-        """
+        """Fill the bands of some lines with the number of a course, an oxbow lake or a dry bed."""
         from matplotlib.path import Path
         from matplotlib.transforms import Affine2D
 
@@ -434,7 +477,7 @@ class BeltPainter:
             row = np.floor((self._window[3] - xy[:, 1]) * self._scale).astype(np.int64)
             inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
             code = cover[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-            seen = inside & (code == 1 + len(self._times) + k)
+            seen = inside & (code == self.oxbow_number(k))
             if seen.any():
                 age = (self._times[record] - cutoff.time) / self.age_span
                 yield xy, float(cutoff.width), float(np.clip(age, 0.0, 1.0)), seen
@@ -442,16 +485,19 @@ class BeltPainter:
     def picture(self, record: int) -> np.ndarray:
         """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north."""
         now = self._times[record]
-        age = (now - np.concatenate([self._times, self._cutoff_times, self._collision_times])) / self.age_span
+        share = np.arange(STAGES) / STAGES
+        step = np.diff(self._times, append=self._times[-1])
+        courses_at = (self._times[:, None] + share * step[:, None]).ravel()
+        age = (now - np.concatenate([courses_at, self._cutoff_times, self._collision_times])) / self.age_span
         age = np.clip(age, 0.0, 1.0)
-        courses = slice(1, 1 + len(self._times))
+        courses = slice(1, self.oxbow_number(0))
         oxbows = slice(courses.stop, courses.stop + len(self._cutoffs))
         beds = slice(oxbows.stop, 1 + len(age))
         age = np.concatenate([[0.0], age])
         table = np.zeros((len(age), 4))
         table[0, :3], table[0, 3] = color_ramp(((0.0, GROUND),), 0.0), 0.4
         table[courses, :3] = color_ramp(DEPOSIT_RAMP, age[courses])
-        table[courses, :3] *= 1.0 + _scroll_tone(self._times, self.age_span)[:, None]
+        table[courses, :3] *= 1.0 + _scroll_tone(courses_at, self.age_span)[:, None]
         table[courses, 3] = 0.25 + 0.75 * age[courses]
         table[oxbows, :3] = color_ramp(OXBOW_RAMP, age[oxbows])
         table[oxbows, 3] = 0.6 * age[oxbows]
@@ -504,7 +550,7 @@ def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
 # ---- histories
 
 
-def checked_record(history: Any, until: int | None) -> int:
+def checked_record(history: History, until: int | None) -> int:
     """Return the index of a record, counted from the end where negative.
 
     Raises:
@@ -519,13 +565,13 @@ def checked_record(history: Any, until: int | None) -> int:
     return record % count
 
 
-def default_age_span(history: Any) -> float:
+def default_age_span(history: History) -> float:
     """Return the time in yr that a history spans, 1 for a single record."""
     times = np.asarray(history.times, np.float64)
     return float(times[-1] - times[0]) if times[-1] > times[0] else 1.0
 
 
-def history_bounds(history: Any, until: int) -> Window:
+def history_bounds(history: History, until: int) -> Window:
     """Return (west, south, east, north) in m of all courses up to a record, widths included."""
     boxes = []
     for k in range(until + 1):
@@ -533,5 +579,5 @@ def history_bounds(history: Any, until: int) -> Window:
         reach = 0.5 * float(np.max(network.channel_width))
         west, south, east, north = network.bounds()
         boxes.append((west - reach, south - reach, east + reach, north + reach))
-    west, south, east, north = zip(*boxes, strict=True)
-    return min(west), min(south), max(east), max(north)
+    low, high = np.min(boxes, axis=0), np.max(boxes, axis=0)
+    return float(low[0]), float(low[1]), float(high[2]), float(high[3])

@@ -7,21 +7,29 @@ those, so that none is lost. matplotlib is imported when something is drawn, not
 from __future__ import annotations
 
 import math
+import os
 import pathlib
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.errors import InputError
 from warpriver.hydrology.orders import strahler_order
-from warpriver.hydrology.routing import host_areas
-from warpriver.terrain import surface_of
+from warpriver.hydrology.routing import Flow, host_areas
+from warpriver.network import RiverNetwork
+from warpriver.raster import Raster
+from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive
-from warpriver.viz.maps import add_value_bar, draw_network
+from warpriver.viz.maps import add_value_bar, draw_network, finished
 from warpriver.viz.movie import write_frames
 from warpriver.viz.relief import hillshade
-from warpriver.viz.sheet import GROUND, INK, Sheet, color_ramp, need_matplotlib
+from warpriver.viz.sheet import GROUND, INK, Sheet, color_ramp, make_sheet, need_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["draw_drainage", "draw_elevation", "draw_ordered_network", "erosion_movie"]
 
@@ -45,8 +53,15 @@ SHADED_RELIEF = 0.25
 
 
 def draw_elevation(
-    terrain: Any, path: Any = None, *, title: str | None = None, size: tuple[int, int] | None = None, dpi: float = 200.0
-) -> Any:
+    terrain: Terrain | Raster,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    title: str | None = None,
+    size: tuple[int, int] | None = None,
+    dpi: float = 200.0,
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw a terrain coloured by elevation, with faint shades under light from the north-west.
 
     Args:
@@ -55,9 +70,12 @@ def draw_elevation(
         title: Title at the upper left, or None.
         size: Width and height of the picture in pixels; by default fitted to the terrain.
         dpi: Pixels per inch.
+        frame: False for the map alone, exactly the terrain and nothing else, pixel by pixel, with the files beside it
+            by which GDAL and QGIS place it; see :func:`draw_network`.
+        ax: Axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the map, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -68,21 +86,23 @@ def draw_elevation(
 
     terrain = surface_of(terrain)
     low, high = _height_span(terrain)
-    sheet = _page(terrain, title, size, dpi)
+    sheet = _page(terrain, title, size, dpi, frame, ax)
     _lay(sheet, terrain, _elevation_picture(terrain, low, high))
     add_value_bar(sheet, Normalize(low, high), "elevation, m", ELEVATION_RAMP)
-    return _finish(sheet, path)
+    return finished(sheet, path, ax)
 
 
 def draw_drainage(
-    flow: Any,
-    path: Any = None,
+    flow: Flow,
+    path: str | os.PathLike[str] | None = None,
     *,
     min_drainage_area: float | None = None,
     title: str | None = None,
     size: tuple[int, int] | None = None,
     dpi: float = 200.0,
-) -> Any:
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw the cells that drain enough ground, darker the more they drain.
 
     Args:
@@ -92,9 +112,12 @@ def draw_drainage(
         title: Title at the upper left, or None.
         size: Width and height of the picture in pixels; by default fitted to the terrain.
         dpi: Pixels per inch.
+        frame: False for the map alone, exactly the terrain and nothing else, pixel by pixel, with the files beside it
+            by which GDAL and QGIS place it; see :func:`draw_network`.
+        ax: Axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the map, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -104,7 +127,7 @@ def draw_drainage(
     from matplotlib.colors import LogNorm
 
     area, least = _areas(flow, min_drainage_area)
-    sheet = _page(flow.terrain, title, size, dpi)
+    sheet = _page(flow.terrain, title, size, dpi, frame, ax)
     factor, largest = _cells_per_pixel(sheet, flow.terrain), float(np.nanmax(area))
     known = np.isfinite(area)
     ground = np.where(known[..., None], color_ramp(((0.0, GROUND),), np.zeros(area.shape)), 1.0)
@@ -112,12 +135,19 @@ def draw_drainage(
     # In cells where cells are counted, in km2 on a real map.
     unit, label = (1e6, "drainage area, km²") if largest > 1e6 else (1.0, "drainage area, m²")
     add_value_bar(sheet, LogNorm(least / unit, max(largest, 1.01 * least) / unit), label, RIVER_RAMP)
-    return _finish(sheet, path)
+    return finished(sheet, path, ax)
 
 
 def draw_ordered_network(
-    terrain: Any, network: Any, path: Any = None, *, title: str | None = None, dpi: float = 200.0
-) -> Any:
+    terrain: Terrain,
+    network: RiverNetwork,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    title: str | None = None,
+    dpi: float = 200.0,
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw the channels of a network by Strahler order over a terrain in pale colours of elevation.
 
     Args:
@@ -126,9 +156,12 @@ def draw_ordered_network(
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         title: Title at the upper left, or None.
         dpi: Pixels per inch.
+        frame: False for the map alone, exactly the terrain and nothing else, pixel by pixel, with the files beside it
+            by which GDAL and QGIS place it; see :func:`draw_network`.
+        ax: Axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the map, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -147,12 +180,14 @@ def draw_ordered_network(
         title=title,
         flow_arrow=False,
         dpi=dpi,
+        frame=frame,
+        ax=ax,
     )
 
 
 def erosion_movie(
-    eroded: Any,
-    path: Any,
+    eroded: ErodedTerrain,
+    path: str | os.PathLike[str],
     *,
     min_drainage_area: float | None = None,
     fps: float = 10.0,
@@ -190,14 +225,14 @@ def erosion_movie(
     if pathlib.Path(path).suffix.lower() == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise InputError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
     least = _areas(eroded.flow(), min_drainage_area)[1]
-    pages = [eroded.snapshots, least, title, size, dpi]
+    pages: list[Any] = [eroded.snapshots, least, title, size, dpi]
     *_, sample = _frames(*pages, only_last=True, progress=None)
     frames = _frames(*pages, only_last=False, progress=progress)
     write_frames(path, frames, sample, fps=fps, hold=hold, ramps=(ELEVATION_RAMP, RIVER_RAMP))
 
 
 def _frames(
-    snapshots: Any,
+    snapshots: Sequence[ErodedTerrain],
     least: float,
     title: str | None,
     size: tuple[int, int],
@@ -229,14 +264,14 @@ def _frames(
             progress(done, len(snapshots))
 
 
-def _height_span(terrain: Any) -> tuple[float, float]:
+def _height_span(terrain: Terrain) -> tuple[float, float]:
     """Heights between which the colours run, m."""
     height = terrain.to_numpy()
     low, high = float(np.nanpercentile(height, LOWEST_PERCENTILE)), float(np.nanmax(height))
     return low, max(high, low + 1e-9)
 
 
-def _elevation_picture(terrain: Any, low: float, high: float) -> np.ndarray:
+def _elevation_picture(terrain: Terrain, low: float, high: float) -> np.ndarray:
     """Colours of elevation with shades, (rows, columns, 3) in 0..1; white without data."""
     height = terrain.to_numpy()
     part = np.clip((np.nan_to_num(height, nan=high) - low) / (high - low), 0.0, 1.0)
@@ -264,12 +299,12 @@ def _with_rivers(ground: np.ndarray, area: np.ndarray, least: float, largest: fl
     return picture
 
 
-def _cells_per_pixel(sheet: Sheet, terrain: Any) -> int:
+def _cells_per_pixel(sheet: Sheet, terrain: Terrain) -> int:
     """Cells a side that share a pixel of the map, 1 or more."""
     return max(1, math.ceil(sheet.metres_per_pixel / float(terrain.cell_size) - 1e-9))
 
 
-def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
+def _areas(flow: Flow, least: float | None) -> tuple[np.ndarray, float]:
     """Drainage areas and the least of a river cell, m2."""
     area = host_areas(flow)
     threshold = positive(10.0 * flow.terrain.cell_size**2 if least is None else least, "min_drainage_area", "m2")
@@ -280,29 +315,34 @@ def _areas(flow: Any, least: float | None) -> tuple[np.ndarray, float]:
     return area, threshold
 
 
-def _page(terrain: Any, title: str | None, size: tuple[int, int] | None, dpi: float) -> Sheet:
-    """Page for a map of the whole terrain."""
+def _page(
+    terrain: Terrain,
+    title: str | None,
+    size: tuple[int, int] | None,
+    dpi: float,
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Sheet:
+    """Sheet for a map of the whole terrain."""
     need_matplotlib()
-    sheet = Sheet(terrain.bounds, size=size, dpi=dpi, title=title or "", legend=True, ticks=True)
+    sheet = make_sheet(
+        terrain.bounds,
+        ax=ax,
+        frame=frame,
+        size=size,
+        dpi=dpi,
+        title=title or "",
+        ticks=True,
+        cell=terrain.cell_size,
+        crs=terrain.crs,
+    )
     sheet.axes.set_facecolor("white")
     sheet.note.set_color(INK)
     return sheet
 
 
-def _lay(sheet: Sheet, terrain: Any, picture: np.ndarray, factor: int = 1) -> Any:
+def _lay(sheet: Sheet, terrain: Terrain, picture: np.ndarray, factor: int = 1) -> Any:
     """Lay a picture of the terrain's cells on the map; a pixel of it is so many cells wide."""
     west, _, _, north = terrain.bounds
     rows, columns = (n * factor * terrain.cell_size for n in picture.shape[:2])
-    extent = (west, west + columns, north - rows, north)
-    shown = sheet.axes.imshow(picture, extent=extent, origin="upper", aspect="auto", interpolation="nearest", zorder=1)
-    sheet.axes.set(xlim=(sheet.window[0], sheet.window[2]), ylim=(sheet.window[1], sheet.window[3]))
-    return shown
-
-
-def _finish(sheet: Sheet, path: Any) -> Any:
-    """Add ticks and the scale bar, and write the file."""
-    sheet.add_km_ticks()
-    sheet.add_scale_bar()
-    if path is not None:
-        sheet.save(path)
-    return sheet.figure
+    return sheet.lay(picture, (west, north - rows, west + columns, north))

@@ -6,13 +6,17 @@ matplotlib is imported when a map is drawn, not before, and its global state (``
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from warpriver.errors import InputError
+from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
+from warpriver.terrain import Terrain
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
 from warpriver.viz.sheet import (
@@ -23,11 +27,16 @@ from warpriver.viz.sheet import (
     Sheet,
     checked_window,
     color_ramp,
+    make_sheet,
     need_matplotlib,
     style_bar,
 )
 
-__all__ = ["add_channels", "add_value_bar", "channel_values", "draw_network", "value_colors", "value_norm"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["add_channels", "add_value_bar", "channel_values", "draw_network", "finished", "value_colors", "value_norm"]
 
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
 # On a relief, whose own shades are as dark, even the least flow is a strong blue.
@@ -48,34 +57,36 @@ LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
 
 
 def draw_network(
-    network: Any,
-    path: Any = None,
+    network: RiverNetwork,
+    path: str | os.PathLike[str] | None = None,
     *,
-    terrain: Any = None,
+    terrain: Terrain | None = None,
     color: str = "water",
-    order: Any = None,
-    background: Any = None,
+    order: ArrayLike | None = None,
+    background: ArrayLike | Raster | None = None,
     extent: Sequence[float] | None = None,
     window: Sequence[float] | None = None,
     title: str | None = None,
     flow_arrow: bool = True,
     size: tuple[int, int] | None = None,
     dpi: float = 200.0,
-) -> Any:
+    frame: bool = True,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw the plan map of a network: every channel at its true width, north up, axes in kilometres.
 
     Channels too narrow to be seen at their width are drawn as lines, 0.45 points wide for the narrowest of the network
     and up to 1.1 points for wider ones.
 
     Args:
-        network: RiverNetwork.
+        network: What to draw.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         terrain: Terrain to draw under the channels, as shaded relief; plain ground shows where it has no data.
         color: "water"; or "discharge" (m3/s), "width" (m), "area" (drainage area, km2; where the network has it) or
             "order" (where ``order`` is given) for shades of blue with a colour bar.
         order: (C,) whole number of each channel, as its Strahler order.
         background: Image under the channels instead of a terrain, row 0 at the north edge: (rows, columns) greys,
-            which are stretched from their least to their greatest value, or (rows, columns, 3 or 4) colours; or a
+            which are stretched from their lowest to their highest value, or (rows, columns, 3 or 4) colours; or a
             Raster, whose values are greys.
         extent: (west, south, east, north) of ``background`` in m; a Raster has its own.
         window: (west, south, east, north) to show, in m; by default the background, or all channels and a
@@ -84,9 +95,13 @@ def draw_network(
         flow_arrow: Put an arrow beside the longest channel, in the direction of flow, where there is room.
         size: Width and height of the picture in pixels; by default fitted to the window.
         dpi: Pixels per inch.
+        frame: False for the map alone, which is exactly the window (by default the terrain, the background, or the
+            channels) and nothing else: it lies on a raster of that window pixel by pixel, and beside a .png or .jpg go
+            a world file and an .aux.xml by which GDAL and QGIS place it.
+        ax: Axes of your own to draw on, without bars and scale.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose first axes are the map, in m; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -96,15 +111,20 @@ def draw_network(
     """
     need_matplotlib()
     values = channel_values(network, color, order)
+    cell = None if terrain is None else terrain.cell_size
     if isinstance(background, Raster):
         if extent is not None:
             raise InputError("a Raster has its own extent; leave extent= out")
         check_ground(background, network.bounds(), network.crs)
-        background, extent = background.numpy(), background.bounds
+        extent, background = background.bounds, background.numpy()
     if (background is None) != (extent is None):
         raise InputError("give background and extent, (west, south, east, north) in m, together")
     if terrain is not None and background is not None:
         raise InputError("give a terrain or a background, not both")
+    if background is not None and extent is not None and window is None:
+        cell = (extent[2] - extent[0]) / max(np.shape(background)[1:2] or (1,))
+    if window is None and extent is None and terrain is not None and not frame:
+        extent = terrain.bounds
     view = map_window(
         extent if window is None else window,
         network.bounds(),
@@ -112,7 +132,9 @@ def draw_network(
         terrain,
         network.crs if terrain is not None else None,
     )
-    sheet = Sheet(view, size=size, dpi=dpi, title=title or "", legend=True, ticks=True)
+    sheet = make_sheet(
+        view, ax=ax, frame=frame, size=size, dpi=dpi, title=title or "", ticks=True, cell=cell, crs=network.crs
+    )
     sheet.axes.set_facecolor(GROUND)
     if terrain is not None:
         _add_relief(sheet, terrain)
@@ -123,16 +145,21 @@ def draw_network(
     else:
         ramp = FLOW_RAMP if terrain is None else RELIEF_RAMP
         _add_valued_channels(sheet, network, values, color, ramp)
+    if flow_arrow and sheet.is_page:
+        _add_flow_arrow(sheet, network)
+    return finished(sheet, path, ax)
+
+
+def finished(sheet: Sheet, path: str | os.PathLike[str] | None, ax: Axes | None) -> Figure | Axes:
+    """Add ticks and scale to a page, write the file, and return the axes that were given, else the figure."""
     sheet.add_km_ticks()
     sheet.add_scale_bar()
-    if flow_arrow:
-        _add_flow_arrow(sheet, network)
     if path is not None:
         sheet.save(path)
-    return sheet.figure
+    return sheet.figure if ax is None else ax  # type: ignore[return-value]
 
 
-def channel_values(network: Any, color: str, order: Any) -> np.ndarray | None:
+def channel_values(network: RiverNetwork, color: str, order: ArrayLike | None) -> np.ndarray | None:
     """Return the value of each channel that sets its colour, None for one colour.
 
     Raises:
@@ -160,7 +187,9 @@ def channel_values(network: Any, color: str, order: Any) -> np.ndarray | None:
     return None if choices[color] is None else np.asarray(choices[color], np.float64)
 
 
-def map_window(window: Sequence[float] | None, bounds: Window, margin: float, terrain: Any, crs: str | None) -> Window:
+def map_window(
+    window: Sequence[float] | None, bounds: Window, margin: float, terrain: Terrain | None, crs: str | None
+) -> Window:
     """Return the window in m as `checked_window` does; a margin around the channels ends where the terrain does.
 
     Raises:
@@ -181,19 +210,16 @@ def map_window(window: Sequence[float] | None, bounds: Window, margin: float, te
     )
 
 
-def _add_relief(sheet: Sheet, terrain: Any) -> None:
+def _add_relief(sheet: Sheet, terrain: Terrain) -> None:
     """Lay the relief of a terrain under the channels, clear where there is no data."""
     relief = relief_picture(terrain, sheet.window, sheet.shape)
     pixels = np.empty((*sheet.shape, 4), np.uint8)
     pixels[..., :3] = np.clip(relief.color, 0.0, 255.0)
     pixels[..., 3] = np.where(relief.known, 255, 0)
-    west, south, east, north = sheet.window
-    sheet.axes.imshow(
-        pixels, extent=(west, east, south, north), origin="upper", aspect="auto", interpolation="nearest", zorder=1
-    )
+    sheet.lay(pixels)
 
 
-def _add_valued_channels(sheet: Sheet, network: Any, values: np.ndarray, name: str, ramp: Any) -> None:
+def _add_valued_channels(sheet: Sheet, network: RiverNetwork, values: np.ndarray, name: str, ramp: Any) -> None:
     """Draw channels coloured by a value, the greatest on top, with a colour bar."""
     lines = network.polylines(close=True)
     widths = network.point_widths(close=True)
@@ -218,10 +244,7 @@ def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
     pixels = np.asarray(image)
     if not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (3, 4))):
         raise InputError(f"background has shape {pixels.shape}; give (rows, columns) or (rows, columns, 3 or 4)")
-    west, south, east, north = (float(v) for v in extent)
-    sheet.axes.imshow(pixels, cmap="gray", extent=(west, east, south, north), origin="upper", aspect="auto", zorder=1)
-    sheet.axes.set_xlim(sheet.window[0], sheet.window[2])
-    sheet.axes.set_ylim(sheet.window[1], sheet.window[3])
+    sheet.lay(pixels, [float(v) for v in extent], cmap="gray", interpolation=None)
 
 
 def value_norm(values: np.ndarray, whole: bool = False) -> Any:
@@ -237,11 +260,13 @@ def value_norm(values: np.ndarray, whole: bool = False) -> Any:
 
 
 def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any, right: float = 0.0) -> None:
-    """Draw the colour bar of a value at the right of the strip, or so many inches off it."""
+    """Draw the colour bar of a value at the right of the strip of a page, or so many inches off it."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, LogNorm
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
+    if not sheet.is_page:
+        return
     scale = ScalarMappable(norm, LinearSegmentedColormap.from_list("flow", ramp))
     width = sheet.legend_width
     box = sheet.strip(-width - right, 0.42, width, 0.13)
@@ -260,7 +285,7 @@ def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any, right: float =
     bar.ax.set_title(label, fontsize=8.5, color=INK, loc="right", pad=4)
 
 
-def _add_flow_arrow(sheet: Sheet, network: Any) -> None:
+def _add_flow_arrow(sheet: Sheet, network: RiverNetwork) -> None:
     """Put an arrow beside the longest channel, where most room is, along the general direction of flow."""
     from matplotlib import patheffects
 
@@ -322,12 +347,12 @@ def _arrow_place(
 
 def add_channels(
     sheet: Sheet,
-    network: Any,
+    network: RiverNetwork,
     colors: Any,
     *,
     bank: float,
     rank: np.ndarray | None = None,
-    axes: Any = None,
+    axes: Axes | None = None,
 ) -> list[Any]:
     """Draw a network's channels: bands with thin bank lines where their width can be seen, lines where it cannot.
 
@@ -336,7 +361,7 @@ def add_channels(
 
     Args:
         sheet: The page; channels outside its window are left out.
-        network: RiverNetwork.
+        network: What to draw.
         colors: One colour, or (C, 3) one a channel.
         bank: Greatest width of the bank lines in points.
         rank: (C,) numbers: the channels are drawn in their order; by default wide ones last.

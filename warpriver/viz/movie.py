@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import in_memory
+from warpriver.history import History
+from warpriver.terrain import Terrain
 from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
@@ -17,10 +20,10 @@ __all__ = ["movie"]
 
 
 def movie(
-    history: Any,
-    path: Any,
+    history: History,
+    path: str | os.PathLike[str],
     *,
-    terrain: Any = None,
+    terrain: Terrain | None = None,
     fps: float = 12.0,
     size: tuple[int, int] = (1280, 720),
     window: Sequence[float] | None = None,
@@ -36,7 +39,7 @@ def movie(
     to the picture of the one before, so that the time taken grows with the number of frames and no faster.
 
     Args:
-        history: History.
+        history: The run.
         path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
         terrain: Terrain whose shaded relief is drawn as the ground; by default the ground is plain.
         fps: Frames a second, above 0 and at most 60.
@@ -78,7 +81,7 @@ def movie(
 
 
 def write_frames(
-    path: Any,
+    path: str | os.PathLike[str],
     frames: Iterator[np.ndarray],
     sample: np.ndarray,
     *,
@@ -103,7 +106,7 @@ def write_frames(
         if (found := _count_mp4_frames(written)) != sent:
             raise InputError(f"{found} of {sent} frames")
 
-    with replacing(path, (".gif", ".mp4"), check if is_mp4 else None) as temporary:
+    with replacing(path, (".gif", ".mp4"), check=check if is_mp4 else None) as temporary:
         if is_mp4:
             rows, columns = sample.shape[:2]
             sent = _mp4_writer()(temporary, frames, fps, (columns, rows), hold)
@@ -112,7 +115,7 @@ def write_frames(
 
 
 def _frames(
-    history: Any,
+    history: History,
     records: Sequence[int],
     layout: dict[str, Any],
     progress: Callable[[int, int], None] | None,

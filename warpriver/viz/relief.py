@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from warpriver.crs import same_crs, short_name
 from warpriver.errors import InputError
 from warpriver.raster import Raster
-from warpriver.terrain import surface_of
+from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive
 from warpriver.viz.bands import Window
 
@@ -48,7 +47,7 @@ class Relief:
 
 
 def hillshade(
-    terrain: Any, azimuth: float = 315.0, altitude: float = 45.0, exaggeration: float | None = None
+    terrain: Terrain | Raster, azimuth: float = 315.0, altitude: float = 45.0, exaggeration: float | None = None
 ) -> np.ndarray:
     """Brightness of a terrain under a lamp: the cosine between the light and the ground's normal.
 
@@ -74,11 +73,11 @@ def hillshade(
     return np.where(np.isnan(height), np.nan, _lit(factor * east, factor * north, azimuth, altitude))
 
 
-def relief_picture(terrain: Any, window: Window, shape: tuple[int, int], *, strength: float = 1.0) -> Relief:
+def relief_picture(terrain: Terrain, window: Window, shape: tuple[int, int], *, strength: float = 1.0) -> Relief:
     """Paint a window of a terrain in tints of height under light from the north-west.
 
     Args:
-        terrain: Terrain.
+        terrain: The ground.
         window: (west, south, east, north) in m; parts off the terrain have no data.
         shape: Rows and columns of the picture.
         strength: Strength of the shades; 0 leaves the tints.
@@ -86,9 +85,14 @@ def relief_picture(terrain: Any, window: Window, shape: tuple[int, int], *, stre
     Returns:
         The picture.
     """
-    height, known = height_grid(terrain, window, shape)
-    size = (window[2] - window[0]) / shape[1]
-    east, north = _gradient(height, size)
+    cells = _cells_under(terrain, window, shape)
+    if cells is None:
+        blank = np.zeros((*shape, 3), np.float32)
+        return Relief(blank, np.ones(shape, np.float32), np.zeros(shape, bool))
+    height, known = cells.resampled(cells.height), cells.known()
+    # Slopes are differences between cells two apart, as in a GIS: they do not see what changes sign from cell to cell,
+    # the traces of rivers that run along diagonals, which a slope of the finer picture shows as a cross-hatch.
+    east, north = (cells.resampled(slope) for slope in _gradient(cells.height, cells.size))
     seen = height[known]
     # Slopes of the land itself, not of its no-data rim.
     factor = _auto_exaggeration(np.where(known, east, np.nan), np.where(known, north, np.nan))
@@ -112,19 +116,70 @@ def relief_picture(terrain: Any, window: Window, shape: tuple[int, int], *, stre
     return Relief(color, shade.astype(np.float32), known)
 
 
-def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def height_grid(terrain: Terrain, window: Window, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Resample a window of a terrain: means where it gets coarser, cubic splines where it gets finer.
 
     Args:
-        terrain: Terrain.
+        terrain: The ground.
         window: (west, south, east, north) in m.
-        shape: Rows and columns wanted, cells of the window.
+        shape: Rows and columns of the result.
 
     Returns:
         Heights at the cells' centres, (rows, columns) float64 in m, in gaps those of the nearest data; and a mask of
         the cells with data.
     """
-    from scipy.ndimage import affine_transform, distance_transform_edt, map_coordinates
+    cells = _cells_under(terrain, window, shape)
+    if cells is None:
+        return np.zeros(shape), np.zeros(shape, bool)
+    return cells.resampled(cells.height), cells.known()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Cells:
+    """The cells of a terrain under a window, averaged where pixels are larger, and where the pixels lie in them.
+
+    Attributes:
+        height: (r, c) heights in m, in gaps those of the nearest data.
+        gap: (r, c) whether a cell has no data.
+        size: Side of a cell in m.
+        shape: Rows and columns of pixels.
+        scale: Sides of a pixel in cells, down and across.
+        offset: Index of the first pixel's centre, down and across.
+    """
+
+    height: np.ndarray
+    gap: np.ndarray
+    size: float
+    shape: tuple[int, int]
+    scale: np.ndarray
+    offset: np.ndarray
+
+    def resampled(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the cells at the pixels, by cubic splines."""
+        from scipy.ndimage import affine_transform
+
+        out = affine_transform(values, self.scale, self.offset, output_shape=self.shape, order=3, mode="nearest")
+        # Splines swing below and above at cliffs.
+        return np.clip(out, values.min(), values.max(), out=out)
+
+    def known(self) -> np.ndarray:
+        """Return which pixels have data."""
+        from scipy.ndimage import map_coordinates
+
+        gap, places = self.gap, [self.offset[k] + self.scale[k] * np.arange(self.shape[k]) for k in (0, 1)]
+        row, column = (np.floor(place + 0.5).astype(int) for place in places)
+        inside = ((row >= 0) & (row < gap.shape[0]))[:, None] & ((column >= 0) & (column < gap.shape[1]))[None, :]
+        missing = gap[np.clip(row, 0, gap.shape[0] - 1)][:, np.clip(column, 0, gap.shape[1] - 1)]
+        if gap.any() and missing.any() and max(self.scale) < 0.5:
+            # Where cells are many pixels wide, the edge of the data is a smooth line, not stairs.
+            grid = np.meshgrid(*places, indexing="ij")
+            return inside & (map_coordinates(gap.astype(np.float32), grid, order=1, mode="nearest") < 0.5)
+        return inside & ~missing
+
+
+def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _Cells | None:
+    """Return the cells under a window, None where none of them has data."""
+    from scipy.ndimage import distance_transform_edt
 
     west, south, east, north = window
     size, (left, top) = float(terrain.cell_size), terrain.origin
@@ -142,29 +197,15 @@ def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[n
         height = _block_mean(height, factor)
     gap = np.isnan(height)
     if gap.all():
-        return np.zeros(shape), np.zeros(shape, bool)
+        return None
     if gap.any():
         nearest = distance_transform_edt(gap, return_distances=False, return_indices=True)
         height = height[tuple(nearest)]
-    # Index of a picture cell's centre in the raster part.
-    scale = step / factor
     begin = np.array([(top - north) / size, (west - left) / size]) - first
-    offset = (begin + 0.5 * step) / factor - 0.5
-    resampled = affine_transform(height, scale, offset, output_shape=shape, order=3, mode="nearest")
-    # Splines swing below and above at cliffs.
-    np.clip(resampled, height.min(), height.max(), out=resampled)
-    row, column = (np.floor(offset[k] + scale[k] * np.arange(shape[k]) + 0.5).astype(int) for k in (0, 1))
-    inside = ((row >= 0) & (row < gap.shape[0]))[:, None] & ((column >= 0) & (column < gap.shape[1]))[None, :]
-    missing = gap[np.clip(row, 0, gap.shape[0] - 1)][:, np.clip(column, 0, gap.shape[1] - 1)]
-    known = inside & ~missing
-    if gap.any() and missing.any() and max(scale) < 0.5:
-        # Where cells are many pixels wide, the edge of the data is a smooth line, not stairs.
-        grid = np.meshgrid(*(offset[k] + scale[k] * np.arange(shape[k]) for k in (0, 1)), indexing="ij")
-        known = inside & (map_coordinates(gap.astype(np.float32), grid, order=1, mode="nearest") < 0.5)
-    return resampled, known
+    return _Cells(height, gap, size * factor, shape, step / factor, (begin + 0.5 * step) / factor - 0.5)
 
 
-def check_ground(terrain: Any, bounds: Window, crs: str | None) -> None:
+def check_ground(terrain: Terrain | Raster, bounds: Window, crs: str | None) -> None:
     """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
     kind = "raster" if isinstance(terrain, Raster) else "terrain"
     if terrain.crs is not None and crs is not None and not same_crs(terrain.crs, crs):

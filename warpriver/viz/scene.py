@@ -10,6 +10,9 @@ import numpy as np
 
 from warpriver.errors import InputError, InternalError, MissingExtraError
 from warpriver.files import in_memory
+from warpriver.history import History
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
 from warpriver.validate import not_negative
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
@@ -36,10 +39,10 @@ LEVEE_REACH = 2.5
 
 
 def render_scene(
-    network_or_history: Any,
-    path: Any,
+    network_or_history: RiverNetwork | History,
+    path: str | os.PathLike[str],
     *,
-    terrain: Any = None,
+    terrain: Terrain | None = None,
     size: tuple[int, int] = (1280, 800),
     exaggeration: float | None = None,
     camera: Sequence[Sequence[float]] | None = None,
@@ -54,7 +57,7 @@ def render_scene(
     terrain is drawn with at most a million cells, level across each channel.
 
     Args:
-        network_or_history: RiverNetwork, or History.
+        network_or_history: A network, or the run of one.
         path: File to write (.png or .jpg).
         terrain: Terrain under the channels; its gaps are filled with the nearest heights and left plain.
         size: Width and height in pixels.
@@ -88,8 +91,8 @@ def render_scene(
 
 
 def _draw(
-    subject: Any,
-    terrain: Any,
+    subject: RiverNetwork | History,
+    terrain: Terrain | None,
     size: tuple[int, int],
     exaggeration: float | None,
     camera: Sequence[Sequence[float]] | None,
@@ -97,9 +100,9 @@ def _draw(
     until: int | None,
 ) -> np.ndarray:
     """Draw the scene and return its pixels, (rows, columns, 3) uint8."""
-    history = subject if hasattr(subject, "networks") else None
+    history = None if isinstance(subject, RiverNetwork) else subject
     record = checked_record(history, until) if history is not None else 0
-    network = subject if history is None else history.networks[record]
+    network = subject if isinstance(subject, RiverNetwork) else subject.networks[record]
     bounds = network.bounds() if history is None else history_bounds(history, record)
     width = float(np.max(network.channel_width))
     view = map_window(window, bounds, 3.0 * width, terrain, subject.crs if terrain is not None else None)
@@ -170,7 +173,7 @@ def _new_plotter(size: tuple[int, int]) -> Any:
 class _Ground:
     """The drawn floodplain: levees beside the channel, and banks that meet the water at the true width."""
 
-    def __init__(self, window: Window, network: Any, exaggeration: float):
+    def __init__(self, window: Window, network: RiverNetwork, exaggeration: float):
         from scipy.spatial import cKDTree
 
         west, south, east, north = window

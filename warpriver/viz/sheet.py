@@ -1,26 +1,37 @@
-"""Pages: a map with known pixels, a title above it and a strip below it; windows, and files that appear whole.
+"""Sheets: maps with known pixels, on a page, on given axes or alone; windows, and files that appear whole.
 
-matplotlib is imported when a page is laid out, not before, and its global state (``pyplot``) is never touched.
+matplotlib is imported when a sheet is made, not before, and its global state (``pyplot``) is never touched.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
 from warpriver.files import beside, in_memory
+from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.viz.bands import Window
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.text import Text
+
 __all__ = [
+    "PICTURES",
     "Sheet",
+    "checked_axes",
     "checked_window",
     "color_ramp",
     "grow_to_aspect",
+    "make_sheet",
     "need_matplotlib",
     "replacing",
     "save_figure",
@@ -33,18 +44,25 @@ GROUND = "#cfcbb4"
 INK = "#2b2f2c"
 FAINT = "#77796f"
 
+# Pixels along the longer side of a map without a frame: about, and at most.
+BARE_PIXELS, MOST_PIXELS = 2000, 8192
+# Formats of pictures.
+PICTURES = (".png", ".jpg", ".pdf", ".svg")
+
 # Largest ratio of the sides of a map that is fitted to its river; narrower ones get more ground beside it.
 MAX_ASPECT = 9.0
 
 
 class Sheet:
-    """A page with a map whose pixels are square and known, a title above it and a strip below it.
+    """A map, or two of one window, whose pixels are square and known: on a page, on given axes, or alone.
 
-    It may hold two maps of one window, side by side or, where the window is wide, one above the other.
+    On a page there is a title above the maps and a strip below them; two lie side by side or, where the window is wide,
+    one above the other. :meth:`on_axes` draws on axes that somebody else laid out, :meth:`bare` a picture that is
+    nothing but the map.
 
     Attributes:
         figure: The matplotlib figure.
-        canvas: Its Agg canvas.
+        canvas: What draws a page or a map alone into pixels.
         axes: The map, the first one of several; its units are m.
         panels: All maps.
         window: (west, south, east, north) shown, m.
@@ -52,7 +70,24 @@ class Sheet:
         metres_per_pixel: Ground size of a pixel, m.
         dpi: Pixels per inch.
         note: The text at the upper right.
+        is_page: Whether there is room for scale bars and colour bars.
+        aspect: Aspect of the axes, as matplotlib has it: where pixels are known to be square nothing is left to do.
     """
+
+    figure: Figure | SubFigure
+    canvas: FigureCanvasAgg
+    axes: Axes
+    panels: list[Axes]
+    window: Window
+    shape: tuple[int, int]
+    metres_per_pixel: float
+    dpi: float
+    note: Text
+    is_page: bool
+    aspect: Literal["auto", "equal"] = "auto"
+    # A map alone is saved with files that say where it lies, in this CRS.
+    _placed: bool = False
+    _crs: str | None = None
 
     def __init__(
         self,
@@ -65,7 +100,7 @@ class Sheet:
         ticks: bool = False,
         two: bool = False,
     ):
-        """Lay out the page.
+        """Lay out a page.
 
         Args:
             window: (west, south, east, north) in m; it grows until it fills the map.
@@ -86,31 +121,11 @@ class Sheet:
         top = round((0.55 if title else 0.3) * dpi)
         bottom = round(((0.92 if legend else 0.3) + (0.3 if ticks else 0.0)) * dpi)
         gap = round(0.3 * dpi)
-        aspect = (window[2] - window[0]) / (window[3] - window[1])
-        if size is not None:
-            # Two maps lie in the way that leaves each the longer scale.
-            aspect *= (size[1] - top - bottom) / max(size[0] - left - right, 1)
-        across, down = (1, 1) if not two else (1, 2) if aspect > (1.6 if size is None else 1.0) else (2, 1)
-        if size is None:
-            width, height = _fitted_size(window)
-            part = 0.68 if two else 1.0
-            width, height = part * width, part * height
-            if legend:
-                width = max(width, (6.0 - 0.3 * (across - 1)) / across)
-            columns, rows = round(width * dpi), round(height * dpi)
-        else:
-            columns = (int(size[0]) - left - right - (across - 1) * gap) // across
-            rows = (int(size[1]) - top - bottom - (down - 1) * gap) // down
-            if columns < 64 or rows < 64:
-                least = 64 * across + (across - 1) * gap + left + right, 64 * down + (down - 1) * gap + top + bottom
-                raise InputError(
-                    f"size is {tuple(size)} pixels, too small for a map at {dpi:g} dpi; give at least "
-                    f"{least}, or a smaller dpi"
-                )
+        across, down, columns, rows = _map_size(window, size, dpi, (left + right, top + bottom, gap), legend, two)
         wide, tall = across * columns + (across - 1) * gap, down * rows + (down - 1) * gap
         page = (wide + left + right, tall + top + bottom) if size is None else (int(size[0]), int(size[1]))
         self.window = grow_to_aspect(window, columns / rows)
-        self.shape = (rows, columns)
+        self.shape, self.dpi, self.is_page = (rows, columns), dpi, True
         self.metres_per_pixel = (self.window[2] - self.window[0]) / columns
         self.figure = Figure(figsize=(page[0] / dpi, page[1] / dpi), dpi=dpi, facecolor="white")
         self.canvas = FigureCanvasAgg(self.figure)
@@ -123,7 +138,62 @@ class Sheet:
         y = (bottom + tall + 0.16 * dpi) / page[1]
         self.figure.text(left / page[0], y, title, fontsize=13, color=INK, weight="bold")
         self.note = self.figure.text(self._right / page[0], y, "", fontsize=10, color=FAINT, ha="right")
-        self.dpi = dpi
+
+    @classmethod
+    def on_axes(cls, axes: Sequence[Axes], window: Window, title: str = "") -> Sheet:
+        """Take axes of a figure for the maps: they show the window, as large as they are, in equal units."""
+        sheet = cls.__new__(cls)
+        sheet.panels, sheet.axes, sheet.window, sheet.is_page = list(axes), axes[0], window, False
+        sheet.aspect = "equal"
+        figure = axes[0].get_figure()
+        assert figure is not None
+        sheet.figure, sheet.dpi = figure, figure.dpi
+        for panel in sheet.panels:
+            panel.set_xlim(window[0], window[2])
+            panel.set_ylim(window[1], window[3])
+            panel.set_aspect("equal", adjustable="box")
+            panel.apply_aspect()
+        box = sheet.axes.get_window_extent()
+        sheet.shape = max(16, round(box.height)), max(16, round(box.width))
+        sheet.metres_per_pixel = (window[2] - window[0]) / sheet.shape[1]
+        if title:
+            sheet.axes.set_title(title, loc="left")
+        sheet.note = sheet.axes.set_title("", loc="right", fontsize=9, color=FAINT)
+        return sheet
+
+    @classmethod
+    def bare(
+        cls, window: Window, *, size: tuple[int, int] | None, dpi: float, cell: float | None, crs: str | None
+    ) -> Sheet:
+        """Make a picture that is the window and nothing else.
+
+        Args:
+            window: (west, south, east, north) in m.
+            size: Width and height in pixels, or None: a whole number of pixels a cell, or else 2,000 along the longer
+                side.
+            dpi: Pixels per inch: sets the width of lines.
+            cell: Side of the cells of a raster whose bounds the window is, m, or None.
+            crs: Coordinate reference system, for the files beside the picture.
+
+        Raises:
+            ValueError: A size that has not the shape of the window.
+        """
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        sheet = cls.__new__(cls)
+        sheet.window, sheet.dpi, sheet.is_page, sheet._placed, sheet._crs = window, dpi, False, True, crs
+        sheet.shape = rows, columns = _bare_shape(window, size, cell)
+        sheet.metres_per_pixel = (window[2] - window[0]) / columns
+        # A hair more, as matplotlib cuts what is left of a pixel off.
+        sheet.figure = Figure(figsize=((columns + 1e-6) / dpi, (rows + 1e-6) / dpi), dpi=dpi, facecolor="white")
+        sheet.canvas = FigureCanvasAgg(sheet.figure)
+        sheet.panels = [sheet._add_map((0.0, 0.0, 1.0, 1.0))]
+        sheet.axes = sheet.panels[0]
+        for spine in sheet.axes.spines.values():
+            spine.set_visible(False)
+        sheet.note = sheet.figure.text(0.0, 0.0, "", visible=False)
+        return sheet
 
     def _add_map(self, box: tuple[float, float, float, float]) -> Any:
         """Add the axes of a map, without ticks."""
@@ -156,9 +226,11 @@ class Sheet:
         return self.figure.add_axes(self._box(edge, y * dpi, width * dpi, height * dpi))
 
     def add_scale_bar(self, flow: np.ndarray | None = None) -> None:
-        """Draw a north arrow, a scale bar and, where ``flow`` (2,) is given, the direction of flow."""
+        """Draw a north arrow, a scale bar and, where ``flow`` (2,) is given, the direction of flow, on a page."""
         from matplotlib.patches import Rectangle
 
+        if not self.is_page:
+            return
         free = self.across - self.legend_width - 1.0 - 0.8 - (0.75 if flow is not None else 0.0)
         if flow is not None and free < 0.8:
             flow, free = None, free + 0.75
@@ -186,9 +258,11 @@ class Sheet:
             box.text(middle[0], 0.02, "flow", fontsize=8.5, color=INK, ha="center")
 
     def add_km_ticks(self) -> None:
-        """Put ticks with kilometres around the map."""
+        """Put ticks with kilometres around the map of a page."""
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+        if not self.is_page:
+            return
         rows, columns = self.shape
         for axis, pixels in ((self.axes.xaxis, columns), (self.axes.yaxis, rows)):
             axis.set_major_locator(MaxNLocator(max(2, min(9, int(pixels / self.dpi / 1.1))), steps=[1, 2, 5, 10]))
@@ -199,10 +273,129 @@ class Sheet:
         self.axes.set_xlabel("easting, km", fontsize=8, color=FAINT, labelpad=2)
         self.axes.set_ylabel("northing, km", fontsize=8, color=FAINT, labelpad=2)
 
-    def save(self, path: Any) -> None:
-        """Write the figure; the format follows the suffix."""
-        with replacing(path, (".png", ".jpg", ".pdf", ".svg")) as temporary:
-            save_figure(self.figure, temporary, self.dpi)
+    def lay(self, pixels: np.ndarray, extent: Sequence[float] | None = None, panel: int = 0, **style: Any) -> Any:
+        """Lay an image on a map, row 0 in the north.
+
+        Args:
+            pixels: (rows, columns) greys, or (rows, columns, 3 or 4) colours.
+            extent: (west, south, east, north) in m; by default the window.
+            panel: Number of the map.
+            style: Passed to ``imshow``.
+        """
+        west, south, east, north = self.window if extent is None else extent
+        style = {"interpolation": "nearest", "aspect": self.aspect, "zorder": 1} | style
+        axes = self.panels[panel]
+        image = axes.imshow(pixels, extent=(west, east, south, north), origin="upper", **style)
+        axes.set(xlim=(self.window[0], self.window[2]), ylim=(self.window[1], self.window[3]))
+        return image
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the figure; the format follows the suffix. Beside a map alone go the files that say where it lies."""
+        suffix = pathlib.Path(path).suffix
+        parts = (WORLD_FILES.get(suffix.lower(), ".wld"), f"{suffix}.aux.xml")
+        with replacing(path, PICTURES, parts=parts) as temporary:
+            save_figure(self.axes.figure, temporary, self.dpi)
+            if self._placed and suffix.lower() in WORLD_FILES:
+                (west, south, east, north), (rows, columns) = self.window, self.shape
+                place = (west, north, (east - west) / columns, (north - south) / rows)
+                written = pathlib.Path(temporary)
+                write_world_file(written.with_suffix(parts[0]), place)
+                write_placing(written.with_suffix(parts[1]), place, self._crs)
+
+
+def make_sheet(
+    window: Window,
+    *,
+    ax: Axes | Sequence[Axes] | None,
+    frame: bool = True,
+    size: tuple[int, int] | None,
+    dpi: float,
+    title: str,
+    legend: bool = True,
+    ticks: bool = False,
+    two: bool = False,
+    cell: float | None = None,
+    crs: str | None = None,
+) -> Sheet:
+    """Return the sheet to draw on: given axes, without a frame a map alone, else a page.
+
+    Raises:
+        ValueError: Other things than as many axes as there are maps, or axes and a size or no frame.
+    """
+    if ax is None:
+        if frame:
+            return Sheet(window, size=size, dpi=dpi, title=title, legend=legend, ticks=ticks, two=two)
+        return Sheet.bare(window, size=size, dpi=dpi, cell=cell, crs=crs)
+    if size is not None or not frame:
+        raise InputError("size= and frame= belong to a picture of its own; leave them out beside ax=")
+    return Sheet.on_axes(checked_axes(ax, 2 if two else 1), window, title)
+
+
+def checked_axes(ax: Axes | Sequence[Axes], count: int) -> list[Axes]:
+    """Return axes as a list, or raise ``ValueError`` unless there are ``count``."""
+    from matplotlib.axes import Axes
+
+    axes = [ax] if isinstance(ax, Axes) else list(np.ravel(np.array(ax, object)))
+    if len(axes) != count or not all(isinstance(one, Axes) for one in axes):
+        wanted = "matplotlib axes" if count == 1 else f"a sequence of {count} matplotlib axes"
+        raise InputError(f"ax is {type(ax).__name__}; give {wanted}")
+    return axes
+
+
+def _map_size(
+    window: Window,
+    size: tuple[int, int] | None,
+    dpi: float,
+    margins: tuple[int, int, int],
+    legend: bool,
+    two: bool,
+) -> tuple[int, int, int, int]:
+    """Return how many maps lie across and down a page, and their width and height in pixels.
+
+    ``margins`` are those beside and above and below the maps, and the gap between them.
+    """
+    beside_maps, above_maps, gap = margins
+    aspect = (window[2] - window[0]) / (window[3] - window[1])
+    if size is not None:
+        # Two maps lie in the way that leaves each the longer scale.
+        aspect *= (size[1] - above_maps) / max(size[0] - beside_maps, 1)
+    across, down = (1, 1) if not two else (1, 2) if aspect > (1.6 if size is None else 1.0) else (2, 1)
+    if size is None:
+        width, height = _fitted_size(window)
+        fraction = 0.68 if two else 1.0
+        width, height = fraction * width, fraction * height
+        if legend:
+            width = max(width, (6.0 - 0.3 * (across - 1)) / across)
+        return across, down, round(width * dpi), round(height * dpi)
+    columns = (int(size[0]) - beside_maps - (across - 1) * gap) // across
+    rows = (int(size[1]) - above_maps - (down - 1) * gap) // down
+    if columns < 64 or rows < 64:
+        smallest = 64 * across + (across - 1) * gap + beside_maps, 64 * down + (down - 1) * gap + above_maps
+        raise InputError(
+            f"size is {tuple(size)} pixels, too small for a map at {dpi:g} dpi; give at least {smallest}, or a smaller "
+            "dpi"
+        )
+    return across, down, columns, rows
+
+
+def _bare_shape(window: Window, size: tuple[int, int] | None, cell: float | None) -> tuple[int, int]:
+    """Return rows and columns of a picture of a window, as :meth:`Sheet.bare` has it."""
+    width, height = window[2] - window[0], window[3] - window[1]
+    if size is not None:
+        columns, rows = (int(n) for n in size)
+        if min(columns, rows) < 1 or abs(columns * height / width - rows) > 1.0:
+            fit = max(1, columns), max(1, round(max(1, columns) * height / width))
+            raise InputError(
+                f"size is {tuple(size)} pixels, the window {width:g} x {height:g} m: without a frame both have one "
+                f"shape; give {fit}, or leave size= out"
+            )
+        return rows, columns
+    if cell is None:
+        scale = BARE_PIXELS / max(width, height)
+        return max(1, round(height * scale)), max(1, round(width * scale))
+    rows, columns = max(1, round(height / cell)), max(1, round(width / cell))
+    fine, coarse = max(1, round(BARE_PIXELS / max(rows, columns))), -(-max(rows, columns) // MOST_PIXELS)
+    return max(1, rows * fine // coarse), max(1, columns * fine // coarse)
 
 
 def save_figure(figure: Any, path: str, dpi: float) -> None:
@@ -273,12 +466,18 @@ def need_matplotlib() -> None:
 
 
 @contextlib.contextmanager
-def replacing(path: Any, suffixes: Sequence[str], check: Callable[[pathlib.Path], None] | None = None) -> Iterator[str]:
+def replacing(
+    path: str | os.PathLike[str],
+    suffixes: Sequence[str],
+    parts: Sequence[str] = (),
+    check: Callable[[pathlib.Path], None] | None = None,
+) -> Iterator[str]:
     """Yield a temporary name for ``path``, which it replaces when the block ends without an error.
 
     Args:
         path: File to write.
         suffixes: Suffixes allowed, with their dots.
+        parts: Suffixes of files that belong to it; those that are not written anew are removed.
         check: As in :func:`warpriver.files.beside`.
 
     Raises:
@@ -292,7 +491,7 @@ def replacing(path: Any, suffixes: Sequence[str], check: Callable[[pathlib.Path]
         raise MissingFileError(f"cannot write {target}: the folder {target.parent} does not exist")
     if target.is_dir():
         raise WrongPathError(f"cannot write {target}: it is a folder")
-    with beside(target, check=check) as temporary:
+    with beside(target, parts, check) as temporary:
         yield str(temporary)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
 from warpriver.viz.bands import Window, refine_lines, select_inside
 from warpriver.viz.relief import height_grid, relief_picture
 from warpriver.viz.sheet import GROUND, color_ramp
@@ -46,13 +47,13 @@ class TerrainGround:
         top: Height of the highest ground above the lowest in m, exaggerated.
     """
 
-    def __init__(self, window: Window, network: Any, terrain: Any, exaggeration: float | None):
+    def __init__(self, window: Window, network: RiverNetwork, terrain: Terrain, exaggeration: float | None):
         """Resample a terrain and level it across the channels.
 
         Args:
             window: (west, south, east, north) in m, within the terrain.
-            network: RiverNetwork.
-            terrain: Terrain.
+            network: The channels.
+            terrain: The ground.
             exaggeration: Factor on heights, or None for one that suits the relief.
         """
         west, south, east, north = window

@@ -5,19 +5,35 @@ matplotlib is imported when something is drawn, not before, and its global state
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.terrain import Terrain
 from warpriver.validate import positive
+from warpriver.valley.valley import Valley
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import BANK, FAINT, INK, WATER, need_matplotlib, replacing, save_figure
+from warpriver.viz.sheet import (
+    BANK,
+    FAINT,
+    INK,
+    PICTURES,
+    WATER,
+    checked_axes,
+    need_matplotlib,
+    replacing,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["draw_valley", "draw_valley_sections"]
 
-SUFFIXES = (".png", ".jpg", ".pdf", ".svg")
 # Contour intervals to choose from, m; the document draws every 2 m.
 INTERVALS = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 # About as many contours as a map shows well, and every how many one is strong.
@@ -32,7 +48,14 @@ RIFFLE, POOL = "#b4653a", "#2f6f93"
 SERIES = {"thalweg_width": ("c(z$_T$, W)", POOL), "thalweg_curvature": ("c(z$_T$, |C|)", RIFFLE)}
 
 
-def draw_valley(valley: Any, path: Any = None, *, interval: float | None = None, dpi: float = 160.0) -> Any:
+def draw_valley(
+    valley: Valley,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    interval: float | None = None,
+    dpi: float = 160.0,
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Draw a valley as [Brown2014], Figs 4 to 6: its surface with contours, and under it its covariance structures.
 
     Args:
@@ -40,9 +63,11 @@ def draw_valley(valley: Any, path: Any = None, *, interval: float | None = None,
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         interval: Contour interval in m; by default one that gives about 14 contours.
         dpi: Pixels per inch.
+        ax: Axes of your own for the surface alone, without covariance structures and colour bar.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose axes are the surface, the bar of its heights and the covariance structures; with ``ax`` those
+        axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -54,6 +79,13 @@ def draw_valley(valley: Any, path: Any = None, *, interval: float | None = None,
 
     west, south, east, north = valley.bounds
     terrain = valley.raster(max(east - west, north - south) / CELLS)
+    if ax is not None:
+        (axes,) = checked_axes(ax, 1)
+        _draw_surface(axes, None, terrain, interval)
+        _draw_channel(axes, valley)
+        if path is not None:
+            _save(axes.figure, path, dpi)
+        return axes
     aspect = float(np.clip((east - west) / (north - south), 1.0 / MAX_ASPECT, MAX_ASPECT))
     width = 10.0 if aspect > 1.0 else 7.0
     inner = width - 1.9
@@ -76,8 +108,13 @@ def draw_valley(valley: Any, path: Any = None, *, interval: float | None = None,
 
 
 def draw_valley_sections(
-    valley: Any, path: Any = None, *, positions: Sequence[float] | None = None, dpi: float = 160.0
-) -> Any:
+    valley: Valley,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    positions: Sequence[float] | None = None,
+    dpi: float = 160.0,
+    ax: Sequence[Axes] | None = None,
+) -> Figure | Sequence[Axes]:
     """Draw cross sections, seen downstream, and the long profile of a valley.
 
     Args:
@@ -86,9 +123,10 @@ def draw_valley_sections(
         positions: Where sections are drawn, fractions of the reach; by default at the highest and the lowest thalweg
             and in the sharpest left and right bends.
         dpi: Pixels per inch.
+        ax: Axes of your own, one for each section and one for the profile.
 
     Returns:
-        matplotlib.figure.Figure.
+        The figure, whose axes are the sections and then the profile; with ``ax`` those axes.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -101,6 +139,14 @@ def draw_valley_sections(
     places = _section_places(valley) if positions is None else {f"at {v:g} of the reach": float(v) for v in positions}
     if not places or any(not 0.0 <= v <= 1.0 for v in places.values()):
         raise InputError(f"positions are {list(places.values())}; give fractions of the reach, 0 to 1")
+    if ax is not None:
+        panels = checked_axes(ax, len(places) + 1)
+        for panel, (name, part) in zip(panels, places.items(), strict=False):
+            _draw_section(panel, valley, name, part)
+        _draw_profile(panels[-1], valley)
+        if path is not None:
+            _save(panels[0].figure, path, dpi)
+        return ax
     rows = (len(places) + 1) // 2
     figure = Figure(figsize=(10.0, 2.3 * rows + 3.4), dpi=dpi, facecolor="white", layout="constrained")
     layout = figure.add_gridspec(rows + 1, 2, height_ratios=[1.0] * rows + [1.35])
@@ -112,7 +158,7 @@ def draw_valley_sections(
     return figure
 
 
-def _draw_surface(axes: Any, bar: Any, terrain: Any, interval: float | None) -> float:
+def _draw_surface(axes: Axes, bar: Axes | None, terrain: Terrain, interval: float | None) -> float:
     """Tinted relief, contours and the bar of heights; returns the contour interval in m."""
     height = terrain.to_numpy()
     low, high = float(np.nanmin(height)), float(np.nanmax(height))
@@ -144,13 +190,15 @@ def _draw_surface(axes: Any, bar: Any, terrain: Any, interval: float | None) -> 
     from matplotlib.colors import ListedColormap
 
     ramp = ListedColormap(tints(np.linspace(0.25, 0.87, 256)))
+    if bar is None:
+        return float(interval)
     colorbar = axes.figure.colorbar(ScalarMappable(norm, ramp), cax=bar)
     colorbar.ax.tick_params(labelsize=8, colors=FAINT, labelcolor=INK, width=0.6, length=2.5)
     colorbar.ax.set_title("m", fontsize=8.5, color=FAINT)
     return float(interval)
 
 
-def _draw_channel(axes: Any, valley: Any) -> None:
+def _draw_channel(axes: Axes, valley: Valley) -> None:
     """Banks and thalweg, and what stands over them."""
     from matplotlib.colors import ListedColormap
 
@@ -163,16 +211,18 @@ def _draw_channel(axes: Any, valley: Any) -> None:
         for bank in (line.xy + half[:, :1] * normal, line.xy - half[:, 1:] * normal):
             axes.plot(*valley.stations.frame.to_map(bank).T, color=BANK, linewidth=0.8)
     for structure in valley.structures():
+        x, y = structure.points()[:, :2].T
         axes.tripcolor(
-            *structure.points()[:, :2].T,
-            np.zeros(len(structure.points())),
+            x,
+            y,
+            np.zeros(len(x)),
             triangles=structure.triangles(),
             cmap=ListedColormap([FAINT]),
             zorder=3,
         )
 
 
-def _draw_covariance(axes: Any, valley: Any) -> None:
+def _draw_covariance(axes: Axes, valley: Valley) -> None:
     """Structures against the distance along the channel, with their means."""
     found = valley.covariance
     axes.axhline(0.0, color=FAINT, linewidth=0.7)
@@ -195,7 +245,7 @@ def _draw_covariance(axes: Any, valley: Any) -> None:
     _plain(axes)
 
 
-def _section_places(valley: Any) -> dict[str, float]:
+def _section_places(valley: Valley) -> dict[str, float]:
     """Where the thalweg is highest and lowest, and where the channel turns most; fractions of the reach."""
     stations, reach = valley.stations, valley.stations.reach
     part = stations.line.s[reach] / stations.length
@@ -207,7 +257,7 @@ def _section_places(valley: Any) -> dict[str, float]:
     return {name: float(part[k]) for name, k in places.items()}
 
 
-def _draw_section(axes: Any, valley: Any, name: str, part: float) -> None:
+def _draw_section(axes: Axes, valley: Valley, name: str, part: float) -> None:
     """Ground across the channel and some of the floor at one station, with the water at top of bank."""
     stations, reach = valley.stations, valley.stations.reach
     k = reach.start + round(part * valley.params.increments)
@@ -226,7 +276,7 @@ def _draw_section(axes: Any, valley: Any, name: str, part: float) -> None:
     _plain(axes)
 
 
-def _draw_profile(axes: Any, valley: Any) -> None:
+def _draw_profile(axes: Axes, valley: Valley) -> None:
     """Thalweg, top of bank, floor's edge and valley top along the channel."""
     stations, reach = valley.stations, valley.stations.reach
     lines, s = valley.breaklines(), stations.line.s[reach]
@@ -247,7 +297,7 @@ def _draw_profile(axes: Any, valley: Any) -> None:
     _plain(axes)
 
 
-def _plain(axes: Any) -> None:
+def _plain(axes: Axes) -> None:
     """Thin spines, small ticks."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
@@ -257,10 +307,8 @@ def _plain(axes: Any) -> None:
     axes.ticklabel_format(useOffset=False)
 
 
-def _save(figure: Any, path: Any, dpi: float) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
+def _save(figure: Any, path: str | os.PathLike[str] | None, dpi: float) -> None:
+    """Write a figure, if a file is named."""
     if path is not None:
-        with replacing(path, SUFFIXES) as temporary:
+        with replacing(path, PICTURES) as temporary:
             save_figure(figure, temporary, dpi)

@@ -15,27 +15,29 @@ import numpy as np
 
 from warpriver.crs import crs_text
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, PathError
 from warpriver.extras import need
 from warpriver.io.files import plain_path
 from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["FOREIGN", "TIFF", "check_geotiff", "read_gdal", "write_geotiff"]
+__all__ = ["READABLE", "TIFF", "check_geotiff", "read_gdal", "write_gdal", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
-# Formats that are read and not written, by the driver of GDAL. No other driver ever opens a file: some, such as VRT,
+# Formats that are read beside GeoTIFF, by the driver of GDAL. No other driver ever opens a file: some, such as VRT,
 # read whatever files or addresses their text names.
-FOREIGN = {
+READABLE = {
     ".dem": "USGSDEM", ".img": "HFA", ".bil": "EHdr", ".flt": "EHdr", ".sdat": "SAGA", ".hgt": "SRTMHGT",
 }  # fmt: skip
-DRIVERS = dict.fromkeys(TIFF, "GTiff") | FOREIGN
+DRIVERS = dict.fromkeys(TIFF, "GTiff") | READABLE
 NAMES = {
     "GTiff": "a GeoTIFF", "USGSDEM": "a USGS DEM", "HFA": "an Erdas Imagine file", "EHdr": "an ESRI .bil or .flt",
     "SAGA": "a SAGA grid", "SRTMHGT": "an SRTM .hgt",
 }  # fmt: skip
 # Rows that are read back at a time, two rows of tiles.
 CHECK_ROWS = 512
+# Cells a side of the tiles of a GeoTIFF that is written.
+BLOCK = 512
 
 
 def read_gdal(path: Path, band: int, nodata: float | None, *, heights: bool) -> RasterSource:
@@ -99,32 +101,59 @@ def _crs_beside(path: Path) -> bool:
 def write_geotiff(raster: Raster, path: Path) -> None:
     """Write whole numbers as they are, others as float32 where that keeps them all to the bit, else as float64.
 
-    Deflated, with the CRS; NaN is the value of no data of the latter.
+    The file is a cloud-optimized GeoTIFF: deflated tiles, and overviews (means, of whole numbers nearest cells), with
+    the CRS; NaN is the value of no data of what is not whole.
     """
-    rasterio, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.transform")
     values = raster.numpy()
     if not raster.is_integer:
         with np.errstate(over="ignore"):
             single = values.astype(np.float32)
         if np.array_equal(single.astype(np.float64), values, equal_nan=True):
             values = single
+    options = {
+        "compress": "deflate", "blocksize": BLOCK, "bigtiff": "if_safer",
+        "overview_resampling": "nearest" if raster.is_integer else "average",
+    }  # fmt: skip
+    write_gdal(raster, values, path, "COG", None if raster.is_integer else math.nan, **options)
+
+
+def write_gdal(
+    raster: Raster, values: np.ndarray, path: Path, driver: str, nodata: float | None, **options: Any
+) -> None:
+    """Write a band through GDAL, with the place, CRS, unit and name of a raster.
+
+    Args:
+        raster: Whose place it has.
+        values: (rows, columns) numbers of a type that the format holds.
+        path: File to write.
+        driver: GDAL's name of the format.
+        nodata: Value that stands for no data.
+        options: Of the driver.
+
+    Raises:
+        ImportError: rasterio is missing.
+        OSError: The file cannot be written.
+    """
+    rasterio, errors, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.errors", "rasterio.transform")
     size, (west, north) = raster.cell_size, raster.origin
     profile = {
-        "driver": "GTiff", "width": raster.shape[1], "height": raster.shape[0], "count": 1,
-        "dtype": values.dtype.name, "nodata": None if raster.is_integer else math.nan, "compress": "deflate",
-        "tiled": True, "transform": transform.from_origin(west, north, size, size), "bigtiff": "if_safer",
+        "driver": driver, "width": raster.shape[1], "height": raster.shape[0], "count": 1,
+        "dtype": values.dtype.name, "nodata": nodata, "transform": transform.from_origin(west, north, size, size),
     }  # fmt: skip
     if raster.crs is not None:
         (crs,) = need("writing a CRS", "rasterio.crs")
         profile["crs"] = crs.CRS.from_user_input(raster.crs)
-    with rasterio.open(path, "w", **profile) as dataset:
-        dataset.write(values, 1)
-        if raster.unit:
-            dataset.units = (raster.unit,)
-            dataset.update_tags(units=raster.unit)
-        if raster.name:
-            dataset.set_band_description(1, raster.name)
-        dataset.update_tags(AREA_OR_POINT="Area")
+    try:
+        with rasterio.open(path.absolute(), "w", **profile, **options) as dataset:
+            dataset.write(values, 1)
+            if raster.unit:
+                dataset.units = (raster.unit,)
+                dataset.update_tags(units=raster.unit)
+            if raster.name:
+                dataset.set_band_description(1, raster.name)
+            dataset.update_tags(AREA_OR_POINT="Area")
+    except errors.RasterioError as error:
+        raise PathError(f"GDAL cannot write it ({error})") from error
 
 
 def check_geotiff(path: Path, raster: Raster) -> None:

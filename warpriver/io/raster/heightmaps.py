@@ -1,4 +1,8 @@
-"""Height maps of 16 bits, PNG and raw, with a JSON file beside them that says what a pixel and a step are."""
+"""Height maps of 16 bits, PNG and raw, with files beside them that say where they lie and what a step is.
+
+A JSON file is for people and for :func:`read_heightmap`; what GDAL, QGIS and their like read is in an .aux.xml (place,
+CRS, scale and offset of the heights), with a world file beside a PNG and an ESRI header beside a raw file.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +22,11 @@ from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.files import in_memory
 from warpriver.io.files import decoded
+from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
 
-__all__ = ["PNG", "RAW", "read_heightmap", "write_heightmap"]
+__all__ = ["PNG", "RAW", "parts_of", "read_heightmap", "write_heightmap"]
 
 log = logging.getLogger("warpriver")
 
@@ -100,10 +105,14 @@ def _read_raw(path: Path, shape: tuple[int, int] | None) -> tuple[np.ndarray, in
     return np.fromfile(path, "<u2").reshape(rows, columns), TOP
 
 
-def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None) -> None:
+def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | None, label: Path) -> None:
     """Write steps of height between ``limits``, by default the lowest and the highest; 0 is no data where there is any.
 
-    The JSON file is written beside it.
+    Args:
+        terrain: What to write.
+        path: File to write; those that say where it lies are written beside it.
+        limits: Heights of the first and the last step, m.
+        label: What to call the file in messages.
     """
     height = terrain.to_numpy()
     gap = np.isnan(height)
@@ -111,25 +120,52 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     low, high = checked_limits(limits or (lowest, highest if highest > lowest else lowest + 1.0))
     if lowest < low or highest > high:
         raise InputError(
-            f"{path}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
+            f"{label}: heights from {lowest:g} to {highest:g} m do not fit into range=({low:g}, {high:g}); widen it"
         )
     first = int(gap.any())
     with np.errstate(invalid="ignore"):
         step = np.rint((height - low) * ((TOP - first) / (high - low))) + first
     step[gap] = 0.0
+    place = (*terrain.origin, terrain.cell_size, terrain.cell_size)
     if path.suffix.lower() == PNG:
         (image,) = need(f"writing {path.suffix}", "PIL.Image")
         with in_memory(path) as buffer:
             image.fromarray(step.astype(np.uint16)).save(buffer, "PNG")
+        write_world_file(path.with_suffix(WORLD_FILES[PNG]), place)
     else:
         # Not by tofile, which does not tell when its last bytes find no room.
         path.write_bytes(np.ascontiguousarray(step, "<u2").data)
+        _write_header(terrain, path.with_suffix(".hdr"))
+    rise = (high - low) / (TOP - first)
+    # height = offset + scale * step
+    told = {"Description": "height", "UnitType": "m", "Offset": repr(low - first * rise), "Scale": repr(rise)}
+    told |= {"NoDataValue": "0"} if first else {}
+    write_placing(path.with_name(f"{path.name}.aux.xml"), place, terrain.crs, told)
     side = {
         "metres_per_pixel": terrain.cell_size, "rows": terrain.shape[0], "columns": terrain.shape[1],
         "height_low": low, "height_high": high, "no_data": 0 if first else None,
         "origin": list(terrain.origin), "crs": terrain.crs,
+        # A landscape of Unreal Engine at a scale of 100 has pixels of 1 m and 512 m between the first and last step.
+        "unreal_scale_xy": 100.0 * terrain.cell_size, "unreal_scale_z": 100.0 * TOP * rise / 512.0,
     }  # fmt: skip
     side_file(path).write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
+
+
+def parts_of(path: Path) -> tuple[str, ...]:
+    """Return the suffixes of the files that belong to a height map, in place of its own."""
+    places = (WORLD_FILES[PNG],) if path.suffix.lower() == PNG else (".hdr",)
+    return (*places, f"{path.suffix}.json", f"{path.suffix}.aux.xml")
+
+
+def _write_header(terrain: Terrain, path: Path) -> None:
+    """Write the header by which GDAL and ESRI's programs open a raw file."""
+    (west, north), size, (rows, columns) = terrain.origin, float(terrain.cell_size), terrain.shape
+    header = {
+        "NROWS": rows, "NCOLS": columns, "NBANDS": 1, "NBITS": 16, "PIXELTYPE": "UNSIGNEDINT", "BYTEORDER": "I",
+        "LAYOUT": "BIL", "ULXMAP": repr(west + 0.5 * size), "ULYMAP": repr(north - 0.5 * size),
+        "XDIM": repr(size), "YDIM": repr(size),
+    }  # fmt: skip
+    path.write_text("".join(f"{key:<10} {value}\n" for key, value in header.items()), encoding="ascii")
 
 
 def checked_limits(limits: Sequence[float]) -> tuple[float, float]:

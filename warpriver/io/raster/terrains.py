@@ -17,7 +17,8 @@ from warpriver.crs import CRSLike
 from warpriver.errors import InputError
 from warpriver.files import beside
 from warpriver.io.files import check_readable
-from warpriver.io.raster.geotiff import FOREIGN, TIFF, check_geotiff, read_gdal, write_geotiff
+from warpriver.io.raster.foreign import FOREIGN, write_foreign
+from warpriver.io.raster.geotiff import READABLE, TIFF, check_geotiff, read_gdal, write_geotiff
 from warpriver.io.raster.grids import (
     ASCII,
     HEIGHTS,
@@ -31,7 +32,7 @@ from warpriver.io.raster.grids import (
     write_labels,
     write_numpy,
 )
-from warpriver.io.raster.heightmaps import PNG, RAW, read_heightmap, write_heightmap
+from warpriver.io.raster.heightmaps import PNG, RAW, parts_of, read_heightmap, write_heightmap
 from warpriver.io.raster.settle import settled_raster, settled_terrain
 from warpriver.io.raster.source import RasterSource
 from warpriver.raster import Raster
@@ -45,16 +46,16 @@ __all__ = [
     "write_terrain",
 ]
 
-CELLS = (*TIFF, *ASCII, *NUMPY)
+CELLS = (*TIFF, *FOREIGN, *ASCII, *NUMPY)
 HEIGHT_MAPS = (PNG, *RAW)
 SUFFIXES = (*CELLS, *HEIGHT_MAPS)
-READABLE = (*SUFFIXES, *FOREIGN)
-NEEDS = dict.fromkeys((*TIFF, *FOREIGN), ("rasterio",)) | {PNG: ("PIL",)}
+READ_ONLY = tuple(suffix for suffix in READABLE if suffix not in FOREIGN)
+NEEDS = dict.fromkeys((*TIFF, *READABLE), ("rasterio",)) | {PNG: ("PIL",)}
 
 
 def terrain_formats() -> dict[str, bool]:
     """Return the suffixes of terrain files, each with whether the modules that it needs are installed here."""
-    return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in READABLE}
+    return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in (*SUFFIXES, *READ_ONLY)}
 
 
 def read_terrain(
@@ -129,7 +130,7 @@ def read_terrain(
             CRS is unknown, not metric, or in conflict with ``crs``.
     """
     path = Path(path)
-    suffix = _suffix(path, READABLE)
+    suffix = _suffix(path, (*SUFFIXES, *READ_ONLY))
     check_readable(path)
     if range is not None and suffix not in HEIGHT_MAPS:
         raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
@@ -180,7 +181,7 @@ def read_raster(
         ValueError: As in ``read_terrain``.
     """
     path = Path(path)
-    suffix = _cell_suffix(path, (*CELLS, *FOREIGN))
+    suffix = _cell_suffix(path, (*CELLS, *READ_ONLY))
     check_readable(path)
     source = _read_cells(path, suffix, band, nodata, (VALUES, *HEIGHTS), heights=False)
     return settled_raster(source, cell_size=cell_size, origin=origin, crs=crs, to_crs=to_crs, device=device)
@@ -200,11 +201,21 @@ def _read_cells(
 def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tuple[float, float] | None = None) -> None:
     """Write a terrain to a file whose suffix names the format; ``read_terrain`` reads it back.
 
-    A GeoTIFF holds float32 where that loses nothing, else float64, deflated, with its CRS, "m" and no data as NaN; an
-    ESRI ASCII grid holds digits that give back the same numbers (no data as -9999) and a .prj file beside it; .npz
-    holds all of a terrain, .npy its heights. Height maps (.png; .r16 and .raw, little-endian) hold 65,536 steps, which
-    NAME.png.json beside them explains: metres per pixel, height of the first and the last step, origin, CRS; where
-    cells have no data, step 0 stands for them and heights start at step 1.
+    ================== =====================================================================================
+    .tif, .tiff        cloud-optimized GeoTIFF: deflated tiles and overviews; no data is NaN (``warpriver[gis]``)
+    .sdat, .bil, .img  SAGA grid, ESRI band file, Erdas Imagine (``warpriver[gis]``); no data is -9999
+    .asc, .grd         ESRI ASCII grid in digits that give back the same numbers; no data is -9999
+    .npz, .npy         all of a terrain; its heights
+    .png, .r16, .raw   height map of 16 bits: 65,536 steps, little-endian in raw files (PNG: ``warpriver[gis]``)
+    ================== =====================================================================================
+
+    Heights are float32 where that loses nothing, else float64; .bil has no float64 and rounds, with a warning. The CRS
+    is in the file or in a .prj beside it.
+
+    Beside a height map stand NAME.png.json (metres per pixel, heights of the first and the last step, origin, CRS,
+    scales for Unreal Engine) and NAME.png.aux.xml with a world file (.pgw) or, of raw files, a header (.hdr): GDAL and
+    QGIS read place, CRS and heights in metres from them. Where cells have no data, step 0 stands for them and heights
+    start at step 1.
 
     The file is written beside its place and then renamed, so that a failure leaves the old one as it was.
 
@@ -225,17 +236,17 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
         raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
     with _replaced(path, suffix, terrain.raster) as temporary:
         if suffix in CELLS:
-            _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0])
+            _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0], path)
         else:
-            write_heightmap(terrain, temporary, range)
+            write_heightmap(terrain, temporary, range, path)
 
 
 def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
-    """Write a raster to a file: GeoTIFF, ESRI ASCII grid, .npz or .npy; ``read_raster`` reads it back.
+    """Write a raster to a file whose suffix names the format; ``read_raster`` reads it back.
 
-    Formats are those of ``write_terrain``. Whole numbers are written as such, without a value of no data, since every
-    cell has one. CRS, unit and name go with them: a GeoTIFF has them as those of its band, an ASCII grid in a .prj and
-    an .aux.xml file beside it, which GDAL reads; .npz holds all to the bit, .npy the values alone.
+    Formats are those of ``write_terrain`` except height maps. Whole numbers are written as such, without a value of no
+    data, since every cell has one. CRS, unit and name go with them: a GeoTIFF has them as those of its band, other
+    grids in .prj and .aux.xml files beside them, which GDAL reads; .npz holds all to the bit, .npy the values alone.
 
     Args:
         raster: What to write; of a terrain, ``terrain.raster``.
@@ -251,21 +262,28 @@ def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
     if not isinstance(raster, Raster):
         raise InputError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
     with _replaced(path, suffix, raster) as temporary:
-        _write_cells(raster, temporary, suffix, VALUES)
+        _write_cells(raster, temporary, suffix, VALUES, path)
         if suffix in ASCII:
             write_labels(raster, temporary)
 
 
 def _replaced(path: Path, suffix: str, raster: Raster) -> contextlib.AbstractContextManager[Path]:
     """Give the path to write a file at that takes the place of an old one, and of what lies beside that."""
-    check = (lambda written: check_geotiff(written, raster)) if suffix in TIFF else None
-    return beside(path, (PROJECTION, label_suffix(path)) if suffix in ASCII else (), check)
+    if suffix in ASCII:
+        return beside(path, (PROJECTION, label_suffix(path)))
+    if suffix in FOREIGN:
+        return beside(path, FOREIGN[suffix].parts)
+    if suffix in TIFF:
+        return beside(path, (), lambda written: check_geotiff(written, raster))
+    return beside(path, parts_of(path) if suffix in HEIGHT_MAPS else ())
 
 
-def _write_cells(raster: Raster, path: Path, suffix: str, key: str) -> None:
-    """Write a file of a format that holds values themselves; ``key`` names them in .npz."""
+def _write_cells(raster: Raster, path: Path, suffix: str, key: str, told: Path) -> None:
+    """Write a file of a format that holds values themselves; ``key`` names them in .npz, ``told`` it in messages."""
     if suffix in TIFF:
         write_geotiff(raster, path)
+    elif suffix in FOREIGN:
+        write_foreign(raster, path, told)
     elif suffix in ASCII:
         write_ascii(raster, path)
     else:

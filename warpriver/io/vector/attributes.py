@@ -106,8 +106,8 @@ WRITTEN = (
     Attribute("shreve", "shreve", "-", "Shreve magnitude"),
     Attribute("horton", "horton", "-", "Horton order"),
     Attribute("main_stem", "main_stem", "-", "identity of the lowest channel of the stem (Hack) it belongs to"),
-    Attribute("point_width_m", "", "m", "a list, a number a point; only where the width varies"),
-    Attribute("point_depth_m", "", "m", "a list, a number a point; only where the depth varies"),
+    Attribute("point_width_m", "", "m", "a list, a number a point, where the width varies; see below"),
+    Attribute("point_depth_m", "", "m", "a list, a number a point, where the depth varies; see below"),
 )
 SHORT_NAMES = {a.name: a.short for a in WRITTEN if a.short}
 # By these a file is known as one that comes from us, also where a GIS has saved it anew.

@@ -20,17 +20,8 @@ from warpriver.io.files import check_readable
 from warpriver.io.vector.attributes import ROLES
 from warpriver.io.vector.direction import tell_direction
 from warpriver.io.vector.extras import check_extra, extra_columns
-from warpriver.io.vector.features import (
-    JSON,
-    NEEDS,
-    OGR,
-    PARQUET,
-    SHAPEFILE_PARTS,
-    check_ogr,
-    write_geojson,
-    write_ogr,
-    write_parquet,
-)
+from warpriver.io.vector.layers import JSON, NEEDS, OGR, PARQUET
+from warpriver.io.vector.network_layers import write_features, write_geojson
 from warpriver.io.vector.read_features import read_geojson, read_ogr, read_parquet
 from warpriver.io.vector.settle import (
     SHORT,
@@ -169,9 +160,11 @@ def read_network(
 
     *GIS files.* LineString and MultiLineString; m is dropped, other geometries passed over. Parts of a MultiLineString
     that follow end to start become one channel, each other part is a channel of its own. Widths are in metres, whatever
-    the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (JSON text), a number a point, as
-    ``write_network`` writes them where the section varies. Where an edit in a GIS has changed the points they are
-    interpolated along the line; where the line was cut the width of the whole channel counts. Both is told.
+    the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (or JSON text), a number a point, as
+    ``write_network`` writes them where the section varies; in a GeoPackage the layer "<layer>_points" has them. Of
+    several layers of lines the one with a layer "<layer>_nodes" is read. Where an edit in a GIS has changed the points
+    the lists are interpolated along the line; where the line was cut the width of the whole channel counts. Both is
+    told.
 
     *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
     lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on
@@ -299,34 +292,46 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     shreve            -    Shreve magnitude
     horton            -    Horton order
     main_stem         -    identity of the lowest channel of the stem (Hack) it belongs to
-    point_width_m     m    a list, a number a point; only where the width varies
-    point_depth_m     m    a list, a number a point; only where the depth varies
+    point_width_m     m    a list, a number a point, where the width varies; see below
+    point_depth_m     m    a list, a number a point, where the depth varies; see below
     ================= ==== ===============================================================
 
     Free columns of the channels become attributes of their names, elevations of the points (``point_z``) the third
     coordinate. Drainage areas, orders and lists are left out where there are none; a network in which channels part or
     flow in a circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
 
-    All formats give back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities, free
-    columns and graph, to the bit; but in shapefiles numbers have 15 decimals, coordinates may differ in the last bit
-    and short channels need ``short="keep"``, and in text the width and depth of a channel are the means of its points'.
-    A GeoPackage also has the nodes, as points in a layer "<layer>_nodes" with node_id and kind (source, junction,
-    outlet). GeoJSON, GeoParquet and FlatGeobuf have their positions in a member "warpriver", in which a GeoPackage too
-    states the zero of the device coordinates (``origin``) and the free columns. In text and shapefiles nodes lie where
-    the ends of their channels do, to within rounding.
+    Every format gives back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities, free
+    columns and graph, to the bit, except shapefiles (see below); in text the width and depth of a channel are the means
+    of its points'.
 
-    Text formats hold a row a point: channel_id, x, y, z where known, width_m, depth_m, discharge_m3s, drainage_area_m2
-    and slope where known, from_node, to_node and free columns, in digits that give back the same numbers, under comment
-    lines with CRS, units, order and origin, and the kinds of free columns. Names in a shapefile have at most 10
-    characters: dis_m3s, area_km2 and area_m2.
+    *Where the section varies*, a GeoPackage has a layer of points, "<layer>_points", with channel_id, point (from 0),
+    distance_m (along the channel), width_m and depth_m. GeoJSON and GeoParquet have lists of numbers, FlatGeobuf the
+    same as JSON text. A shapefile has the means alone, with a warning.
 
-    GeoJSON keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read (RFC 7946
-    knows longitude and latitude only); an unknown CRS is ``"crs": null``. A shapefile cannot hold lists, so a section
-    that varies is refused there, and its attributes have 15 decimals. It does not say which of them are free columns:
-    name those in ``read_network(extra=)``. Names and words that a format cannot hold are refused.
+    *GeoPackage.* A layer "<layer>_nodes" has the nodes as points, with node_id and kind (source, junction, outlet); the
+    table ``layer_styles`` the style in which QGIS opens the layers. An existing file keeps its other layers, and styles
+    that were saved there. It is written through SQLite: another program may have it open; while one writes, it is
+    refused.
 
-    The file is written beside its place and then renamed, so that a failure leaves the old one as it was. An existing
-    GeoPackage keeps its other layers.
+    *GeoJSON* keeps the coordinates as they are and names their CRS in a "crs" member, which GDAL and QGIS read (RFC
+    7946 knows longitude and latitude only); an unknown CRS is ``"crs": null``. GeoJSON, GeoParquet and FlatGeobuf have
+    the nodes in a member "warpriver", in which a GeoPackage too states the zero of the device coordinates (``origin``)
+    and the free columns.
+
+    *Text* has a row a point: channel_id, x, y, z where known, width_m, depth_m, discharge_m3s, drainage_area_m2 and
+    slope where known, from_node, to_node and free columns, in digits that give back the same numbers. CRS, units,
+    order, origin and the kinds of free columns stand in comments above them; in a .csv, whose first line other programs
+    take for the names of the columns, in a last column "warpriver", once a channel. Nodes lie where the ends of their
+    channels do, to within rounding.
+
+    *Shapefile.* Names have at most 10 characters: dis_m3s, area_km2 and area_m2. Numbers have up to 15 decimals, as
+    their fields have room for; coordinates may differ in the last bit, and short channels need ``short="keep"`` to be
+    read. It does not say which attributes are free columns: name those in ``read_network(extra=)``.
+
+    Names and words that a format cannot hold are refused.
+
+    The file is written beside its place and then renamed, so that a failure leaves the old one as it was. A path is a
+    path, whatever stands in it: none is taken for an archive or an address.
 
     Args:
         network: What to write.
@@ -335,27 +340,20 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
 
     Raises:
         ImportError: The format needs a module that is not installed.
-        OSError: The file cannot be written there.
-        ValueError: Unknown suffix, or a CRS, a section or a free column that the format cannot hold.
+        OSError: The file cannot be written there, or another program is writing into it.
+        ValueError: Unknown suffix, or a CRS or a free column that the format cannot hold.
     """
     path = Path(path)
     suffix = _suffix(path)
-    if suffix == ".shp" and network.point_section is not None:
-        raise InputError(
-            f"{path}: a shapefile cannot hold a width or depth that varies along a channel; "
-            "write .gpkg, .geojson, .parquet, .fgb or .csv"
-        )
     check_extra(network.channels, path, suffix, text=suffix in TEXT)
-    check = (lambda written: check_ogr(network, written, suffix, layer)) if suffix in OGR else None
-    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else (), check) as temporary:
+    if suffix in NEEDS:
+        write_features(network, path, layer)
+        return
+    with beside(path) as temporary:
         if suffix in TEXT:
-            write_text(network, temporary, "," if suffix == ".csv" else " ")
-        elif suffix in JSON:
-            write_geojson(network, temporary, layer)
-        elif suffix in OGR:
-            write_ogr(network, temporary, path, suffix, layer)
+            write_text(network, temporary, suffix)
         else:
-            write_parquet(network, temporary, path)
+            write_geojson(network, temporary, layer)
 
 
 def _suffix(path: Path) -> str:

@@ -26,7 +26,8 @@ from warpriver.io.vector.attributes import (
     useful_names,
 )
 from warpriver.io.vector.extras import EXTRA, stated_extra, wanted_extra
-from warpriver.io.vector.features import FRAME, NEEDS, NODES, OGR, PARQUET, reason, refuse_others
+from warpriver.io.vector.layers import NEEDS, OGR, PARQUET, reason, refuse_others
+from warpriver.io.vector.network_layers import FRAME, NODES, POINTS, point_lists
 from warpriver.io.vector.point_lists import PointLists
 from warpriver.io.vector.source import Line, Source, checked_points
 
@@ -89,8 +90,9 @@ def _read_ogr(
         useful = useful_names(info["fields"], wanted, [*extra, "length_m"])
         names = [name for name in info["fields"] if name in useful]
         meta, _, wkb, data = raw.read(plain, layer=chosen, columns=names, force_2d=not _has_z(info))
-        beside = [name for name, _ in layers if name == chosen + NODES]
-        nodes = _read_nodes(shapely, raw, plain, beside[0]) if beside else {}
+        beside = {str(name) for name, _ in layers}
+        nodes = _read_nodes(shapely, raw, plain, chosen + NODES) if chosen + NODES in beside else {}
+        points = _read_points(raw, plain, chosen + POINTS) if chosen + POINTS in beside else {}
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
         why = reason(error).replace(str(plain), path.name)
         raise InputError(f"{path}: cannot be read as {OGR[suffix]} ({why}); is it cut short?") from error
@@ -98,6 +100,8 @@ def _read_ogr(
         count = 0 if wkb is None else len(wkb)
         raise InputError(f"{path}: {count} of {info['features']} features can be read; is it cut short?")
     attributes = {name.lower(): column for name, column in zip(meta["fields"], data, strict=True)}
+    if points and "channel_id" in attributes:
+        attributes |= point_lists(points, np.asarray(attributes["channel_id"]))
     with np.errstate(invalid="ignore"):  # a NaN is told by _read_lines
         geometries = shapely.from_wkb(wkb, on_invalid="ignore")
     source = Source(path, [], meta["crs"], family=family_of(info["fields"]), extra=extra, ours=is_ours(info["fields"]))
@@ -229,6 +233,8 @@ def _line_layer(path: Path, layer: str | None, layers: np.ndarray) -> str:
     lines = lines or [name for name, kind in kinds.items() if "Unknown" in kind or "Collection" in kind]
     if not lines:
         raise InputError(f"{path}: no lines in it; it has {listed or 'no layers'}")
+    # Of the layers of a run the one that is a network has nodes.
+    lines = [name for name in lines if name + NODES in kinds] or lines
     if len(lines) > 1:
         raise InputError(f"{path}: several layers hold lines: {', '.join(lines)}; pass layer=")
     return str(lines[0])
@@ -260,6 +266,14 @@ def _take_frame(source: Source, frame: Any) -> Source:
     except (AttributeError, KeyError, TypeError, ValueError):
         return source
     return source
+
+
+def _read_points(raw: Any, path: Path, layer: str) -> dict[str, np.ndarray]:
+    """Return the columns of the points along the channels; nothing where one of them is missing."""
+    names = ["channel_id", "point", *(f"{role}_m" for role in LISTS)]
+    meta, _, _, data = raw.read(path, layer=layer, columns=names, read_geometry=False)
+    columns = dict(zip(meta["fields"].tolist(), data, strict=True))
+    return columns if set(columns) == set(names) else {}
 
 
 def _read_nodes(shapely: Any, raw: Any, path: Path, layer: str) -> dict[int, tuple[float, float]]:

@@ -42,6 +42,9 @@ NAMES = {
 OPTIONAL = ("drainage_area", "slope", "from_node", "to_node", "z")
 # What every row must have; the rest may be left open.
 NEEDED = ("x", "y", "channel")
+# The column in which a .csv says what no other holds, in the first row of each channel: a comment would hide the names
+# of the columns from other programs.
+FACTS = "warpriver"
 # The attributes that have a column in what is written; width and depth are those of the point.
 COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
 
@@ -55,6 +58,7 @@ def read_text(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) ->
     text = decoded(path).replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     rows = text.rstrip().split("\n")
     first, names, comments = _scan_head(path, rows)
+    comments += _column_facts(names, rows[first])
     comments, stated = _split_comments(comments)
     extra = wanted_extra(path, stated, asked, names)
     separator = _separator(rows[first].partition("#")[0])
@@ -177,39 +181,69 @@ def _one_word(words: np.ndarray, name: str, where: str) -> str | None:
     return str(words[0]).strip() or None
 
 
-def write_text(network: RiverNetwork, path: Path, separator: str) -> None:
-    """Write a row a point."""
-    facts = "units=m order=downstream"
-    if network.crs is not None:
-        crs = " ".join(str(network.crs).split())
-        facts = f"{facts} crs_wkt={crs}" if " " in crs or "[" in crs else f"crs={crs} {facts}"
-    facts += " origin_x={!r} origin_y={!r}".format(*network.origin.tolist())
+def write_text(network: RiverNetwork, path: Path, suffix: str) -> None:
+    """Write a row a point: in a .csv under the names of the columns, in other formats under comments as well."""
+    separator = "," if suffix == ".csv" else " "
     told = write_columns(network)
     columns = {name: told[name] for name in COLUMNS if name in told}
     if not np.isfinite(network.channel_slope).any():
         del columns["slope"]
     if not network.channel_closed.any():
         del columns["closed"]
-    extra = network.channels.extra
-    columns |= extra
+    columns |= network.channels.extra
     height = network.point_elevations(close=True)
-    names = separator.join(("channel_id", "x", "y", *["z"] * (height is not None), "width_m", "depth_m", *columns))
+    names = ["channel_id", "x", "y", *["z"] * (height is not None), "width_m", "depth_m", *columns]
     constant = list(zip(*(map(_word, column.tolist()) for column in columns.values()), strict=True))
     packed = path.suffix.lower() == ".gz"
     widths, depths = network.point_widths(close=True), network.point_depths(close=True)
+    facts = _csv_facts(network) if suffix == ".csv" else ""
     with path.open("wb") as raw, contextlib.ExitStack() as stack:
         # No time in the gzip header: the same network gives the same bytes.
         out = stack.enter_context(gzip.GzipFile("", "wb", fileobj=raw, mtime=0)) if packed else raw
-        out.write(f"# {facts}\n".encode())
-        if extra:
-            out.write(f"# {EXTRA} {json.dumps(extra_kinds(network.channels))}\n".encode())
-        out.write(f"{names}\n".encode())
+        out.writelines(f"# {comment}\n".encode() for comment in ([] if facts else _comment_facts(network)))
+        out.write(f"{separator.join([*names, FACTS] if facts else names)}\n".encode())
         for c, xy in enumerate(network.polylines(close=True)):
             head = str(network.channel_id[c])
-            tail = separator.join(constant[c])
+            tail = separator.join([*constant[c], ""] if facts else constant[c])
             table = np.column_stack([xy, *([] if height is None else [height[c]]), widths[c], depths[c]]).tolist()
-            rows = (separator.join((head, *map(repr, row), tail)) for row in table)
+            rows = [separator.join((head, *map(repr, row), tail)) for row in table]
+            rows[0] += facts
             out.write(("\n".join(rows) + "\n").encode())
+
+
+def _comment_facts(network: RiverNetwork) -> list[str]:
+    """Return the comments that tell CRS, unit, order and origin, and the kinds of free columns."""
+    facts = "units=m order=downstream"
+    if network.crs is not None:
+        crs = " ".join(str(network.crs).split())
+        facts = f"{facts} crs_wkt={crs}" if " " in crs or "[" in crs else f"crs={crs} {facts}"
+    facts += " origin_x={!r} origin_y={!r}".format(*network.origin.tolist())
+    return [facts] + ([f"{EXTRA} {json.dumps(extra_kinds(network.channels))}"] if network.channels.extra else [])
+
+
+def _csv_facts(network: RiverNetwork) -> str:
+    """Return the same as a field of a .csv, of JSON text."""
+    facts = {"crs": network.crs, "units": "m", "order": "downstream", "origin": network.origin.tolist()}
+    if network.channels.extra:
+        facts[EXTRA] = extra_kinds(network.channels)
+    # What parts columns or begins a comment is written as a code.
+    text = json.dumps(facts).replace("#", "\\u0023").replace(";", "\\u003b")
+    return '"' + text.replace('"', '""') + '"'
+
+
+def _column_facts(names: Sequence[str], row: str) -> list[str]:
+    """Return what the column of :func:`_csv_facts` says as comments would; nothing where it is damaged."""
+    fields = _fields(row)
+    if FACTS not in names or len(fields) <= names.index(FACTS):
+        return []
+    try:
+        facts = json.loads(fields[names.index(FACTS)])
+        crs = [f"crs_wkt={facts['crs']}"] if facts["crs"] else []
+        origin = "origin_x={!r} origin_y={!r}".format(*facts["origin"])
+        free = [f"{EXTRA} {json.dumps(facts[EXTRA])}"] if EXTRA in facts else []
+        return [f"units={facts['units']} order={facts['order']} {origin}", *crs, *free]
+    except (IndexError, KeyError, TypeError, ValueError):
+        return []
 
 
 def _word(value: Any) -> str:

@@ -1,0 +1,88 @@
+"""Elevations of channel lines: those of the ground, brought down so that they never rise downstream."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpriver.errors import InputError
+from warpriver.network import RiverNetwork
+from warpriver.raster import Raster
+from warpriver.terrain import Terrain, surface_of
+
+__all__ = ["drape"]
+
+FloatArray = NDArray[np.float64]
+
+
+def drape(network: RiverNetwork, terrain: Terrain | Raster) -> RiverNetwork:
+    """Give the points of a network their elevations on a terrain, as ``point_z``, such that no channel rises.
+
+    Ground rises along a course wherever it crosses noise, a pit, or the bank of a bend. There the channel goes on at
+    the lowest level that it has reached, as if it had cut in: a point has the lowest height of the ground at it and at
+    all points upstream of it, through junctions too. A ring has its lowest height everywhere. Points without data get
+    the height of the nearest one upstream, or else downstream, in their channel.
+
+    Args:
+        network: The channels.
+        terrain: The ground, or a raster of heights in m, such as the carved one that a network was extracted from.
+
+    Returns:
+        A copy of the network with elevations.
+
+    Raises:
+        ValueError: A channel that lies off the terrain or where it has no data, or channels that flow in a circle.
+    """
+    start = network.starts().astype(np.int64)
+    height = _without_gaps(surface_of(terrain).sample(network.points()), start)
+    rings = network.channel_closed
+    channel = np.repeat(np.arange(network.channel_count), np.diff(start))
+    z = _running_minimum(height, channel)
+    last = start[1:] - 1
+    level = _node_levels(z[last], network.channel_from, network.channel_to, network.node_count, rings)
+    z = np.minimum(z, np.where(rings, np.inf, level[network.channel_from])[channel])
+    z[last] = np.minimum(z[last], level[network.channel_to])
+    z = np.where(rings[channel], z[last][channel], z)
+    return network.with_elevations(z)
+
+
+def _without_gaps(height: FloatArray, start: NDArray[np.int64]) -> FloatArray:
+    """Return heights in which gaps have the height before them in their channel, or else the first one there."""
+    known = np.isfinite(height)
+    place = np.maximum.accumulate(np.where(known, np.arange(len(height)), -1))
+    channel = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    missing = np.add.reduceat(known, start[:-1]) == 0
+    if missing.any():
+        raise InputError(
+            f"{int(missing.sum())} channels (the first: {int(missing.argmax())}) lie off the terrain or where it has "
+            "no data; leave them out, or give a terrain that reaches as far"
+        )
+    first = np.flatnonzero(known)[np.searchsorted(np.flatnonzero(known), start[:-1])]
+    return height[np.maximum(place, first[channel])]
+
+
+def _running_minimum(values: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+    """Return the least of each group's values up to each, to the bit; groups lie one after the other."""
+    order = np.argsort(values, kind="stable")
+    rank = np.empty(len(values), np.int64)
+    rank[order] = np.arange(len(values))
+    # Whole numbers, so that the ranks of later groups are below all earlier ones and nothing is rounded.
+    shift = group * len(values)
+    return values[order][np.minimum.accumulate(rank - shift) + shift]
+
+
+def _node_levels(
+    end: FloatArray, above: NDArray[np.int32], below: NDArray[np.int32], count: int, rings: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the level of each node, (N,): the lowest that a channel reaches it with, infinite at sources."""
+    level = np.full(count, np.inf)
+    pending = np.bincount(below[~rings], minlength=count)
+    left = ~rings
+    while left.any():
+        ready = np.flatnonzero(left & (pending[above] == 0))
+        if not len(ready):
+            raise InputError(f"{int(left.sum())} channels flow in a circle: none of them is the lowest")
+        np.minimum.at(level, below[ready], np.minimum(end[ready], level[above[ready]]))
+        np.subtract.at(pending, below[ready], 1)
+        left[ready] = False
+    return level
