@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
+from warpriver.cli.runs import (
+    add_run_options,
+    check_run_options,
+    draw_results,
+    make_simulation,
+    run_simulation,
+    write_results,
+)
 from warpriver.cli.shared import (
     add_ground,
     add_line_options,
@@ -15,11 +22,9 @@ from warpriver.cli.shared import (
     quiet_warp,
     read_ground,
     read_lines,
+    results_in,
     stored_run,
 )
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["add"]
 
@@ -58,8 +63,10 @@ def add(commands: Any) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from warpriver.history import StopReason
     from warpriver.simulation import Simulation
 
+    check_run_options(options)
     quiet_warp()
     source = Path(options.input)
     terrain = None
@@ -75,7 +82,9 @@ def _simulate(options: argparse.Namespace) -> int:
         network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
         simulation = make_simulation(network, options, terrain)
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
-    code = run_simulation(simulation, options, folder)
-    write_results(simulation, folder)
-    draw_results(simulation.history, folder, terrain)
+    with results_in(folder):
+        code = run_simulation(simulation, options, folder)
+        if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+            write_results(simulation, folder)
+            draw_results(simulation.history, folder, terrain)
     return code

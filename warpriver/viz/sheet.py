@@ -6,18 +6,21 @@ matplotlib is imported when a page is laid out, not before, and its global state
 from __future__ import annotations
 
 import contextlib
+import os
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
-from warpriver.files import beside, in_memory
+from warpriver.errors import InputError, MissingExtraError
+from warpriver.files import beside, check_place, in_memory
 from warpriver.viz.bands import Window
 
 __all__ = [
+    "PICTURES",
     "Sheet",
+    "check_picture",
     "checked_window",
     "color_ramp",
     "grow_to_aspect",
@@ -26,6 +29,8 @@ __all__ = [
     "save_figure",
     "style_bar",
 ]
+
+PICTURES = (".png", ".jpg", ".pdf", ".svg")
 
 WATER = "#3d7ea6"
 BANK = "#1d4560"
@@ -201,7 +206,7 @@ class Sheet:
 
     def save(self, path: Any) -> None:
         """Write the figure; the format follows the suffix."""
-        with replacing(path, (".png", ".jpg", ".pdf", ".svg")) as temporary:
+        with replacing(path, PICTURES) as temporary:
             save_figure(self.figure, temporary, self.dpi)
 
 
@@ -272,6 +277,15 @@ def need_matplotlib() -> None:
         raise MissingExtraError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
 
 
+def check_picture(path: str | os.PathLike[str], suffixes: Sequence[str] = PICTURES) -> pathlib.Path:
+    """Return the path of a picture, or raise unless a file of such a suffix can be written there."""
+    target = pathlib.Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise InputError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
+    check_place(target)
+    return target
+
+
 @contextlib.contextmanager
 def replacing(path: Any, suffixes: Sequence[str], check: Callable[[pathlib.Path], None] | None = None) -> Iterator[str]:
     """Yield a temporary name for ``path``, which it replaces when the block ends without an error.
@@ -285,13 +299,7 @@ def replacing(path: Any, suffixes: Sequence[str], check: Callable[[pathlib.Path]
         ValueError: Another suffix.
         OSError: The folder does not exist or cannot be written.
     """
-    target = pathlib.Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise InputError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
-    if not target.parent.is_dir():
-        raise MissingFileError(f"cannot write {target}: the folder {target.parent} does not exist")
-    if target.is_dir():
-        raise WrongPathError(f"cannot write {target}: it is a folder")
+    target = check_picture(path, suffixes)
     with beside(target, check=check) as temporary:
         yield str(temporary)
 
