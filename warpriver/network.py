@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.crs import is_geographic, short_name
+from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import PRECISIONS, resolve_device
 from warpriver.errors import InputError, InputTypeError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
@@ -19,8 +19,8 @@ from warpriver.network_checks import (
     check_packed,
     check_rings_apart,
     checked_points,
-    checked_slope,
     find_nodes,
+    per_channel,
     per_point,
     ring_flags,
     ring_marks,
@@ -68,7 +68,7 @@ class RiverNetwork:
         point_section: np.ndarray | None = None,
         point_z: np.ndarray | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
         **columns: Any,
@@ -101,15 +101,13 @@ class RiverNetwork:
                 that stands twice, a node that is not there, or one that no channel touches.
         """
         one_of(dtype, "dtype", tuple(PRECISIONS))
-        if crs is not None and not isinstance(crs, str):
-            raise InputError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]
         self.dtype = dtype
         self.device = resolve_device(device)
         self.origin = np.array(origin, np.float64)
         if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
             raise InputError(f"origin is {origin!r}; give x and y in metres, both finite")
-        self.crs = crs
+        self.crs = metric_crs(crs)
         if channels is None:
             channels, node_xy = _table_of_keywords(columns, channel_nodes)
         elif columns or channel_nodes is not None:
@@ -153,7 +151,7 @@ class RiverNetwork:
         allow_short: bool = False,
         closed: Any = False,
         marks: Any = None,
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
     ) -> RiverNetwork:
@@ -169,7 +167,7 @@ class RiverNetwork:
             width: Bankfull width in m: one number, one number a channel, or one (n,) array a channel where it varies.
             depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
-            drainage_area: Drainage area in m2 at the downstream end, one number a channel, where it is known.
+            drainage_area: Drainage area in m2 at the downstream end, one number a channel, NaN where it is not known.
             slope: Drop over length of each channel in m/m, one number or one a channel, NaN where it is not known.
             z: Elevation of the points in m, one (n,) array a channel, where it is known.
             channel_id: Identities of the channels, whole numbers; by default 0, 1, 2 ...
@@ -194,11 +192,7 @@ class RiverNetwork:
                 on a channel that is none.
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
-        if crs is not None and is_geographic(crs):
-            raise InputError(
-                f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
-                'with read_network(..., to_crs="utm")'
-            )
+        crs = metric_crs(crs)
         lines = [checked_line(xy, f"channel {c}") for c, xy in enumerate(polylines)]
         if not lines:
             raise InputError("a network needs at least one line; got none")
@@ -236,14 +230,13 @@ class RiverNetwork:
         if discharge is not None:
             flow = np.array([q[0] for q in per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
         if drainage_area is not None:
-            area = per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
-            drainage_area = np.array([a[0] for a in area])
+            drainage_area = per_channel("drainage_area", drainage_area, len(lines))
         table = ChannelTable(
             width=channel_width,
             depth=np.array([_mean(d) for d in point_depth]),
             discharge=flow,
             drainage_area=drainage_area,
-            slope=None if slope is None else checked_slope(slope, len(lines)),
+            slope=None if slope is None else per_channel("slope", slope, len(lines)),
             id=channel_id,
             from_node=None if nodes is None else nodes[0],
             to_node=None if nodes is None else nodes[1],
@@ -287,7 +280,7 @@ class RiverNetwork:
 
     @property
     def channel_drainage_area(self) -> np.ndarray | None:
-        """(C,) float64, drainage area in m2 at the downstream end, or None where it is not known."""
+        """(C,) float64, drainage area in m2 at the downstream end, NaN where it is not known; or None."""
         return self._channels.drainage_area
 
     @property
@@ -302,7 +295,11 @@ class RiverNetwork:
 
     @property
     def channel_id(self) -> np.ndarray:
-        """(C,) int64, identity that a channel keeps when others come and go."""
+        """(C,) int64, identity that a channel keeps when others come and go.
+
+        It stays with the downstream end: a channel that captures another keeps it downstream of the new junction, a
+        river keeps it when its last tributary but one is captured. None is given twice in a run.
+        """
         return self._channels.id
 
     @property
@@ -353,8 +350,9 @@ class RiverNetwork:
         return self._copied(channels)
 
     def channel_flow(self) -> np.ndarray:
-        """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
-        return self.channel_discharge if self.channel_drainage_area is None else self.channel_drainage_area
+        """Return what adds up at junctions, (C,): drainage area in m2 if it is known of all, else discharge in m3/s."""
+        area = self.channel_drainage_area
+        return area if area is not None and np.isfinite(area).all() else self.channel_discharge
 
     def starts(self) -> np.ndarray:
         """Return ``channel_start`` as a host array, (C + 1,) int32."""

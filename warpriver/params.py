@@ -171,6 +171,14 @@ class MeanderParams(Params):
         source="Howard1984",
         doc="gamma: weight of the upstream curvature",
     )
+    upstream_memory: str = parameter(
+        "stem",
+        "-",
+        choices=("stem", "channel"),
+        source="warpriver",
+        doc="what a channel feels of the curvature upstream of its head: that of the larger tributary, with which it "
+        "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
+    )
     sinuosity_scaling: str = parameter(
         "upstream",
         "-",
@@ -266,8 +274,11 @@ class MeanderParams(Params):
 
     @classmethod
     def paper(cls) -> MeanderParams:
-        """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5."""
-        return cls(migration_rate=0.164 * DAYS_PER_YEAR)
+        """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5.
+
+        Channels are held at their nodes, as there.
+        """
+        return cls(migration_rate=0.164 * DAYS_PER_YEAR, upstream_memory="channel")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -182,6 +182,7 @@ class Simulation:
     @property
     def network(self) -> RiverNetwork:
         """The network as it is now."""
+        self.stepper.state.place_nodes()
         return self.stepper.state.network
 
     @property

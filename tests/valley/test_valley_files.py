@@ -13,8 +13,8 @@ from warpriver import generate
 from warpriver import valley as g
 from warpriver.cli import main
 from warpriver.io.valleys import valley_schema
-from warpriver.valley.controls import TERMS
 from warpriver.valley.examples import EXAMPLES
+from warpriver.valley.terms import TERMS
 
 FILE = """
 name = "brook"
@@ -93,6 +93,9 @@ def test_every_term_and_table_survives_a_file(tmp_path):
         },
         section=g.CrossSection("weibull", threads=((0.0, 0.3, 2.0, 1.0),)),
         covariance=g.CovarianceTarget("width", None, (1.0, 2.0), (0.5, -0.5)),
+        profile=g.LongProfile("power", 20.0, 0.7), bank_window=30.0, floor_window=50.0,
+        patches=(g.RoughnessPatch(((0.0, 0.0), (10.0, 0.0), (5.0, 4.5))),),
+        stamps=(g.MeshStamp(((0.0, 0.0, 0.0), (1.0, 0.0, 0.5), (0.0, 1.0, 1.0)), ((0, 1, 2),), mode="keep"),),
         threads=(g.Thread(),), objects=(g.ObjectField(), g.ObjectField(kind="log")), depth=1.0, valley_slope=0.01,
     )  # fmt: skip
     wr.io.write_valley(params, tmp_path / "v.toml")
@@ -102,6 +105,23 @@ def test_every_term_and_table_survives_a_file(tmp_path):
     np.testing.assert_array_equal(wr.io.read_valley(tmp_path / "v.toml").line, line)
     with pytest.raises(ValueError, match="cannot hold <function"):
         wr.io.write_valley(wr.valley.ValleyParams(controls={"width": (lambda u: u,)}), tmp_path / "v.toml")
+
+
+def test_two_targets_and_a_mesh_of_a_file_survive(tmp_path):
+    targets = (g.CovarianceTarget("width", 0.5, (1.0, 2.0)), g.CovarianceTarget("curvature", -0.2, (2.0, 3.0)))
+    params = wr.valley.ValleyParams(covariance=targets)
+    wr.io.write_valley(params, tmp_path / "v.toml")
+    assert wr.io.read_valley(tmp_path / "v.toml").covariance == targets
+    (tmp_path / "weir.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 3 1\nv 0 3 1\nf 1 2 3 4\n")
+    text = (tmp_path / "v.toml").read_text()
+    pytest.importorskip("pyvista")
+    (tmp_path / "v.toml").write_text(text + '[[stamp]]\nfile = "weir.obj"\nplace = [20, 1]\nscale = 2\n')
+    (stamp,) = wr.io.read_valley(tmp_path / "v.toml").stamps
+    assert len(stamp.triangles) == 2 and stamp.place == (20.0, 1.0)
+    np.testing.assert_array_equal(stamp.bounds, [[20.0, 1.0], [28.0, 7.0]])
+    (tmp_path / "v.toml").write_text(text + '[[stamp]]\nfile = "none.obj"\n')
+    with pytest.raises(ValueError, match=r"stamp\[0\].file = 'none.obj': there is no such file beside it"):
+        wr.io.read_valley(tmp_path / "v.toml")
 
 
 def test_a_line_may_lie_in_a_file_beside_it(tmp_path, device):
@@ -177,10 +197,44 @@ def test_schema_errors_name_file_key_and_value(text, message, tmp_path, monkeypa
 def test_a_series_of_a_file_is_checked(tmp_path):
     (tmp_path / "widths.csv").write_text("s,width\n0,3\n1,x\n")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv", column = "depth"}]')
-    with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth'; widths\.csv has s, width"):
+    with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth': widths\.csv has no column of that"):
         wr.io.read_valley(tmp_path / "v.toml")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv"}]')
-    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': could not convert"):
+    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': line 3 has no number in col"):
+        wr.io.read_valley(tmp_path / "v.toml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'control.width = [{{kind = "series", file = "{name}"}}]',
+        'control.width = [{{kind = "series", file = "{name}", column = "x"}}]',
+        '[line]\nfile = "{name}"\n',
+        '[[stamp]]\nfile = "{name}"\nplace = [20, 1]\n',
+    ],
+    ids=["column", "named column", "line", "stamp"],
+)
+def test_files_outside_of_the_folder_are_refused_and_those_in_it_not_shown(tmp_path, text):
+    (tmp_path / "in").mkdir()
+    for folder in (tmp_path, tmp_path / "in"):
+        for name in ("secret.csv", "secret.obj"):
+            (folder / name).write_text("root:x:0:0:password\nroot:x:0\n")
+    (tmp_path / "in" / "link.csv").symlink_to(tmp_path / "secret.csv")
+    path = tmp_path / "in" / "v.toml"
+    suffix = ".obj" if "stamp" in text else ".csv"
+    for name in (f"../secret{suffix}", f"{tmp_path}/secret{suffix}", "link.csv", f"x/../../secret{suffix}"):
+        path.write_text(text.format(name=name))
+        with pytest.raises(ValueError, match="lies outside of the folder of the valley file"):
+            wr.io.read_valley(path)
+    path.write_text(text.format(name=f"secret{suffix}"))
+    with pytest.raises(ValueError, match=r"v\.toml: |secret\.obj: holds no") as caught:
+        wr.io.read_valley(path)
+    assert "alice" not in str(caught.value) and "password" not in str(caught.value)
+
+
+def test_a_file_that_is_nested_too_deeply_is_no_traceback(tmp_path):
+    (tmp_path / "v.toml").write_text("slope = " + "[" * 100_000 + "]" * 100_000)
+    with pytest.raises(ValueError, match=r"v\.toml: not TOML"):
         wr.io.read_valley(tmp_path / "v.toml")
 
 

@@ -11,6 +11,7 @@ from warpriver import __version__
 from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
 from warpriver.cli.console import forgiving_console
 from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
+from warpriver.cli.words import Parser, flags_of, in_flags
 from warpriver.errors import WarpriverError
 
 __all__ = ["main"]
@@ -27,23 +28,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with forgiving_console():
         options = _parser().parse_args(arguments)
+        flags = flags_of(options.parser)
+
+        def say(text: str) -> None:
+            print(f"warpriver {options.name}: {in_flags(' '.join(text.split()), flags)}", file=sys.stderr)
+
         try:
             with warnings.catch_warnings():
-                warnings.showwarning = lambda message, *_: _say(options.name, f"warning: {message}")
+                warnings.showwarning = lambda message, *_: say(f"warning: {message}")
                 return options.command(options)
         except KeyboardInterrupt:
-            _say(options.name, "interrupted")
+            say("interrupted")
             return INTERRUPTED
         except Exception as error:
             if sys.flags.dev_mode and not isinstance(error, WarpriverError):
                 raise
-            _say(options.name, _text_of(error))
+            say(_text_of(error))
             return BAD_INPUT
-
-
-def _say(command: str, text: str) -> None:
-    """Print one line on standard error."""
-    print(f"warpriver {command}: {' '.join(text.split())}", file=sys.stderr)
 
 
 def _text_of(error: Exception) -> str:
@@ -59,7 +60,7 @@ def _text_of(error: Exception) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="warpriver",
         description="Rivers that meander, on the GPU or the CPU: migrate channel networks, real or not, and draw them.",
         epilog="warpriver COMMAND --help explains the flags of a command with their units and defaults.",

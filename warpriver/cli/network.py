@@ -49,7 +49,7 @@ def _network(options: argparse.Namespace) -> int:
     if options.picture is not None:
         check_map(options.picture)
     quiet_warp()
-    terrain = read_ground(options.terrain, options.crs, options)
+    terrain = read_ground(options.terrain, options)
     print(terrain)
     network = hydrology.extract_network(
         terrain,

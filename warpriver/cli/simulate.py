@@ -19,8 +19,8 @@ from warpriver.cli.shared import (
     add_line_options,
     command,
     fresh_folder,
+    ground_under,
     quiet_warp,
-    read_ground,
     read_lines,
     results_in,
     stored_run,
@@ -63,23 +63,22 @@ def add(commands: Any) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from warpriver.history import StopReason
+    from warpriver.history import History, StopReason
     from warpriver.simulation import Simulation
 
     check_run_options(options)
     quiet_warp()
     source = Path(options.input)
-    terrain = None
-    if options.terrain is not None:
-        terrain = read_ground(options.terrain, options.terrain_crs, options)
     run = stored_run(source)
     if run is not None:
+        terrain = ground_under(options, History.load(run).crs if options.to_crs else None)
         simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = fresh_folder(options.out or f"out/{run.stem}")
     else:
         network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
+        terrain = ground_under(options, network.crs)
         simulation = make_simulation(network, options, terrain)
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     with results_in(folder):

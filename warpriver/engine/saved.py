@@ -17,6 +17,8 @@ __all__ = ["SavedError", "check_saved"]
 SCALE = 1e3
 # Factor by which the length of a channel may differ from its spacing times its segments, and a spacing from its target.
 LENGTH_SCALE = 10.0
+# Identities at most that channels younger than all of the network had, which are gone.
+MAX_GONE = 10**7
 
 
 class SavedError(InputError):
@@ -63,6 +65,9 @@ def check_saved(
     _require(_near(length, network.channel_lengths(), LENGTH_SCALE).all(), "channel_spacing", step)
     _require((spacing <= LENGTH_SCALE * fixed[:, WANTED]).all(), "channel_spacing", step)
     _require((_array(saved, "channel_pace", (count,), step) >= 0.0).all(), "channel_pace", step)
+    following = _array(saved, "next_identity", (1,), step)
+    newest = int(network.channel_id.max())
+    _require(following.dtype.kind == "i" and newest < following[0] <= newest + MAX_GONE, "next_identity", step)
     if "channel_nodes" in saved:  # else channels never join
         labels = _array(saved, "channel_nodes", (count, 2), step)
         _require(labels.dtype.kind == "i" and bool((labels >= -1).all()), "channel_nodes", step)

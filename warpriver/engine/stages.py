@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,13 +12,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.channels import Work
+from warpriver.kernels.status import STATUS_SIZE
 
-__all__ = ["Replay", "Share", "Stage", "launch", "run_stages"]
+__all__ = ["CUDA_CHUNK", "Replay", "Share", "Stage", "launch", "run_stages", "whole_share"]
 
 # Threads of a block on a GPU. The kernels of a step need up to 150 registers a thread: in blocks of 64 more of them fit
 # on a multiprocessor (65,536 registers) than in Warp's usual 256, and those that need few are not worse off.
 BLOCK_DIM = 64
+# Consecutive points that a thread takes on a GPU.
+CUDA_CHUNK = 32
 
 
 def launch(kernel: Any, dim: int, inputs: list[Any], outputs: list[Any], device: Any) -> None:
@@ -40,12 +44,24 @@ class Share:
     point_threads: int
     channel_threads: int
 
+    def of_channels(self, count: int) -> Share:
+        """Return the same share for launches over so many channels."""
+        return dataclasses.replace(self, channel_threads=count)
+
     def slab(self, k: int) -> Share:
         """Return the k-th slab alone."""
         work = Work()
         work.status, work.slab_channel = self.work.status, self.work.slab_channel
         work.chunk, work.first = self.work.chunk, k
         return Share(work, 1, 1)
+
+
+def whole_share(points: int, device: Any) -> Share:
+    """Return the share of a launch over so many points outside of any step: all of them, on the CPU by one thread."""
+    work = Work()
+    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
+    work.chunk = points if device.is_cpu else CUDA_CHUNK
+    return Share(work, math.ceil(points / work.chunk), 0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,29 +11,23 @@ import warp as wp
 
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
-from warpriver.engine.stages import Share, Stage, launch, run_stages
+from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
-from warpriver.kernels import runs, schedule
-from warpriver.kernels.polyline import (
-    COARSEST_SPACING,
-    GOAL,
-    POINTS,
-    POINTS_NEEDED,
-    STATUS_SIZE,
-    SUBSTEP_SIZE,
-    Work,
-)
+from warpriver.kernels import channels, raster, runs, schedule
+from warpriver.kernels.channels import COARSEST_SPACING, Work
+from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
 SUBSTEPS_IN_A_ROW = 16
-# Consecutive points that a thread takes, on a GPU and on the CPU; 0: slabs of whole channels.
-CUDA_CHUNK, CPU_CHUNK = 32, 0
+# Consecutive points that a thread takes on the CPU; 0: slabs of whole channels.
+CPU_CHUNK = 0
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
 # cache when the next one reads it.
 SLAB_POINTS = 16_384
@@ -111,6 +105,7 @@ class Member(Protocol):
 
     name: str
     moves_nodes: bool
+    follows_stems: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -143,6 +138,7 @@ class State:
         phases: All phases of a step, in order.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
         edits: Edits of the network so far.
+        next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
         substeps: Equal parts in which the last step was done.
@@ -155,10 +151,12 @@ class State:
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
         spare: Two (P,) int32 arrays that a phase may use from one of its stages to the next, and no longer.
         start: (C + 1,) offsets of the channels' points; the network's ``channel_start`` is a view of it.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
+        form: (C,) ``Form`` of ``kernels/channels.py``: mean width, mean depth, greatest width and target spacing, m.
         spacing: (C,) even spacing of the points, m.
-        limit: (C,) vec3 of the two limits of a sub-step, yr, and the least width, m.
+        limits: (C,) ``Limits`` of ``kernels/schedule.py``: the two limits of a sub-step, yr, and the smallest width, m.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
+        area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
+        stems: Which channels go on from each other as one river; None where no phase follows stems.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
@@ -166,6 +164,7 @@ class State:
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
         substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
             the channels ask for.
+        nodes_placed: Whether the nodes are where the ends of channels are; see ``place_nodes``.
         keep_plan: Whether the parts in which channels do a step hold for the next one, too.
     """
 
@@ -191,7 +190,7 @@ class State:
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
-        self.keep_plan = False
+        self.keep_plan, self.nodes_placed = False, True
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -232,7 +231,9 @@ class State:
         fixed = self._fix_channels() if saved is None else saved["channel_fixed"]
         needed = max(network.point_count, _checked_count(float((length / fixed[:, WANTED]).sum()), self.device))
         self.channel_length = length
+        self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
+            self.next_identity = int(saved["next_identity"][0])
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()
@@ -280,11 +281,15 @@ class State:
         scalar, zeros = self.scalar, self.zeros
         self.channel_capacity = count
         self.start = zeros(count + 1)
-        self.form, self.limit = zeros(count, wp.types.vector(4, scalar)), zeros(count, wp.types.vector(3, scalar))
+        self.form = zeros(count, channels.build(scalar).Form)
+        self.limits = zeros(count, schedule.build(scalar).Limits)
         self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
         self.parts = zeros(count)
         self.mobility = None if self.terrain is None else zeros(count, scalar)
-        self.closed = zeros(count) if network.channel_closed.any() else None
+        ringed = network.channel_closed.any()
+        follows = any(phase.follows_stems for phase in self.phases)
+        self.stems = StemArrays(count, self.device) if follows else None
+        self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
 
@@ -334,10 +339,9 @@ class State:
             carried: (C,) arrays of ``pace``, ``parts`` and ``mobility`` from before an edit; else they begin at 0.
         """
         network, self._fixed, carried = self.network, fixed, carried or {}
-        limit = np.column_stack(
-            [*self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, NARROWEST]]
-        )
-        self.stable_dt = float(np.min(limit[:, :2]))
+        travel, growth = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        limits = _columns(travel=travel, growth=growth, width=fixed[:, NARROWEST])
+        self.stable_dt = float(np.minimum(travel, growth).min())
         needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
             raise InputError(
@@ -353,8 +357,13 @@ class State:
         start = network.starts()
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
+        if self.stems is not None:
+            if self.stems.take(network, self.terrain):
+                self.changed()
+            if "parts" in carried:
+                carried["parts"] = self.stems.level(carried["parts"])
         for array, values in (
-            (self.form, self.channel_form), (self.spacing, spacing), (self.limit, limit),
+            (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
             *((getattr(self, name), carried.get(name, np.zeros(0))) for name in ("pace", "parts", "mobility")),
         ):  # fmt: skip
@@ -373,9 +382,9 @@ class State:
 
     @property
     def channel_form(self) -> np.ndarray:
-        """(C, 4) mean width, mean depth, greatest width and spacing asked for of the network's channels, m."""
-        network = self.network
-        return np.column_stack([network.channel_width, network.channel_depth, self._fixed[:, [WIDEST, WANTED]]])
+        """(C,) ``Form`` of the network's channels, in float64, with its members as named columns."""
+        width, depth, fixed = self.network.channel_width, self.network.channel_depth, self._fixed
+        return _columns(width=width, depth=depth, widest=fixed[:, WIDEST], target_spacing=fixed[:, WANTED])
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
@@ -383,15 +392,45 @@ class State:
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
-        host = np.zeros(array.shape + values.shape[1:], values.dtype)
+        structs = hasattr(array.dtype, "numpy_dtype")
+        host = np.zeros(array.shape + values.shape[1:], array.dtype.numpy_dtype() if structs else values.dtype)
         host[: len(values)] = values
         array.assign(host)
 
-    def ground(self, grid: Any) -> tuple[wp.array | None, Any]:
-        """Return the heights of the ground and their grid as kernels take them; ``grid``: without ground."""
-        if self.terrain is None:
-            return None, grid
-        return self.terrain.height, self.terrain.grid(self.network.dtype, self.network.origin)
+    # ---- as kernels take it, of the arrays as they are now: not to be kept beyond ``edition``
+
+    def channels(self) -> Any:
+        """Return the channels."""
+        struct = channels.build(self.scalar).Channels()
+        struct.start, struct.form, struct.spacing, struct.step = self.start, self.form, self.spacing, self.step
+        if self.closed is not None:
+            struct.closed, struct.area = self.closed, self.area
+        if self.stems is not None:
+            self.stems.give(struct)
+        return struct
+
+    def points(self) -> Any:
+        """Return the points of the network."""
+        return self._points(self.network.point_xy, self.network.point_section)
+
+    def moved(self) -> Any:
+        """Return the points on their way."""
+        return self._points(self.point_moved, self.section_moved)
+
+    def _points(self, xy: wp.array, section: wp.array | None) -> Any:
+        struct = channels.build(self.scalar).Points()
+        struct.xy = xy
+        if section is not None:
+            struct.section = section
+        return struct
+
+    def ground(self) -> Any:
+        """Return the ground; without heights where there is no terrain."""
+        struct = raster.build(self.scalar).Ground()
+        if self.terrain is not None:
+            struct.height = self.terrain.height
+            struct.grid = self.terrain.grid(self.network.dtype, self.network.origin)
+        return struct
 
     # ---- running
 
@@ -461,6 +500,7 @@ class State:
             self.allocate_points(int(HEADROOM * needed))
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
+        self.next_identity = max(self.next_identity, int(edited.channels.id.max()) + 1)
         if network.point_section is not None and self.section_moved is not None:
             wp.copy(network.point_section, self.section_moved, count=network.point_count)
         spacing = self.spacing.numpy()[edited.channel_old].astype(np.float64)
@@ -510,12 +550,15 @@ class State:
         return any(phase.moves_nodes for phase in self.phases)
 
     def place_nodes(self) -> None:
-        """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
-        if self.nodes_move:
-            network, start = self.network, self.network.starts()
-            xy = network.point_xy[: network.point_count].numpy()
-            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+        """Bring the nodes to where the ends of channels have moved, if any phase moves them and a sub-step was done."""
+        if self.nodes_placed or not self.nodes_move:
+            return
+        network, start = self.network, self.network.starts()
+        ends = np.concatenate([start[:-1], start[1:] - 1]).astype(np.int32)
+        xy = network.point_xy[wp.array(ends, dtype=wp.int32, device=self.device)].numpy()
+        nodes = np.concatenate([network.channel_from, network.channel_to])
+        network.node_xy[nodes] = xy.astype(np.float64) + network.origin
+        self.nodes_placed = True
 
     # ---- records and checks
 
@@ -526,18 +569,26 @@ class State:
             "channel_spacing": self.spacing.numpy()[:count].copy(),
             "channel_fixed": self._fixed,
             "channel_pace": self.pace.numpy()[:count].copy(),
+            "next_identity": np.array([self.next_identity]),
         }
         for phase in self.phases:
             own |= phase.saved(self)
         return own
 
-    def check_moved(self, phase: str, anchored: bool) -> None:
-        """Raise ``PhaseError`` unless ``point_moved`` is finite and, where they are anchored, all ends are in place."""
+    def check_moved(self, phase: str, anchored: bool | np.ndarray) -> None:
+        """Raise ``PhaseError`` unless ``point_moved`` is finite and all ends that are anchored are in place.
+
+        Args:
+            phase: Name of the verb of the step.
+            anchored: Whether all ends are, or (C,) bool: all heads, and these feet.
+        """
         network, start = self.network, self.network.starts()
         moved, before = (a[: start[-1]].numpy() for a in (self.point_moved, network.point_xy))
         require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
-        for ends in (start[:-1], start[1:] - 1) if anchored else ():
-            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+        if anchored is False:
+            return
+        for ends, held in ((start[:-1], True), (start[1:] - 1, anchored)):
+            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed | ~np.asarray(held)
             require(kept, phase, "lost its anchored end", "channel")
 
     @property
@@ -571,6 +622,14 @@ def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
             yield from arrays_of(value.values())
         elif type(value).__module__.startswith("warpriver.") and not isinstance(value, (RiverNetwork, Terrain, State)):
             yield from arrays_of(getattr(value, "__dict__", {}).values())
+
+
+def _columns(**columns: np.ndarray) -> np.ndarray:
+    """Return columns of equal length as an array of structs."""
+    table = np.zeros(len(next(iter(columns.values()))), [(name, np.float64) for name in columns])
+    for name, column in columns.items():
+        table[name] = column
+    return table
 
 
 def _bits(array: wp.array) -> wp.array:

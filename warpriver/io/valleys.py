@@ -7,12 +7,16 @@ A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyPa
     width = [{kind = "series", file = "widths.csv", column = "width", relative = true, harmonics = 5}]
 
     [section]                      # CrossSection
-    [covariance]                   # CovarianceTarget, in place of control.thalweg
+    [covariance]                   # CovarianceTarget, in place of control.thalweg; [[covariance]] for two of them
+    [profile]                      # LongProfile, in place of an even slope
     [[thread]]                     # Thread, one table each
     [[objects]]                    # ObjectField, one table each
+    [[patch]]                      # RoughnessPatch, one table each
+    [[stamp]]                      # MeshStamp, one table each; file = "weir.obj" in place of vertices and triangles
     [line]                         # a given centreline: file = "river.csv", channel = 0; or points = [[x, y], ...]
 
-Files are sought beside the valley file. ``warpriver valley --schema`` lists every key with unit and default.
+Files are sought beside the valley file, in its folder or below; others are refused. ``warpriver valley --schema`` lists
+every key with unit and default.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -27,10 +32,9 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError
+from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.files import beside
 from warpriver.io.files import is_number
-from warpriver.valley.controls import TERMS
 from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
@@ -39,17 +43,35 @@ from warpriver.valley.params import (
     Thread,
     ValleyParams,
 )
+from warpriver.valley.profile import LongProfile
+from warpriver.valley.stamps import MeshStamp, RoughnessPatch
+from warpriver.valley.terms import TERMS
 
-__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
+__all__ = [
+    "read_mesh",
+    "read_valley",
+    "valley_schema",
+    "write_breaklines",
+    "write_mesh",
+    "write_points",
+    "write_valley",
+]
 
 # Keys of the file, other than single constants, and what they hold.
-TABLES = {"section": CrossSection, "covariance": CovarianceTarget}
-LISTS = {"thread": ("threads", Thread), "objects": ("objects", ObjectField)}
+TABLES = {"section": CrossSection, "covariance": CovarianceTarget, "profile": LongProfile}
+LISTS = {
+    "thread": ("threads", Thread),
+    "objects": ("objects", ObjectField),
+    "patch": ("patches", RoughnessPatch),
+    "stamp": ("stamps", MeshStamp),
+}
 KINDS = {kind: name for name, kind in TERMS.items()}
 # Constants that may be left out altogether.
 OPTIONAL = {
     "valley_slope": ("m/m", "slope of the valley floor; the reach slope where it is left out"),
     "depth": ("m", "bankfull depth; by eq. 4 from grain size and Shields stress where it is left out"),
+    "bank_window": ("m", "length of channel whose highest riffle crest sets top of bank; the reach where left out"),
+    "floor_window": ("m", "length of valley whose outermost banks set the floor's edges; the reach where left out"),
 }
 POINTS = (".xyz", ".csv", ".npz")
 MESHES = (".obj", ".ply", ".stl", ".vtp")
@@ -58,7 +80,7 @@ MESHES = (".obj", ".ply", ".stl", ".vtp")
 # ---- parameters
 
 
-def read_valley(path: Any) -> ValleyParams:
+def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     """Read the parameters of a synthetic valley from a TOML file.
 
     Args:
@@ -76,6 +98,8 @@ def read_valley(path: Any) -> ValleyParams:
         data = _toml().loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text, so no TOML") from None
+    except RecursionError:
+        raise InputError(f"{path}: not TOML of a valley: it is nested too deeply") from None
     except ValueError as error:
         raise InputError(f"{path}: not TOML: {error}") from None
     constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
@@ -91,11 +115,15 @@ def read_valley(path: Any) -> ValleyParams:
             raise InputError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
     fields["controls"] = _controls(path, data.get("control", {}))
     for key, kind in TABLES.items():
-        if key in data:
+        if key == "covariance" and isinstance(data.get(key), list):
+            rows = _rows(path, key, data[key])
+            fields[key] = tuple(_made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(rows))
+        elif key in data:
             fields[key] = _made(kind, data[key], f"{path}: {key}")
     for key, (name, kind) in LISTS.items():
         fields[name] = tuple(
-            _made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(_rows(path, key, data.get(key, [])))
+            _made(kind, _with_mesh(path, row, f"{key}[{k}]") if key == "stamp" else row, f"{path}: {key}[{k}]")
+            for k, row in enumerate(_rows(path, key, data.get(key, [])))
         )
     if "line" in data:
         fields["line"] = _line(path, data["line"])
@@ -121,8 +149,11 @@ def write_valley(params: ValleyParams, path: Any) -> None:
     for name, terms in params.controls.items():
         rows += [f"{name} = ["] + [f"  {_inline(term)}," for term in terms] + ["]"]
     for key in TABLES:
-        if getattr(params, key) is not None:
-            rows += ["", f"[{key}]", *_table(getattr(params, key))]
+        value = getattr(params, key)
+        if isinstance(value, tuple):
+            rows += [line for entry in value for line in ("", f"[[{key}]]", *_table(entry))]
+        elif value is not None:
+            rows += ["", f"[{key}]", *_table(value)]
     for key, (name, _) in LISTS.items():
         for entry in getattr(params, name):
             rows += ["", f"[[{key}]]", *_table(entry)]
@@ -184,23 +215,57 @@ def _term(path: Path, row: dict[str, Any], where: str) -> Any:
     return _made(TERMS[kind], row, f"{path}: {where}")
 
 
-def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
-    """A column of numbers of a CSV beside the valley file: by its name, or the last one."""
+def _neighbour(path: Path, name: Any, where: str, what: str) -> Path:
+    """Return a file that a valley file names: one in its own folder or below, and nowhere else."""
     if not isinstance(name, str):
-        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of a CSV")
-    source = path.parent / name
+        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of {what}")
+    folder = path.parent.resolve()
+    source = (folder / name).resolve()
+    if not source.is_relative_to(folder):
+        raise InputError(
+            f"{path}: {where}.file = {_shown(name)} lies outside of the folder of the valley file; put it beside that"
+        )
     if not source.is_file():
         raise InputError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
-    with source.open(encoding="utf-8") as file:
-        names = [word.strip() for word in file.readline().split(",")]
+    return source
+
+
+def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
+    """A column of numbers of a CSV beside the valley file: by its name, or the last one.
+
+    Messages tell nothing of what else stands in the file: who wrote the valley file need not be allowed to read it.
+    """
+    source = _neighbour(path, name, where, "a CSV")
+    try:
+        rows = source.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: {where}.file = {_shown(name)}: not UTF-8 text, so no CSV") from None
+    names = [word.strip() for word in rows[0].split(",")] if rows else []
     heads = not all(is_number(word) for word in names)
     if column is not None and (not heads or column not in names):
-        raise InputError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
+        raise InputError(
+            f"{path}: {where}.column = {_shown(column)}: {name} has no column of that name in its first line"
+        )
     at = names.index(column) if column is not None else len(names) - 1
-    try:
-        return np.loadtxt(source, delimiter=",", skiprows=int(heads), usecols=at, ndmin=1)
-    except ValueError as error:
-        raise InputError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
+    values = []
+    for number, row in enumerate(rows[heads:], 1 + heads):
+        fields = row.split(",")
+        if row.strip() and not (len(fields) > at and is_number(fields[at])):
+            raise InputError(f"{path}: {where}.file = {_shown(name)}: line {number} has no number in column {at + 1}")
+        values += [float(fields[at])] if row.strip() else []
+    return np.array(values)
+
+
+def _with_mesh(path: Path, row: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """A table whose mesh, where it lies in a file, stands in it."""
+    if "file" not in row:
+        return row
+    if {"vertices", "triangles"} & set(row):
+        raise InputError(f"{path}: {where} has file and vertices or triangles; give one of them")
+    source = _neighbour(path, row["file"], where, "a mesh")
+    vertices, triangles = read_mesh(source)
+    rest = {key: value for key, value in row.items() if key != "file"}
+    return rest | {"vertices": vertices, "triangles": triangles}
 
 
 def _line(path: Path, data: Any) -> np.ndarray:
@@ -215,7 +280,13 @@ def _line(path: Path, data: Any) -> np.ndarray:
             raise InputError(f"{path}: line.points is no list of [x, y]") from None
     from warpriver.io.vector.networks import read_network
 
-    lines = read_network(path.parent / data["file"], width=1.0).polylines()
+    source = _neighbour(path, data["file"], "line", "a file of lines")
+    try:
+        lines = read_network(source, width=1.0).polylines()
+    except ValueError:
+        raise InputError(
+            f"{path}: line.file = {_shown(data['file'])} cannot be read as lines; read_network tells why"
+        ) from None
     channel = data.get("channel", 0)
     if not isinstance(channel, int) or not 0 <= channel < len(lines):
         raise InputError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
@@ -296,6 +367,8 @@ def _value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value)
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, (tuple, list)):
         return "[" + ", ".join(_value(v) for v in value) + "]"
     if isinstance(value, (int, np.integer)):
@@ -399,6 +472,35 @@ def _vtp(points: np.ndarray, triangles: np.ndarray) -> bytes:
     writer.WriteToOutputStringOn()
     writer.Write()
     return writer.GetOutputString().encode()
+
+
+def read_mesh(path: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Read a mesh of triangles, for :class:`~warpriver.valley.MeshStamp`.
+
+    Args:
+        path: .obj, .ply, .stl or .vtp; polygons of more corners are divided.
+
+    Returns:
+        (n, 3) vertices, float64, and (m, 3) indices of them.
+
+    Raises:
+        ImportError: pyvista is missing.
+        ValueError: Another suffix, or a file without triangles.
+        OSError: The file cannot be read.
+    """
+    source = Path(path)
+    if source.suffix.lower() not in MESHES:
+        raise InputError(f"cannot read {source}: the name must end in {', '.join(MESHES)}")
+    if not source.is_file():
+        raise MissingFileError(f"{source}: there is no such file")
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingExtraError(f'reading {source.suffix} needs pyvista: pip install "warpriver[viz]"') from error
+    mesh = pyvista.read(source).extract_surface().triangulate()
+    if not mesh.n_cells:
+        raise InputError(f"{source}: holds no triangles")
+    return np.asarray(mesh.points, np.float64), mesh.faces.reshape(-1, 4)[:, 1:].astype(np.int32)
 
 
 def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 from scipy.interpolate import CubicSpline
 
 from warpriver.device import PRECISIONS
-from warpriver.engine.stages import launch
-from warpriver.engine.state import CUDA_CHUNK
+from warpriver.engine.stages import launch, whole_share
+from warpriver.engine.stems import StemArrays
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
 from warpriver.kernels import migration as kernels
-from warpriver.kernels.polyline import STATUS_SIZE, Work
-from warpriver.meander.migration import migration_law
+from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
@@ -69,9 +68,8 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
         raise InputTypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
     check_ground(network, terrain)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
-    rates = _compute_rates(network, lines, params)
-    for c, (line, rate) in enumerate(zip(lines, rates, strict=True)):
-        rates[c] = line.at_points(rate) * line.end_weight(params.end_damping * float(network.channel_width[c]))
+    rates, ends = _compute_rates(network, lines, params, terrain)
+    rates = [line.at_points(rate) * line.end_weight(end) for line, rate, end in zip(lines, rates, ends, strict=True)]
     if terrain is not None:
         weight = _slope_weight(terrain, network.points(), params.slope_threshold)
         rates = [r * w for r, w in zip(rates, np.split(weight, network.starts()[1:-1]), strict=True)]
@@ -127,54 +125,85 @@ class _Line:
         again = np.append(self.even, self.length), np.append(rate, rate[0])
         return CubicSpline(*again, bc_type="periodic")(self.arc)
 
-    def end_weight(self, reach: float) -> np.ndarray | float:
-        """Return the factor of the channel's points: 0 at both ends, 1 from ``reach`` m on; see the kernels."""
-        if self.closed or reach == 0.0:
+    def end_weight(self, ends: Any) -> np.ndarray | float:
+        """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt."""
+        if self.closed:
             return 1.0
-        away = np.minimum(self.arc, self.length - self.arc)
+        up, down = self.arc, self.length - self.arc
         if self.even is None:  # exactly even, as for the kernel
             index = np.arange(len(self.arc))
-            away = np.minimum(index, index[::-1]) * self.spacing
-        t = np.minimum(away / reach, 1.0)
+            up, down = index * self.spacing, index[::-1] * self.spacing
+        t = np.ones(len(self.arc))
+        for away, reach in ((ends["above"] + up, ends["head_reach"]), (ends["below"] + down, ends["foot_reach"])):
+            if reach > 0.0:
+                t = np.minimum(t, away / reach)
         return t * t * (3.0 - 2.0 * t)
 
 
-def _compute_rates(network: RiverNetwork, lines: list[_Line], params: MeanderParams) -> list[np.ndarray]:
-    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing."""
+def _compute_rates(
+    network: RiverNetwork, lines: list[_Line], params: MeanderParams, terrain: Terrain | None
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing.
+
+    With it, (C,) ``Ends`` of ``kernels/polyline.py`` as named columns: how far the ends of the river are.
+    """
+    scalar, device, start = PRECISIONS[network.dtype][0], network.device, network.starts()
+    kernel, count = kernels.build(scalar), network.channel_count
+    channels, points = _as_kernels_take_it(network, lines)
+    constants, whole = migration_constants(params, network.dtype), whole_share(network.point_count, device)
+    if network.channel_closed.any():
+        launch(kernel.measure_rings, whole.point_threads, [channels, points.xy, whole.work], [channels.area], device)
+    rate = wp.zeros(network.point_count, dtype=scalar, device=device)
+    ends = np.zeros(count, [(name, np.float64) for name in ("above", "head_reach", "below", "foot_reach")])
+    ends["head_reach"] = ends["foot_reach"] = params.end_damping * network.channel_width
+    stems = StemArrays(count, device) if params.upstream_memory == "stem" else None
+    if stems is not None:
+        # The stencil at a junction reaches two segments far into the next link.
+        stems.take(network, terrain, alone=np.diff(start) < 3)
+        stems.give(channels)
+        ends["foot_reach"][~stems.holds_feet()] = 0.0
+    handed_on = kernel.Memory()
+    if stems is not None and stems.joined:
+        memory = StemMemory(count, scalar, device)
+        handed_on = memory.struct()
+        memory.measure(channels, stems.length)
+    launch(
+        kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device
+    )
+    if stems is not None and stems.joined:
+        memory.chain(channels, constants, whole.work)
+        memory.add(channels, points, constants, whole.of_channels(count), rate)
+        linked = (stems.links.upper >= 0) | (stems.links.lower >= 0)
+        for name in ends.dtype.names or ():
+            ends[name][linked] = memory.ends.numpy()[name][linked]
+    return np.split(rate.numpy().astype(np.float64), start[1:-1]), ends
+
+
+def _as_kernels_take_it(network: RiverNetwork, lines: list[_Line]) -> tuple[Any, Any]:
+    """Return channels and points with even points on each line; a channel of two points is straight, and inactive."""
     scalar, vec2, real = PRECISIONS[network.dtype]
     kernel, device, start = kernels.build(scalar), network.device, network.starts()
 
     def on_device(values: np.ndarray, kind: type, dtype: type = real) -> wp.array:
         return wp.array(values.astype(dtype), dtype=kind, device=device)
 
-    section, widest = None, network.channel_width
+    points, widest = kernel.Points(), network.channel_width
+    points.xy = on_device(np.concatenate([line.xy for line in lines]) - network.origin, vec2)
     if network.point_section is not None:
         of_points = [network.point_widths(), network.point_depths()]
         even = [np.concatenate([line.at_even(v) for line, v in zip(lines, part, strict=True)]) for part in of_points]
         widest = np.maximum.reduceat(even[0], start[:-1])
-        section = on_device(np.column_stack(even), vec2)
-    spacing = np.array([line.spacing for line in lines])
-    form = np.column_stack([network.channel_width, network.channel_depth, widest, spacing])
-    # A channel of two points is straight: it rests, and its rates stay 0.
-    step = np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0)
-    closed = on_device(network.channel_closed, wp.int32, np.int32) if network.channel_closed.any() else None
-    area = None if closed is None else wp.zeros(len(lines), dtype=wp.int64, device=device)
-    point_xy = on_device(np.concatenate([line.xy for line in lines]) - network.origin, vec2)
-    work = Work()
-    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
-    work.chunk = network.point_count if device.is_cpu else CUDA_CHUNK
-    threads = math.ceil(network.point_count / work.chunk)
-    channel_start, channel_step = on_device(start, wp.int32, np.int32), on_device(step, scalar)
-    channel_spacing, rate = on_device(spacing, scalar), wp.zeros(network.point_count, dtype=scalar, device=device)
-    if closed is not None:
-        inputs = [point_xy, channel_start, channel_spacing, channel_step, closed, work]
-        launch(kernel.measure_rings, threads, inputs, [area], device)
-    inputs = [
-        point_xy, section, channel_start, on_device(form, wp.types.vector(4, scalar)), channel_spacing, channel_step,
-        closed, area, migration_law(params, network.dtype), work,
-    ]  # fmt: skip
-    launch(kernel.compute_rate, threads, inputs, [rate], device)
-    return np.split(rate.numpy().astype(np.float64), start[1:-1])
+        points.section = on_device(np.column_stack(even), vec2)
+    form = np.zeros(len(lines), kernel.Form.numpy_dtype())
+    form["width"], form["depth"], form["widest"] = network.channel_width, network.channel_depth, widest
+    channels = kernel.Channels()
+    channels.start, channels.form = on_device(start, wp.int32, np.int32), wp.array(form, kernel.Form, device=device)
+    channels.spacing = on_device(np.array([line.spacing for line in lines]), scalar)
+    channels.step = on_device(np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0), scalar)
+    if network.channel_closed.any():
+        channels.closed = on_device(network.channel_closed, wp.int32, np.int32)
+        channels.area = wp.zeros(len(lines), dtype=wp.int64, device=device)
+    return channels, points
 
 
 def _slope_weight(terrain: Terrain, xy: np.ndarray, threshold: float) -> np.ndarray:
