@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import os
+import tempfile
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +14,55 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.errors import InputError, OutOfMemoryError
+from warpriver.errors import InputError, OutOfMemoryError, PathError
 
-__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device"]
+__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device", "start_warp"]
+
+log = logging.getLogger("warpriver")
 
 # Warp's types of a real number and a point, and NumPy's type, by the name of the precision.
 PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
 
 
+def _settle_cache() -> None:
+    """Let Warp keep compiled kernels where files can be written, if they cannot be where it would keep them."""
+    if wp.config.kernel_cache_dir is not None or "WARP_CACHE_PATH" in os.environ:
+        return
+    try:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # nobody's home
+        home = Path("/nonexistent")
+    there = next(path for path in (home / "warp", home, *home.parents) if path.exists())
+    if os.name != "posix" or (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        return
+    cache = Path(tempfile.gettempdir()) / f"warpriver-{os.getuid()}"
+    try:
+        cache.mkdir(mode=0o700, exist_ok=True)
+        # What is compiled is run: nobody else may have made that folder.
+        if cache.is_symlink() or cache.stat().st_uid != os.getuid():
+            cache = Path(tempfile.mkdtemp(prefix="warpriver-"))
+    except OSError:
+        return
+    wp.config.kernel_cache_dir = str(cache)
+    log.warning("%s cannot be written: kernels are kept in %s; set WARP_CACHE_PATH for another folder", home, cache)
+
+
+_settle_cache()
+
+
+def start_warp() -> None:
+    """Start Warp, or raise ``OSError`` that says how to let it keep its kernels."""
+    try:
+        wp.init()
+    except OSError as error:
+        raise PathError.of(
+            error, "Warp cannot keep its kernels; set WARP_CACHE_PATH to a folder that can be written"
+        ) from error
+
+
 def resolve_device(device: Any) -> Any:
     """Return the Warp device of that name, or raise ``ValueError`` that lists the devices of this machine."""
+    start_warp()
     try:
         return wp.get_device(device)
     except Exception as error:

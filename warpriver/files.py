@@ -15,9 +15,9 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from warpriver.errors import PathError, WrongPathError
+from warpriver.errors import MissingFileError, PathDeniedError, PathError, WrongPathError
 
-__all__ = ["STAGING", "beside", "in_memory", "sync", "sync_folder"]
+__all__ = ["STAGING", "beside", "check_place", "in_memory", "sync", "sync_folder"]
 
 # Folders of files that are being written begin with this; one that is there long after was left by a killed process.
 STAGING = ".writing-"
@@ -73,6 +73,16 @@ def in_memory(path: str | Path) -> Iterator[io.BytesIO]:
     yield buffer
     with open(path, "wb") as file:
         file.write(buffer.getbuffer())
+
+
+def check_place(path: Path) -> None:
+    """Raise ``OSError`` unless a file can be written at a path: to be told before there is anything to write."""
+    if path.is_dir():
+        raise WrongPathError(f"cannot write {path}: it is a folder; give a file name")
+    if not path.parent.is_dir():
+        raise MissingFileError(f"cannot write {path}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise PathDeniedError(f"cannot write {path}: the folder {path.parent} is not yours to write in")
 
 
 def _check(path: Path, check: Callable[[Path], None]) -> None:

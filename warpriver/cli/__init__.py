@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from warpriver import __version__
 from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
+from warpriver.cli.console import forgiving_console
 from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
 from warpriver.cli.words import Parser, flags_of, in_flags
 from warpriver.errors import WarpriverError
@@ -20,24 +21,42 @@ COMMANDS = (demo, network, simulate, erode, valley, render, bench, info)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
-    options = _parser().parse_args(arguments)
-    flags = flags_of(options.parser)
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: print(
-                f"warpriver {options.name}: warning: {in_flags(str(message), flags)}", file=sys.stderr
-            )
-            return options.command(options)
-    except (WarpriverError, ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
-        text = in_flags(" ".join(str(error).split()), flags)
-        if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
-            text += f": {error.filename}"
-        print(f"warpriver {options.name}: {text}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"warpriver {options.name}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+    """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted.
+
+    This is the one place where errors end: each becomes a line on standard error. In Python's development mode
+    (``python -X dev -m warpriver``) those that are not ours come with their traceback.
+    """
+    with forgiving_console():
+        options = _parser().parse_args(arguments)
+        flags = flags_of(options.parser)
+
+        def say(text: str) -> None:
+            print(f"warpriver {options.name}: {in_flags(' '.join(text.split()), flags)}", file=sys.stderr)
+
+        try:
+            with warnings.catch_warnings():
+                warnings.showwarning = lambda message, *_: say(f"warning: {message}")
+                return options.command(options)
+        except KeyboardInterrupt:
+            say("interrupted")
+            return INTERRUPTED
+        except Exception as error:
+            if sys.flags.dev_mode and not isinstance(error, WarpriverError):
+                raise
+            say(_text_of(error))
+            return BAD_INPUT
+
+
+def _text_of(error: Exception) -> str:
+    """Return what went wrong; an error that was not foreseen tells its kind, and how to find its place."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
+        text += f": {error.filename}"
+    if isinstance(error, MemoryError) and not text:
+        return "out of memory"
+    if isinstance(error, (WarpriverError, ValueError, OSError, ImportError, MemoryError)):
+        return text or type(error).__name__
+    return f"{type(error).__name__}: {text} (unforeseen; python -X dev -m warpriver ... shows where)"
 
 
 def _parser() -> argparse.ArgumentParser:

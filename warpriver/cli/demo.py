@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.results import write_ground, write_run
-from warpriver.cli.runs import add_run_options, make_simulation, run_simulation, write_results
-from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp
+from warpriver.cli.runs import add_run_options, check_run_options, make_simulation, run_simulation, write_results
+from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp, results_in
 
 if TYPE_CHECKING:
     from warpriver.history import History
@@ -51,9 +51,11 @@ def add(commands: Any) -> None:
 
 def _demo(options: argparse.Namespace) -> int:
     from warpriver import generate, hydrology
+    from warpriver.history import StopReason
     from warpriver.io.raster.terrains import write_terrain
     from warpriver.io.vector.networks import write_network
 
+    check_run_options(options)
     quiet_warp()
     terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)
     network = hydrology.extract_network(
@@ -63,14 +65,16 @@ def _demo(options: argparse.Namespace) -> int:
         options.reference_width = max(float(width.max()) for width in network.point_widths())
     simulation = make_simulation(network, options, terrain)
     folder = fresh_folder(options.out)
-    write_terrain(terrain, folder / "terrain.npz")
-    write_network(network, folder / "network.csv")
-    print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
-    write_ground(terrain, folder)
-    code = run_simulation(simulation, options, folder)
-    write_results(simulation, folder)
-    write_run(simulation.history, folder)
-    _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
+    with results_in(folder):
+        write_terrain(terrain, folder / "terrain.npz")
+        write_network(network, folder / "network.csv")
+        print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
+        write_ground(terrain, folder)
+        code = run_simulation(simulation, options, folder)
+        if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+            write_results(simulation, folder)
+            write_run(simulation.history, folder)
+            _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
     return code
 
 

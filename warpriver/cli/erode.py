@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.results import write_ground, write_lines
-from warpriver.cli.shared import OK, add_heights, can_draw, command, quiet_warp, read_ground
+from warpriver.cli.shared import OK, add_heights, can_draw, command, quiet_warp, read_ground, results_in
 from warpriver.errors import InputError
 from warpriver.params import LehenyParams
 
@@ -136,13 +136,13 @@ def _erode(options: argparse.Namespace) -> int:
         f"{laws.hack_exponent:.3g}; P(A > a) ~ a^-{laws.area_exponent:.3g}"
     )
     folder = Path(options.out)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_terrain(eroded, folder / "terrain.npz")
-    write_network(network, folder / "rivers.csv")
-    print(f"  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'rivers.csv'}")
-    write_ground(eroded, folder, None if options.start in STARTS else options.start)
-    write_lines(network, folder)
-    _draw_erosion(eroded, flow, network, threshold, folder, options.movie)
+    with results_in(folder):
+        write_terrain(eroded, folder / "terrain.npz")
+        write_network(network, folder / "rivers.csv")
+        print(f"  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'rivers.csv'}")
+        write_ground(eroded, folder, None if options.start in STARTS else options.start)
+        write_lines(network, folder)
+        _draw_erosion(eroded, flow, network, threshold, folder, options.movie)
     return OK
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from warpriver.cli.shared import OK, add_heights, command, quiet_warp, read_ground
+from warpriver.cli.shared import OK, add_heights, check_map, command, quiet_warp, read_ground
 
 __all__ = ["add"]
 
@@ -44,8 +44,11 @@ def add(commands: Any) -> None:
 
 def _network(options: argparse.Namespace) -> int:
     from warpriver import hydrology
-    from warpriver.io.vector.networks import write_network
+    from warpriver.io.vector.networks import check_network_file, write_network
 
+    check_network_file(options.out)
+    if options.picture is not None:
+        check_map(options.picture)
     quiet_warp()
     terrain = read_ground(options.terrain, options)
     print(terrain)

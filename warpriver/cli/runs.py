@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from warpriver.cli.shared import INTERRUPTED, OK, STOPPED_EARLY, can_draw
 from warpriver.errors import InputError
 from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.validate import not_negative
 
 if TYPE_CHECKING:
     from warpriver.history import History
@@ -117,6 +118,14 @@ def make_simulation(network: RiverNetwork, options: argparse.Namespace, terrain:
     )
 
 
+def check_run_options(options: argparse.Namespace) -> None:
+    """Refuse what no run can be made with, before anything is read or written."""
+    from warpriver.history import Every
+
+    not_negative(options.years, "--years", "years")
+    Every(steps=options.record_every)
+
+
 def run_simulation(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
     """Run with a progress bar and say what came of it."""
     from warpriver.history import StopReason
@@ -138,8 +147,17 @@ def run_simulation(simulation: Simulation, options: argparse.Namespace, folder: 
     print(f"  run      {store}")
     if reason is StopReason.COMPLETED:
         return OK
-    print(f"warpriver {options.name}: {reason.value}: {reason.advice}", file=sys.stderr)
+    advice = reason.advice if reason is not StopReason.STORE_FAILED else _stored_advice(history, store)
+    print(f"warpriver {options.name}: {reason.value}: {advice}", file=sys.stderr)
     return INTERRUPTED if reason is StopReason.INTERRUPTED else STOPPED_EARLY
+
+
+def _stored_advice(history: History, store: Path) -> str:
+    """Say what to do when a run could not be written on, which ends with this process."""
+    if history.stored_count == 0:
+        return "nothing is left of it; choose a folder with more room, and run it again"
+    at = history.times[history.stored_count - 1]
+    return f"it is stored up to {at:.6g} yr; make room, then go on from there with warpriver simulate {store}"
 
 
 def write_results(simulation: Simulation, folder: Path) -> None:

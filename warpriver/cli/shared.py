@@ -7,8 +7,7 @@ import contextlib
 import importlib.util
 import os
 import sys
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +29,7 @@ __all__ = [
     "add_line_options",
     "add_lines",
     "can_draw",
+    "check_map",
     "command",
     "fresh_folder",
     "ground_under",
@@ -37,6 +37,7 @@ __all__ = [
     "read_ground",
     "read_lines",
     "read_run",
+    "results_in",
     "stored_run",
 ]
 
@@ -58,6 +59,14 @@ def can_draw() -> bool:
         return True
     print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
     return False
+
+
+def check_map(path: str | Path) -> None:
+    """Raise unless a map can be drawn into a file of that name on this machine."""
+    from warpriver.viz.sheet import check_picture, need_matplotlib
+
+    need_matplotlib()
+    check_picture(path)
 
 
 def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> RiverNetwork:
@@ -207,29 +216,51 @@ def read_run(path: Path) -> History:
 
 
 def fresh_folder(path: str) -> Path:
-    """Make the folder for results; one that holds an earlier run is not written over."""
+    """Return the folder for results, which is yet to be made; one that holds an earlier run is not written over."""
     folder = Path(path)
     if (folder / "run").exists():
         raise InputError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
-    folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+@contextlib.contextmanager
+def results_in(folder: Path) -> Iterator[Path]:
+    """Make a folder for results; if the block fails before there are any, it goes again."""
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+    except BaseException:
+        with contextlib.suppress(OSError):  # not empty
+            for path in made:
+                path.rmdir()
+        raise
 
 
 def quiet_warp() -> None:
     """Start Warp without its greeting, and without its native warning where a machine has no CUDA driver."""
     import warp as wp
 
+    from warpriver.device import start_warp
+
     wp.config.log_level = wp.LOG_ERROR
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed
+        start_warp()
+        return
     sys.stderr.flush()
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
-        try:
-            wp.init()
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-        said.seek(0)
-        for line in said.read().decode(errors="replace").splitlines():
-            if "CUDA driver" not in line:
-                print(line, file=sys.stderr)
+    # In memory: there may be no room for a file.
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    os.dup2(writing, 2)
+    try:
+        start_warp()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(writing)
+        with os.fdopen(reading, errors="replace") as said:
+            for line in said:
+                if "CUDA driver" not in line:
+                    print(line, end="", file=sys.stderr)

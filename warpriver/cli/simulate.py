@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from warpriver.cli.results import write_run
-from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
+from warpriver.cli.runs import (
+    add_run_options,
+    check_run_options,
+    draw_results,
+    make_simulation,
+    run_simulation,
+    write_results,
+)
 from warpriver.cli.shared import (
     add_ground,
     add_line_options,
@@ -16,6 +23,7 @@ from warpriver.cli.shared import (
     ground_under,
     quiet_warp,
     read_lines,
+    results_in,
     stored_run,
 )
 
@@ -57,9 +65,10 @@ def add(commands: Any) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from warpriver.history import History
+    from warpriver.history import History, StopReason
     from warpriver.simulation import Simulation
 
+    check_run_options(options)
     quiet_warp()
     source = Path(options.input)
     run = stored_run(source)
@@ -74,8 +83,10 @@ def _simulate(options: argparse.Namespace) -> int:
         terrain = ground_under(options, network.crs)
         simulation = make_simulation(network, options, terrain)
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
-    code = run_simulation(simulation, options, folder)
-    write_results(simulation, folder)
-    write_run(simulation.history, folder, source)
-    draw_results(simulation.history, folder, terrain)
+    with results_in(folder):
+        code = run_simulation(simulation, options, folder)
+        if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+            write_results(simulation, folder)
+            write_run(simulation.history, folder, source)
+            draw_results(simulation.history, folder, terrain)
     return code

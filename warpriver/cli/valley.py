@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.shared import OK, command, quiet_warp
+from warpriver.cli.shared import OK, can_draw, check_map, command, quiet_warp, results_in
 from warpriver.errors import InputError
+from warpriver.files import check_place
 
 if TYPE_CHECKING:
     from warpriver.valley.valley import Valley
@@ -76,6 +77,10 @@ def _valley(options: argparse.Namespace) -> int:
         return OK
     if options.valley is None:
         raise InputError("name an example, S1 to S6, or a TOML file")
+    out = Path(options.out) if options.out is not None else None
+    if out is not None and out.suffix:
+        write = _writer_of(out, options.spacing)
+        check_place(out)
     quiet_warp()
     is_file = Path(options.valley).suffix.lower() == ".toml"
     params = read_valley(options.valley) if is_file else options.valley
@@ -93,54 +98,61 @@ def _valley(options: argparse.Namespace) -> int:
     print(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
     found = valley.covariance
     print(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
-    out = Path(options.out or f"out/{valley.params.name}")
-    if out.suffix:
-        _write_valley(valley, out, options.spacing)
+    if out is not None and out.suffix:
+        write(valley)
         print(out)
         return OK
-    out.mkdir(parents=True, exist_ok=True)
-    terrain = "terrain.tif" if importlib.util.find_spec("rasterio") is not None else "terrain.npz"
-    for name in (terrain, "channel.csv", "points.csv", "mesh.obj", "breaklines.geojson", "valley.toml"):
-        _write_valley(valley, out / name, options.spacing)
-        print(out / name)
-    if importlib.util.find_spec("matplotlib") is None:
-        print('no pictures: matplotlib is missing; pip install "warpriver[viz]"')
-        return OK
-    from warpriver import viz
-
-    viz.draw_valley(valley, out / "valley.png")
-    viz.draw_valley_sections(valley, out / "sections.png")
-    print(out / "valley.png", out / "sections.png", sep="\n")
+    with results_in(out or Path("out") / valley.params.name) as folder:
+        _write_folder(valley, folder, options.spacing)
     return OK
 
 
-def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
-    """Write what the name of a file says: breaklines, channel, parameters, picture, mesh, points, else terrain."""
+def _write_folder(valley: Valley, folder: Path, spacing: float | None) -> None:
+    """Write all there is of a valley into a folder."""
+    terrain = "terrain.tif" if importlib.util.find_spec("rasterio") is not None else "terrain.npz"
+    for name in (terrain, "channel.csv", "points.csv", "mesh.obj", "breaklines.geojson", "valley.toml"):
+        _writer_of(folder / name, spacing)(valley)
+        print(folder / name)
+    if not can_draw():
+        return
+    from warpriver import viz
+
+    viz.draw_valley(valley, folder / "valley.png")
+    viz.draw_valley_sections(valley, folder / "sections.png")
+    print(folder / "valley.png", folder / "sections.png", sep="\n")
+
+
+def _writer_of(path: Path, spacing: float | None) -> Callable[[Valley], None]:
+    """Return what writes a file of that name: breaklines, channel, parameters, picture, mesh, points, else terrain.
+
+    Raises:
+        ValueError: No format has such a name.
+    """
     from warpriver.io import meshes, valleys
     from warpriver.io.raster.terrains import terrain_formats, write_terrain
     from warpriver.io.vector.networks import line_formats, write_network
 
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        valleys.write_valley(valley.params, path)
-    elif suffix in (".geojson", ".json"):
-        valleys.write_breaklines(valley.breaklines(), path, crs=valley.crs)
-    elif path.name == "channel.csv":
-        write_network(valley.network, path)
-    elif suffix in valleys.POINTS and suffix != ".npz":
-        valleys.write_points(valley.grid(spacing), path)
-    elif suffix in meshes.MESHES:
-        meshes.write_mesh(valley.grid(spacing), path)
-    elif suffix in (".pdf", ".svg", ".png", ".jpg"):
+        return lambda valley: valleys.write_valley(valley.params, path)
+    if suffix in (".geojson", ".json"):
+        return lambda valley: valleys.write_breaklines(valley.breaklines(), path, crs=valley.crs)
+    if path.name == "channel.csv":
+        return lambda valley: write_network(valley.network, path)
+    if suffix in valleys.POINTS and suffix != ".npz":
+        return lambda valley: valleys.write_points(valley.grid(spacing), path)
+    if suffix in meshes.MESHES:
+        return lambda valley: meshes.write_mesh(valley.grid(spacing), path)
+    if suffix in (".pdf", ".svg", ".png", ".jpg"):
+        check_map(path)
         from warpriver import viz
 
-        viz.draw_valley(valley, path)
-    elif suffix in terrain_formats():
-        write_terrain(valley.terrain, path)
-    elif suffix in line_formats():
-        write_network(valley.network, path)
-    else:
-        raise InputError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
+        return lambda valley: viz.draw_valley(valley, path)
+    if suffix in terrain_formats():
+        return lambda valley: write_terrain(valley.terrain, path)
+    if suffix in line_formats():
+        return lambda valley: write_network(valley.network, path)
+    raise InputError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
 
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
-from warpriver.files import beside, in_memory
+from warpriver.errors import InputError, MissingExtraError
+from warpriver.files import beside, check_place, in_memory
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.viz.bands import Window
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "PICTURES",
     "Sheet",
+    "check_picture",
     "checked_axes",
     "checked_window",
     "color_ramp",
@@ -37,6 +38,8 @@ __all__ = [
     "save_figure",
     "style_bar",
 ]
+
+PICTURES = (".png", ".jpg", ".pdf", ".svg")
 
 WATER = "#3d7ea6"
 BANK = "#1d4560"
@@ -465,6 +468,15 @@ def need_matplotlib() -> None:
         raise MissingExtraError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
 
 
+def check_picture(path: str | os.PathLike[str], suffixes: Sequence[str] = PICTURES) -> pathlib.Path:
+    """Return the path of a picture, or raise unless a file of such a suffix can be written there."""
+    target = pathlib.Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise InputError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
+    check_place(target)
+    return target
+
+
 @contextlib.contextmanager
 def replacing(
     path: str | os.PathLike[str],
@@ -484,13 +496,7 @@ def replacing(
         ValueError: Another suffix.
         OSError: The folder does not exist or cannot be written.
     """
-    target = pathlib.Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise InputError(f"cannot write {target}: the name must end in {', '.join(suffixes)}")
-    if not target.parent.is_dir():
-        raise MissingFileError(f"cannot write {target}: the folder {target.parent} does not exist")
-    if target.is_dir():
-        raise WrongPathError(f"cannot write {target}: it is a folder")
+    target = check_picture(path, suffixes)
     with beside(target, parts, check) as temporary:
         yield str(temporary)
 

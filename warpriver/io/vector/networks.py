@@ -14,7 +14,8 @@ import warp as wp
 
 from warpriver.crs import CRSLike
 from warpriver.errors import InputError
-from warpriver.files import beside
+from warpriver.extras import need
+from warpriver.files import beside, check_place
 from warpriver.io.crs import one_crs, reproject, settled_crs
 from warpriver.io.files import check_readable
 from warpriver.io.vector.attributes import ROLES
@@ -39,7 +40,7 @@ from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
 from warpriver.network import RiverNetwork
 
-__all__ = ["line_formats", "read_network", "write_network"]
+__all__ = ["check_network_file", "line_formats", "read_network", "write_network"]
 
 PACKABLE = (*TEXT, *JSON)
 SUFFIXES = (*PACKABLE, *OGR, PARQUET)
@@ -354,6 +355,22 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
             write_text(network, temporary, suffix)
         else:
             write_geojson(network, temporary, layer)
+
+
+def check_network_file(path: str | os.PathLike[str]) -> None:
+    """Raise what ``write_network`` would for a file that cannot be written: to be told before a network is computed.
+
+    Args:
+        path: File name.
+
+    Raises:
+        ImportError: The format needs a module that is not installed.
+        OSError: No file can be written there.
+        ValueError: Unknown suffix.
+    """
+    suffix = _suffix(Path(path))
+    need(f"writing {suffix}", *NEEDS.get(suffix, ()))
+    check_place(Path(path))
 
 
 def _suffix(path: Path) -> str:
