@@ -49,8 +49,6 @@ FAINT = "#77796f"
 
 # Pixels along the longer side of a map without a frame: about, and at most.
 BARE_PIXELS, MOST_PIXELS = 2000, 8192
-# Formats of pictures.
-PICTURES = (".png", ".jpg", ".pdf", ".svg")
 
 # Largest ratio of the sides of a map that is fitted to its river; narrower ones get more ground beside it.
 MAX_ASPECT = 9.0
