@@ -142,7 +142,7 @@ class Case:
         return channels
 
     def rates(self, law, deal=64):
-        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel rests."""
+        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel is inactive."""
         out = unwritten(self.capacity, self.scalar, self.device)
         inputs = [self.channels(law, deal), self.points, device_constants(self.kernel, law), ...]
         self.launch(self.kernel.compute_rate, deal, inputs, [out])
