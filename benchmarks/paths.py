@@ -98,19 +98,19 @@ def search_cost(network: wr.RiverNetwork) -> dict:
     found, loops = cutter.shortcuts, cutter.loops
     count, start = network.point_count, network.starts()
     whole = sweep = np.inf
-    state.assign(state.step, np.ones(network.channel_count))  # none rests
+    state.assign(state.step, np.ones(network.channel_count))  # none is inactive
     for _ in range(ROUNDS + 1):
         state.begin_row()
         wp.copy(state.point_moved, network.point_xy)
         wp.synchronize_device(device)
         begin = time.perf_counter()
-        state.run(found.stages(state, loops.share_cut))
+        state.run(found.stages(state, cutter.route, cutter.cuts))
         wp.synchronize_device(device)
         middle = time.perf_counter()
         state.run(cutter.path_stages(state))
         wp.synchronize_device(device)
         after = time.perf_counter()
-        state.run(loops.stages(state, found.point_neck, found.point_neck, found.necks))
+        state.run(loops.stages(state, cutter.cuts))
         wp.synchronize_device(device)
         if cutter.grow(state, state.read_status()):
             continue
@@ -129,7 +129,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
         # All channels in one search: from each point the way to its own head.
         distance = dijkstra(graph, indices=start[:-1], min_only=True)
         scipys = min(scipys, time.perf_counter() - begin)
-    neck = found.point_neck.numpy()[:count]
+    neck = cutter.point_neck.numpy()[:count]
     i = np.flatnonzero(neck >= 0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
     saved = (arc[neck[i]] - arc[i] - np.hypot(*(xy[neck[i]] - xy[i]).T)).sum()

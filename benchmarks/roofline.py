@@ -79,22 +79,6 @@ def _running_sum(phase: str, kind: str, per: str, only: str = "") -> tuple[Launc
     return Launch(phase, "scans", f"sum_{kind}", total, "chunks"), Launch(phase, "scans", f"scan_{kind}", final, only)
 
 
-# A bucket is set to 0, the last point in it exchanged (read and written), and with chunks the highest one raised; then
-# each point's search looks one of both up, at least once.
-BUCKETS_A_POINT = 4.0
-# What the search for necks moves, by slabs or by chunks.
-FOUND = (
-    *_read("channel_closed", per="ring"),
-    *_read("point_moved", "point_next"), Moved("bucket_head", read=BUCKETS_A_POINT),
-    *_read("section_moved", per="section"),
-    *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-    *_written("point_neck_out"),
-)  # fmt: skip
-# Cells that a block looks at for its neighbours, where all channels are of one level, and the integers of a cell.
-CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
-# Points that a thread takes on a GPU.
-CHUNK_POINTS = 32.0
-
 # What tells how channels go on in each other.
 STEMS = ("upper", "lower", "top", "bottom", "length")
 # What the next run of points needs of its channel.
@@ -103,6 +87,20 @@ CHANNELS = (
     *_read("channels.closed", per="ring"),
     *_read("channels.edge", *(f"channels.stems.{name}" for name in STEMS), per="link"),
 )
+
+# A bucket is set to 0, the last point in it exchanged (read and written), and with chunks the highest one raised; then
+# each point's search looks one of both up, at least once.
+BUCKETS_A_POINT = 4.0
+# What the search for necks moves, by slabs or by chunks.
+FOUND = (
+    *CHANNELS,
+    *_read("moved.xy", "near.point_next"), Moved("near.bucket_head", read=BUCKETS_A_POINT),
+    *_read("moved.section", per="section"), *_written("cuts_out.point_neck"),
+)  # fmt: skip
+# Cells that a block looks at for its neighbours, where all channels are of one level, and the integers of a cell.
+CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
+# Points that a thread takes on a GPU.
+CHUNK_POINTS = 32.0
 
 STEP = (
     Launch("migrate", "schedule", "begin_substep", (
@@ -133,17 +131,17 @@ STEP = (
         Moved("channel_pace_io", 1.0, 1.0, per="channel"),
     )),
     Launch("cut off", "cutoffs", "insert_points", (
-        *_read("point_moved"), *_read("channel_start", "channel_form", "channel_step", per="channel"),
-        *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0, per="field"),
+        *CHANNELS, *_read("point_moved"), *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0, per="field"),
         # The table by fours; chunks find it emptied by a memset.
         Moved("bucket_row_out", written=BUCKETS_A_POINT / 4.0, per="field"),
     )),
     Launch("cut off", "cutoffs", "find_necks", (
-        *FOUND, Moved("chunk_mark_out", per="event"), *_written("share_cut_out", per="event"),
-        *_written("channel_necks_out", per="channel"),
+        *FOUND, Moved("chunk_mark_out", per="event"), *_written("cuts_out.share_cut", per="event"),
+        *_written("cuts_out.channel_necks", per="channel"),
     ), "slabs"),
     Launch("cut off", "cutoffs", "find_necks_in_chunks", (
-        *FOUND, *_written("chunk_mark_out", "share_cut_out", per="chunk"), Moved("channel_necks_out", per="event"),
+        *FOUND, *_written("chunk_mark_out", "cuts_out.share_cut", per="chunk"),
+        Moved("cuts_out.channel_necks", per="event"),
     ), "chunks"),
     *_running_sum("cut off", "marks", "chunk", "chunks"),
     Launch("cut off", "cutoffs", "list_marks", (
@@ -151,42 +149,40 @@ STEP = (
         *_written("mark_chunk_out", per="event"),
     ), "chunks"),
     Launch("cut off", "cutoffs", "select_cuts", (
-        *_read("channel_closed", per="ring"),
-        *_read("channel_start", "channel_necks", per="channel"), *_read("chunk_mark_sum", "marks.place", per="chunk"),
-        *_read("marks.chunk", "point_neck", per="event"), *_written("point_cut_io", "share_cut_io", per="event"),
+        *CHANNELS, *_read("cuts_io.channel_necks", per="channel"), *_read("marks.sum", "marks.place", per="chunk"),
+        *_read("marks.chunk", "cuts_io.point_neck", per="event"),
+        *_written("cuts_io.point_cut", "cuts_io.share_cut", per="event"),
     )),
     *_running_sum("cut off", "pairs", "chunk"),
     Launch("cut off", "cutoffs", "record_cuts", (
-        *_read("share_cut", per="chunk"),
-        *_read("channel_start", "channel_necks", "share_cut_sum", "point_neck", "point_cut", "section_moved",
-               per="event"),
-        *_written("cut_out", "cut_span_out", "oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
+        *_read("cuts.share_cut", per="chunk"),
+        # Shares without cuts look no further.
+        *_read(*(x.argument for x in CHANNELS), per="event"),
+        *_read("cuts.channel_necks", "cuts.share_cut_sum", "cuts.point_neck", "cuts.point_cut", per="event"),
+        *_written("loops_out.cut", "loops_out.span", "loops_out.xy", "loops_out.section", per="event"),
+        *_written("moved_io.xy", per="event"), *_read("moved_io.section", per="event"),
         Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("cut off", "cutoffs", "save_loops", (
-        *_read("channel_start", "share_cut", "share_cut_sum", "cut", "cut_span", "section_moved", per="event"),
-        *_read("status", per="event"),
-        *_written("oxbow_xy_out", "oxbow_section_out", "point_moved_io", per="event"),
+        *_read("channels.start", "cuts.share_cut", "cuts.share_cut_sum", per="event"),
+        *_read("loops_io.cut", "loops_io.span", "moved_io.section", per="event"),
+        *_written("loops_io.xy", "loops_io.section", "moved_io.xy", per="event"),
     )),
     Launch("resample", "resampling", "measure_arcs", (
-        *_read("point_moved"), *_read("channel_start", "channel_step", per="channel"),
-        *_written("point_arc_out"), *_written("chunk_length_out", per="chunk"), Moved("status_io", per="event"),
+        *CHANNELS, *_read("point_moved"), *_written("point_arc_out"),
+        *_written("chunk_length_out", per="chunk"), Moved("status_io", per="event"),
     )),
     *_running_sum("resample", "lengths", "chunk", "chunks"),
     Launch("resample", "resampling", "count_samples", (
-        *_read("channel_closed", per="ring"),
-        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", "point_arc", per="channel"),
-        *_read("point_moved", per="channel"),
-        *_read("chunk_offset", per="chunk"),
+        *CHANNELS, *_read("point_moved", "arcs.point", per="channel"), *_read("arcs.chunk_offset", per="chunk"),
         *_written("channel_samples_out", "channel_spacing_out", per="channel"), Moved("status_io", per="event"),
     )),
     *_running_sum("resample", "counts", "channel"),
     Launch("resample", "resampling", "resample_points", (
-        *_read("channel_closed", per="ring"),
-        *_read("point_moved", "point_arc"), *_read("section_moved", per="section"),
-        *_read("channel_start", "channel_spacing", "channel_step", "channel_start_next", per="channel"),
-        *_read("chunk_offset", per="chunk"), Moved("status", per="event"),
-        *_written("point_xy_out"), *_written("point_section_out", per="section"),
+        *CHANNELS, *(dataclasses.replace(x, argument=x.argument.replace("channels", "samples")) for x in CHANNELS),
+        *_read("moved.xy", "arcs.point"), *_read("moved.section", per="section"),
+        *_read("arcs.chunk_offset", per="chunk"),
+        *_written("sampled_out.xy"), *_written("sampled_out.section", per="section"),
     )),
     Launch("resample", "resampling", "commit_step", (
         *_read("channel_start_next", "channel_spacing_next", per="channel"),
@@ -195,22 +191,18 @@ STEP = (
         Moved("substep_io", 1.0, 1.0, per="event"),
     )),
     Launch("collide", "collisions", "insert_blocks", (
-        *_read("channel_closed", per="ring"),
-        *_read("point_xy", per="block"),
-        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        *_written("point_next_out", "point_owner_out", per="block"),
+        *CHANNELS, *_read("point_xy", per="block"), *_written("point_next_out", "point_owner_out", per="block"),
         # One cell a point, about, is set to 0; then a block changes the four fields of one.
         Moved("bucket_io", read=0.0, written=CELL_FIELDS), *_written("status_out", per="event"),
     )),
     Launch("collide", "collisions", "find_contacts", (
-        *_read("channel_closed", per="ring"),
-        *_read("point_xy", per="block"), *_read("point_section", per="event"),
-        *_read("channel_start", "channel_nodes", "channel_form", "channel_spacing", "channel_step", per="channel"),
+        *CHANNELS, *_read("channel_nodes", per="channel"),
+        *_read("points.xy", per="block"), *_read("points.section", per="event"),
         *_read("index.point_next", "index.point_owner", per="block"),
         Moved("index.bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"),
         # Where contacts are listed is for the host, when there are any.
-        Moved("share_offset", per="event"), Moved("contact_out", per="event"),
-        Moved("share_contacts_io", written=1.0, per="chunk"), Moved("status_io", 1.0, 1.0, per="event"),
+        Moved("contacts_io.pair", per="event"), Moved("contacts_io.share_sum", per="event"),
+        Moved("contacts_io.share_count", written=1.0, per="chunk"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("collide", "collisions", "count_contacts", (
         *_read("share_contacts", per="event"), Moved("status_io", 1.0, 1.0, per="event"),

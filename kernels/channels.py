@@ -47,18 +47,6 @@ class Stems:
     length: wp.array[wp.int64]
 
 
-@wp.struct
-class Marks:
-    """The chunks that hold something, such as necks: a list of them, in ascending order.
-
-    ``place``, one longer than there are chunks, has the number of marked chunks before each. Where a thread takes a
-    slab, there are no chunks, and both arrays are missing.
-    """
-
-    place: wp.array[int]
-    chunk: wp.array[int]
-
-
 @functools.cache
 def build(scalar):
     """Make the structs and functions of channels for one precision.
@@ -130,10 +118,10 @@ def build(scalar):
         end: int
 
     @wp.func(module=name)
-    def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
+    def channel_at(channel_start: wp.array[int], point: int) -> int:
         """Channel that owns a point: the last one that starts at or before it."""
         low = int(0)
-        high = channel_count
+        high = channel_start.shape[0] - 1
         while high - low > 1:
             middle = (low + high) // 2
             if channel_start[middle] <= point:
@@ -158,7 +146,7 @@ def build(scalar):
                 run.stop = k * work.chunk
                 run.end = wp.min(run.stop + work.chunk, channels.start[count])
                 if run.stop < run.end:
-                    run.channel = channel_at(channels.start, count, run.stop) - 1
+                    run.channel = channel_at(channels.start, run.stop) - 1
         return run
 
     @wp.func(module=name)
@@ -198,9 +186,18 @@ def build(scalar):
         """The run after another one: of the next channel."""
         after = whole_run(channels, run.channel + 1)
         after.begin = run.stop
-        after.stop = wp.min(run.end, after.last + 1)
+        after.stop = wp.min(run.end, after.stop)
         after.end = run.end
         return after
+
+    @wp.func(module=name)
+    def channel_range(work: Work, k: int) -> wp.vec2i:
+        """Channels (first, stop) of a thread that works on whole channels: those of its slab, or one."""
+        if work.status[HALT] != 0:
+            return wp.vec2i(0, 0)
+        if work.chunk == 0:
+            return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
+        return wp.vec2i(k, k + 1)
 
     @wp.func(module=name)
     def section_at(points: Points, i: int, run: Run) -> vec2:
@@ -228,6 +225,7 @@ def build(scalar):
         begin_runs=begin_runs,
         next_run=next_run,
         whole_run=whole_run,
+        channel_range=channel_range,
         section_at=section_at,
         round_index=round_index,
     )

@@ -24,6 +24,18 @@ class BlockIndex:
     bucket: wp.array[int]
 
 
+@wp.struct
+class Contacts:
+    """Places where channels touch, as pairs of points; ``pair`` is missing while they are only counted.
+
+    ``share_count`` is the number of those of each slab or chunk, ``share_sum`` its running sum.
+    """
+
+    pair: wp.array[wp.vec2i]
+    share_count: wp.array[int]
+    share_sum: wp.array[int]
+
+
 @functools.cache
 def build(scalar):
     """Make the collision kernels for one precision.
@@ -33,7 +45,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.collisions_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, Form = line.vec2, line.Form
+    vec2, Channels, Form, Points = line.vec2, line.Channels, line.Form, line.Points
     ZERO, HALF, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
     COARSEST, SLACK = scalar(COARSEST_SPACING), scalar(SLACK_SPACINGS)
     # A block's owner is written as channel * 32 + level.
@@ -46,8 +58,8 @@ def build(scalar):
     LEVEL_X, LEVEL_Y = 8 * 7919, 8 * 104729
 
     @wp.struct
-    class CollisionLaw:
-        """Scalars of the search; ``reach`` in m, other lengths in widths.
+    class CollisionConstants:
+        """Constants of the search; ``reach`` in m, other lengths in widths.
 
         Channels fall into levels by their reach, which doubles from one to the next, as do the cells: a narrow channel
         looks for its own kind and for all wider ones, and the cells of the narrow stay small. ``level_mask`` has a bit
@@ -61,35 +73,59 @@ def build(scalar):
         level_count: int
         level_mask: int
 
-    @wp.func(module=name)
-    def block_points(law: CollisionLaw, form: Form, spacing: scalar) -> int:
-        """Number of consecutive points of a channel that one entry in the grid stands for."""
-        return wp.max(1, int(law.block * form.widest / spacing))
+    @wp.struct
+    class Block:
+        """Points begin .. stop - 1 of a channel, for one entry in the grid; a full block has ``size`` points."""
+
+        channel: int
+        begin: int
+        stop: int
+        size: int
+        middle: vec2
 
     @wp.func(module=name)
-    def reach_of(law: CollisionLaw, form: Form) -> scalar:
+    def block_points(channels: Channels, constants: CollisionConstants, channel: int) -> int:
+        """Number of consecutive points of a channel that one entry in the grid stands for."""
+        return wp.max(1, int(constants.block * channels.form[channel].widest / channels.spacing[channel]))
+
+    @wp.func(module=name)
+    def block_at(
+        point_xy: wp.array[vec2], channels: Channels, constants: CollisionConstants, channel: int, begin: int
+    ) -> Block:
+        """The block of a channel that begins at a point."""
+        block = Block()
+        block.channel = channel
+        block.begin = begin
+        block.size = block_points(channels, constants, channel)
+        block.stop = wp.min(begin + block.size, channels.start[channel + 1])
+        block.middle = point_xy[wp.min(begin + block.size // 2, block.stop - 1)]
+        return block
+
+    @wp.func(module=name)
+    def reach_of(constants: CollisionConstants, form: Form) -> scalar:
         """What two blocks may be apart, middle to middle, and still touch is the sum of this of both.
 
         Half the distance that counts as a touch, half a block, and what chords across a cut neck are longer.
         """
         spacing = COARSEST * form.target_spacing
-        return HALF * (law.distance * form.widest + wp.max(law.block * form.widest, spacing)) + SLACK * spacing
+        width = form.widest
+        return HALF * (constants.distance * width + wp.max(constants.block * width, spacing)) + SLACK * spacing
 
     @wp.func(module=name)
-    def level_of(law: CollisionLaw, form: Form) -> int:
+    def level_of(constants: CollisionConstants, form: Form) -> int:
         """Level of a channel: the lowest whose reach is at least its own."""
-        reach = reach_of(law, form)
+        reach = reach_of(constants, form)
         level = int(0)
-        size = law.reach
-        while size < reach and level < law.level_count - 1:
+        size = constants.reach
+        while size < reach and level < constants.level_count - 1:
             size = TWO * size
             level += 1
         return level
 
     @wp.func(module=name)
-    def cell_size(law: CollisionLaw, level: int) -> scalar:
+    def cell_size(constants: CollisionConstants, level: int) -> scalar:
         """Width of the cells of a level: two side by side hold all that touches what lies between their middles."""
-        return FOUR * law.reach * scalar(1 << level)
+        return FOUR * constants.reach * scalar(1 << level)
 
     @wp.func(module=name)
     def bucket_at(x: int, y: int, level: int, mask: int) -> int:
@@ -99,14 +135,10 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def insert_blocks(
         # network
+        channels: Channels,
         point_xy: wp.array[vec2],
-        channel_start: wp.array[int],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        channel_closed: wp.array[int],
         # params
-        law: CollisionLaw,
+        constants: CollisionConstants,
         work: Work,
         # out
         point_next_out: wp.array[int],
@@ -121,49 +153,35 @@ def build(scalar):
         if work.status[HALT] == 0 and work.first + wp.tid() == 0:
             status_out[CONTACTS] = 0
         mask = bucket_io.shape[0] // FIELDS - 1
-        share = line.point_range(work, channel_start, channel_spacing.shape[0], work.first + wp.tid())
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        while i < end:
-            first = channel_start[channel]
-            stop = channel_start[channel + 1]
-            form = channel_form[channel]
-            step = block_points(law, form, channel_spacing[channel])
-            level = level_of(law, form)
-            per_cell = ONE / cell_size(law, level)
-            moves = int(channel_step[channel] > ZERO)
-            j = first + (i - first + step - 1) // step * step
-            if line.closed_at(channel_closed, channel) != 0:
-                j = stop
-            while j < wp.min(end, stop):
-                p = point_xy[wp.min(j + step // 2, stop - 1)] * per_cell
+        run = line.begin_runs(channels, work, work.first + wp.tid())
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
+            size = block_points(channels, constants, run.channel)
+            level = level_of(constants, run.form)
+            per_cell = ONE / cell_size(constants, level)
+            moves = int(run.step > ZERO)
+            j = run.first + (run.begin - run.first + size - 1) // size * size
+            if run.closed != 0:
+                j = run.stop
+            while j < run.stop:
+                p = point_xy[wp.min(j + size // 2, run.last)] * per_cell
                 bucket = bucket_at(table.floor_int(p[0]), table.floor_int(p[1]), level, mask)
-                point_owner_out[j] = (channel << LEVEL_BITS) | level
-                wp.atomic_max(bucket_io, bucket + HIGH, channel + 1)
-                wp.atomic_max(bucket_io, bucket + LOW, NOTHING - channel)
+                point_owner_out[j] = (run.channel << LEVEL_BITS) | level
+                wp.atomic_max(bucket_io, bucket + HIGH, run.channel + 1)
+                wp.atomic_max(bucket_io, bucket + LOW, NOTHING - run.channel)
                 wp.atomic_max(bucket_io, bucket + MOVES, moves)
                 point_next_out[j] = wp.atomic_exch(bucket_io, bucket + HEAD, j + 1)
-                j += step
-            i = wp.min(end, stop)
-            channel += 1
+                j += size
 
     @wp.func(module=name)
     def near_shared_node(
-        channel_nodes: wp.array[wp.vec2i],
-        channel_start: wp.array[int],
-        channel_spacing: wp.array[scalar],
-        c: int,
-        d: int,
-        i: int,
-        j: int,
-        reach: scalar,
+        channels: Channels, channel_nodes: wp.array[wp.vec2i], c: int, d: int, i: int, j: int, reach: scalar
     ) -> bool:
         """Tell whether two points lie, together, within ``reach`` of a node that their channels share."""
-        up_c = scalar(i - channel_start[c]) * channel_spacing[c]
-        down_c = scalar(channel_start[c + 1] - 1 - i) * channel_spacing[c]
-        up_d = scalar(j - channel_start[d]) * channel_spacing[d]
-        down_d = scalar(channel_start[d + 1] - 1 - j) * channel_spacing[d]
+        up_c = scalar(i - channels.start[c]) * channels.spacing[c]
+        down_c = scalar(channels.start[c + 1] - 1 - i) * channels.spacing[c]
+        up_d = scalar(j - channels.start[d]) * channels.spacing[d]
+        down_d = scalar(channels.start[d + 1] - 1 - j) * channels.spacing[d]
         ends_c, ends_d = channel_nodes[c], channel_nodes[d]
         near = bool(False)
         if ends_c[1] == ends_d[1] and down_c + down_d < reach:
@@ -177,185 +195,150 @@ def build(scalar):
         return near
 
     @wp.func(module=name)
+    def width_at(points: Points, channels: Channels, channel: int, i: int) -> scalar:
+        """Width at a point: its own where it varies along the channel, else the channel's."""
+        if points.section:
+            return points.section[i][0]
+        return channels.form[channel].width
+
+    @wp.func(module=name)
     def first_contact(
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
-        channel_start: wp.array[int],
+        points: Points,
+        channels: Channels,
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
-        law: CollisionLaw,
-        blocks: wp.vec4i,
+        constants: CollisionConstants,
+        own: Block,
+        other: Block,
         best: wp.vec2i,
     ) -> wp.vec2i:
-        """First contact (i, j) of two blocks, in the order of i and then j, if it comes before ``best``.
-
-        blocks = (channel, first point, channel, first point).
-        """
-        c, d = blocks[0], blocks[2]
+        """First contact (i, j) of two blocks, in the order of i and then j, if it comes before ``best``."""
+        c, d = own.channel, other.channel
         result = best
-        stop_i = wp.min(blocks[1] + block_points(law, channel_form[c], channel_spacing[c]), channel_start[c + 1])
-        stop_j = wp.min(blocks[3] + block_points(law, channel_form[d], channel_spacing[d]), channel_start[d + 1])
-        size = block_points(law, channel_form[d], channel_spacing[d])
-        middle = vec2(point_xy[wp.min(blocks[3] + size // 2, stop_j - 1)])
-        near = HALF * law.distance * (channel_form[c].widest + channel_form[d].widest)
-        near += (HALF * scalar(size) + ONE) * channel_spacing[d]
-        for i in range(blocks[1], stop_i):
-            if wp.length_sq(point_xy[i] - middle) > near * near:
+        near = HALF * constants.distance * (channels.form[c].widest + channels.form[d].widest)
+        near += (HALF * scalar(other.size) + ONE) * channels.spacing[d]
+        for i in range(own.begin, own.stop):
+            if wp.length_sq(points.xy[i] - other.middle) > near * near:
                 continue
-            for j in range(blocks[3], stop_j):
+            for j in range(other.begin, other.stop):
                 if i < result[0] or (i == result[0] and j < result[1]):
-                    width_c = line.old_section_at(point_section, i, channel_form[c])[0]
-                    width_d = line.old_section_at(point_section, j, channel_form[d])[0]
-                    touch = HALF * law.distance * (width_c + width_d)
-                    if wp.length_sq(point_xy[j] - point_xy[i]) < touch * touch:
-                        reach = law.node_reach * wp.max(width_c, width_d)
-                        if not near_shared_node(channel_nodes, channel_start, channel_spacing, c, d, i, j, reach):
+                    width_c = width_at(points, channels, c, i)
+                    width_d = width_at(points, channels, d, j)
+                    touch = HALF * constants.distance * (width_c + width_d)
+                    if wp.length_sq(points.xy[j] - points.xy[i]) < touch * touch:
+                        reach = constants.node_reach * wp.max(width_c, width_d)
+                        if not near_shared_node(channels, channel_nodes, c, d, i, j, reach):
                             result = wp.vec2i(i, j)
         return result
 
     @wp.func(module=name)
     def cell_contact(
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
-        channel_start: wp.array[int],
+        points: Points,
+        channels: Channels,
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        law: CollisionLaw,
+        constants: CollisionConstants,
         index: BlockIndex,
         head: int,
-        seek: wp.vec4i,
+        level: int,
+        block: Block,
         best: wp.vec2i,
     ) -> wp.vec2i:
-        """First contact of a block with those in a list, if it comes before ``best``.
+        """First contact of a block with those of a level in a list, if it comes before ``best``.
 
-        seek = (channel, block, level that is looked for, points of the block). On its own level a channel looks for
-        those of a higher number.
+        On its own level a channel looks for those of a higher number.
         """
-        channel, block = seek[0], seek[1]
-        middle = point_xy[wp.min(block + seek[3] // 2, channel_start[channel + 1] - 1)]
-        moves = channel_step[channel] > ZERO
-        own_reach = reach_of(law, channel_form[channel])
+        form = channels.form[block.channel]
+        moves = channels.step[block.channel] > ZERO
+        own_reach = reach_of(constants, form)
         lowest = int(-1)
-        if level_of(law, channel_form[channel]) == seek[2]:
-            lowest = channel
+        if level_of(constants, form) == level:
+            lowest = block.channel
         result = best
         other = int(head)
         while other >= 0:
             d = index.point_owner[other] >> LEVEL_BITS
             # Cells of other levels may share the bucket.
-            sought = d > lowest and (index.point_owner[other] & LEVEL_MASK) == seek[2]
-            if sought and (moves or channel_step[d] > ZERO):
-                size = block_points(law, channel_form[d], channel_spacing[d])
-                far = point_xy[wp.min(other + size // 2, channel_start[d + 1] - 1)]
-                reach = own_reach + reach_of(law, channel_form[d])
-                if wp.length_sq(far - middle) < reach * reach:
-                    result = first_contact(
-                        point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                        law, wp.vec4i(channel, block, d, other), result,
-                    )  # fmt: skip
+            sought = d > lowest and (index.point_owner[other] & LEVEL_MASK) == level
+            if sought and (moves or channels.step[d] > ZERO):
+                far = block_at(points.xy, channels, constants, d, other)
+                reach = own_reach + reach_of(constants, channels.form[d])
+                if wp.length_sq(far.middle - block.middle) < reach * reach:
+                    result = first_contact(points, channels, channel_nodes, constants, block, far, result)
             other = index.point_next[other] - 1
         return result
 
     @wp.func(module=name)
     def block_contact(
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
-        channel_start: wp.array[int],
+        points: Points,
+        channels: Channels,
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        law: CollisionLaw,
+        constants: CollisionConstants,
         index: BlockIndex,
-        channel: int,
         own_level: int,
-        block: int,
+        block: Block,
     ) -> wp.vec2i:
         """First contact of a block with a channel of a higher number or level, (NOTHING, -1) if there is none."""
         mask = index.bucket.shape[0] // FIELDS - 1
-        step = block_points(law, channel_form[channel], channel_spacing[channel])
-        middle = point_xy[wp.min(block + step // 2, channel_start[channel + 1] - 1)]
-        moves = channel_step[channel] > ZERO
+        channel = block.channel
+        moves = channels.step[channel] > ZERO
         best = wp.vec2i(NOTHING, -1)
-        for level in range(own_level, law.level_count):
-            if (law.level_mask >> level) & 1 != 0:
-                per_cell = ONE / cell_size(law, level)
-                x0 = table.floor_int(middle[0] * per_cell - HALF)
-                y0 = table.floor_int(middle[1] * per_cell - HALF)
+        for level in range(own_level, constants.level_count):
+            if (constants.level_mask >> level) & 1 != 0:
+                per_cell = ONE / cell_size(constants, level)
+                x0 = table.floor_int(block.middle[0] * per_cell - HALF)
+                y0 = table.floor_int(block.middle[1] * per_cell - HALF)
                 for corner in range(4):
                     cell = bucket_at(x0 + (corner & 1), y0 + (corner >> 1), level, mask)
                     # Most cells hold one channel only, or none that moves: nothing to walk through.
                     alone = index.bucket[cell + HIGH] - 1 == channel and NOTHING - index.bucket[cell + LOW] == channel
                     if not alone and (moves or index.bucket[cell + MOVES] != 0):
-                        best = cell_contact(
-                            point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                            channel_step, law, index, index.bucket[cell + HEAD] - 1,
-                            wp.vec4i(channel, block, level, step), best,
-                        )  # fmt: skip
+                        head = index.bucket[cell + HEAD] - 1
+                        best = cell_contact(points, channels, channel_nodes, constants, index, head, level, block, best)
         return best
 
     @wp.kernel(module=name, enable_backward=False)
     def find_contacts(
         # network
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
-        channel_start: wp.array[int],
+        channels: Channels,
+        points: Points,
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        channel_closed: wp.array[int],
         # params
-        law: CollisionLaw,
+        constants: CollisionConstants,
         work: Work,
         # in
         index: BlockIndex,
-        share_offset: wp.array[int],
         # out
-        contact_out: wp.array[wp.vec2i],
-        share_contacts_io: wp.array[int],
+        contacts_io: Contacts,
         status_io: wp.array[int],
     ):
-        """Count the blocks of each slab or chunk that touch another channel; with ``contact_out``, list the contacts.
+        """Count the blocks of each slab or chunk that touch another channel; where there are pairs, list the contacts.
 
         Channels touch where |p_i - p_j| < (w_i + w_j) / 2, away from nodes that they share [Paris2023, Sec. 6.2]. Two
-        channels whose steps are 0 are left as they are. Chunks add their count to the status.
+        inactive channels are left as they are. Chunks add their count to the status.
         """
         if work.status[HALT] != 0:
             return
         k = work.first + wp.tid()
-        share = line.point_range(work, channel_start, channel_spacing.shape[0], k)
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        contacts = int(0)
-        while i < end:
-            first = channel_start[channel]
-            stop = wp.min(end, channel_start[channel + 1])
-            step = block_points(law, channel_form[channel], channel_spacing[channel])
-            level = level_of(law, channel_form[channel])
-            j = first + (i - first + step - 1) // step * step
-            if line.closed_at(channel_closed, channel) != 0:
-                j = stop
-            while j < stop:
-                contact = block_contact(
-                    point_xy, point_section, channel_start, channel_nodes, channel_form, channel_spacing,
-                    channel_step, law, index, channel, level, j,
-                )  # fmt: skip
+        count = int(0)
+        run = line.begin_runs(channels, work, k)
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
+            size = block_points(channels, constants, run.channel)
+            level = level_of(constants, run.form)
+            j = run.first + (run.begin - run.first + size - 1) // size * size
+            if run.closed != 0:
+                j = run.stop
+            while j < run.stop:
+                block = block_at(points.xy, channels, constants, run.channel, j)
+                contact = block_contact(points, channels, channel_nodes, constants, index, level, block)
                 if contact[1] >= 0:
-                    if contact_out:
-                        contact_out[share_offset[k] - share_contacts_io[k] + contacts] = contact
-                    contacts += 1
-                j += step
-            i = stop
-            channel += 1
-        if not contact_out:
-            share_contacts_io[k] = contacts
-            if work.chunk > 0 and contacts > 0:
-                wp.atomic_add(status_io, CONTACTS, contacts)
+                    if contacts_io.pair:
+                        contacts_io.pair[contacts_io.share_sum[k] - contacts_io.share_count[k] + count] = contact
+                    count += 1
+                j += size
+        if not contacts_io.pair:
+            contacts_io.share_count[k] = count
+            if work.chunk > 0 and count > 0:
+                wp.atomic_add(status_io, CONTACTS, count)
 
     @wp.kernel(module=name, enable_backward=False)
     def count_contacts(
@@ -373,8 +356,7 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        Form=Form,
-        CollisionLaw=CollisionLaw,
+        CollisionConstants=CollisionConstants,
         insert_blocks=insert_blocks,
         find_contacts=find_contacts,
         count_contacts=count_contacts,

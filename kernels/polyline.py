@@ -1,4 +1,4 @@
-"""Functions on packed polylines that the kernels of several processes share."""
+"""Geometry of channels: tangents, curvature, arc lengths, recurrences along the line."""
 
 import functools
 from types import SimpleNamespace
@@ -6,34 +6,42 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import channels
-from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, Marks, Work
-from warpriver.kernels.status import HALT
+from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Links:
-    """Shortcuts (i, j) in ascending order, and what each saves in m; at each point how many begin and the first."""
+class Arcs:
+    """Arc length of each point from its channel's head, m; with chunks from its chunk's first point on.
 
-    point_links: wp.array[int]
-    point_link: wp.array[int]
-    link_from: wp.array[int]
-    link_to: wp.array[int]
-    link_saving: wp.array[wp.float64]
+    ``chunk_offset`` is the inclusive running sum of the chunks' lengths in quanta, ``chunk`` the number of points of a
+    chunk, 0 without chunks.
+    """
+
+    point: wp.array[wp.float64]
+    chunk_offset: wp.array[wp.int64]
+    chunk: int
+
+
+@wp.struct
+class ArcPlace:
+    """A place along all points: the arc length within its chunk, m, and the quanta of the chunks before."""
+
+    within: wp.float64
+    before: wp.int64
 
 
 @functools.cache
 def build(scalar):
-    """Make the shared polyline functions for one precision.
+    """Make the functions on polylines for one precision; their namespace has those of ``channels`` as well.
 
     Args:
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     base = channels.build(scalar)
-    Points, Run = base.Points, base.Run
-    vec2, vec4 = base.vec2, wp.types.vector(4, scalar)
+    vec2, Points, Run = base.vec2, base.Points, base.Run
 
     @wp.struct
     class Ends:
@@ -53,87 +61,6 @@ def build(scalar):
     # Arc lengths are sums of segments that are rounded to whole quanta: they are exact, and so the same however they
     # are dealt out, up to 2^53 quanta, or 2,097 km of a channel.
     ARC_QUANTUM, ROUNDER = wp.float64(2.0**-32), wp.float64(1.5 * 2.0**20)  # m
-
-    @wp.func(module=name)
-    def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
-        """Channel that owns a point: the last one that starts at or before it."""
-        low = int(0)
-        high = channel_count
-        while high - low > 1:
-            middle = (low + high) // 2
-            if channel_start[middle] <= point:
-                low = middle
-            else:
-                high = middle
-        return low
-
-    @wp.func(module=name)
-    def point_range(work: Work, channel_start: wp.array[int], channel_count: int, k: int) -> wp.vec3i:
-        """Points of a slab or chunk as (first, stop, channel of the first); empty beyond the last one."""
-        if work.status[HALT] != 0:
-            return wp.vec3i(0, 0, 0)
-        if work.chunk == 0:
-            channel = work.slab_channel[k]
-            return wp.vec3i(channel_start[channel], channel_start[work.slab_channel[k + 1]], channel)
-        i = k * work.chunk
-        stop = wp.min(i + work.chunk, channel_start[channel_count])
-        if i >= stop:
-            return wp.vec3i(stop, stop, 0)
-        return wp.vec3i(i, stop, channel_at(channel_start, channel_count, i))
-
-    @wp.func(module=name)
-    def channel_range(work: Work, k: int) -> wp.vec2i:
-        """Channels (first, stop) of a thread that works on whole channels: those of its slab, or one."""
-        if work.status[HALT] != 0:
-            return wp.vec2i(0, 0)
-        if work.chunk == 0:
-            return wp.vec2i(work.slab_channel[k], work.slab_channel[k + 1])
-        return wp.vec2i(k, k + 1)
-
-    @wp.func(module=name)
-    def share_of(work: Work, k: int, i: int) -> int:
-        """Chunk that a point belongs to; in slabs the slab k, whose thread asks."""
-        if work.chunk == 0:
-            return k
-        return i // work.chunk
-
-    @wp.func(module=name)
-    def piece_count(work: Work, marks: Marks, first: int, stop: int) -> int:
-        """Number of pieces of the points first .. stop - 1 for ``piece_range``: the marked chunks, or all as one."""
-        if work.chunk == 0:
-            return 1
-        return marks.place[(stop - 1) // work.chunk + 1] - marks.place[first // work.chunk]
-
-    @wp.func(module=name)
-    def piece_range(work: Work, marks: Marks, first: int, stop: int, k: int) -> wp.vec2i:
-        """Points of the k-th piece: all of them, or their share of a marked chunk."""
-        if work.chunk == 0:
-            return wp.vec2i(first, stop)
-        c = marks.chunk[marks.place[first // work.chunk] + k]
-        return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
-
-    @wp.func(module=name)
-    def old_section_at(point_section: wp.array[vec2], i: int, form: base.Form) -> vec2:
-        """Width and depth at a point: its own where they vary along the channel, else the channel's."""
-        if point_section:
-            return point_section[i]
-        return vec2(form.width, form.depth)
-
-    @wp.func(module=name)
-    def closed_at(channel_closed: wp.array[int], channel: int) -> int:
-        """1 where a channel is a ring, else 0; without the array there are no rings."""
-        if channel_closed:
-            return channel_closed[channel]
-        return 0
-
-    @wp.func(module=name)
-    def old_round_index(i: int, first: int, last: int) -> int:
-        """Point of a ring that an index beyond either end comes round to."""
-        count = last - first + 1
-        away = (i - first) % count
-        if away < 0:
-            away += count
-        return first + away
 
     @wp.func(module=name)
     def mirrored(p: vec2, foot: vec2, edge: int) -> vec2:
@@ -161,17 +88,6 @@ def build(scalar):
             if run.edge != EDGE_NONE:
                 return mirrored(point_xy[2 * run.last - i], point_xy[run.last], run.edge)
             return TWO * point_xy[run.last] - point_xy[2 * run.last - i]
-        return point_xy[i]
-
-    @wp.func(module=name)
-    def old_extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
-        """Point i of a channel; beyond an end a ring goes round, and a line on as its point reflection: straight."""
-        if closed != 0 and (i < first or i > last):
-            return point_xy[old_round_index(i, first, last)]
-        if i < first:
-            return TWO * point_xy[first] - point_xy[2 * first - i]
-        if i > last:
-            return TWO * point_xy[last] - point_xy[2 * last - i]
         return point_xy[i]
 
     @wp.func(module=name)
@@ -207,46 +123,30 @@ def build(scalar):
         return (wp.float64(length) + ROUNDER) - ROUNDER
 
     @wp.func(module=name)
-    def arc_between(
-        point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.int64], chunk: int, i: int, j: int
-    ) -> wp.float64:
-        """Arc length from point i to point j of one channel, m.
+    def arc_place(arcs: Arcs, i: int) -> ArcPlace:
+        """Place of a point."""
+        place = ArcPlace()
+        place.within = arcs.point[i]
+        place.before = wp.int64(0)
+        if arcs.chunk > 0 and i >= arcs.chunk:
+            place.before = arcs.chunk_offset[i // arcs.chunk - 1]
+        return place
 
-        With chunks ``point_arc`` begins anew in each, and ``chunk_offset`` is the inclusive sum of their quanta.
-        """
-        arc = point_arc[j] - point_arc[i]
-        if chunk > 0:
-            quanta = wp.int64(0)
-            if j >= chunk:
-                quanta = chunk_offset[j // chunk - 1]
-            if i >= chunk:
-                quanta = quanta - chunk_offset[i // chunk - 1]
-            arc += wp.float64(quanta) * ARC_QUANTUM
+    @wp.func(module=name)
+    def arc_from(arcs: Arcs, origin: ArcPlace, i: int) -> wp.float64:
+        """Arc length from a place to point i of the same channel, m."""
+        place = arc_place(arcs, i)
+        arc = place.within - origin.within
+        if arcs.chunk > 0:
+            arc += wp.float64(place.before - origin.before) * ARC_QUANTUM
         return arc
 
     @wp.func(module=name)
-    def arc_at(
-        point_arc: wp.array[wp.float64], chunk_offset: wp.array[wp.int64], chunk: int, first: int, i: int
-    ) -> wp.float64:
-        """Arc length of a point from the first one of its channel, m."""
-        if chunk == 0:
-            return point_arc[i]
-        return arc_between(point_arc, chunk_offset, chunk, first, i)
-
-    @wp.func(module=name)
-    def length_of(
-        point: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.int64],
-        chunk: int,
-        first: int,
-        last: int,
-        closed: int,
-    ) -> wp.float64:
+    def length_of(point: wp.array[vec2], arcs: Arcs, run: Run) -> wp.float64:
         """Length of a channel in m, that of a ring with the segment that closes it."""
-        length = arc_at(point_arc, chunk_offset, chunk, first, last)
-        if closed != 0:
-            length += wp.float64(wp.length(point[first] - point[last]))
+        length = arc_from(arcs, arc_place(arcs, run.first), run.last)
+        if run.closed != 0:
+            length += wp.float64(wp.length(point[run.first] - point[run.last]))
         return length
 
     @wp.func(module=name)
@@ -285,15 +185,6 @@ def build(scalar):
                 points_out.section[j] = points.section[j]
 
     @wp.func(module=name)
-    def old_end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
-        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
-        away = scalar(wp.min(i - first, last - i)) * spacing
-        if away >= reach:
-            return ONE
-        t = away / reach
-        return t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
     def right_normal(before: vec2, after: vec2) -> vec2:
         """Unit normal to the right of the flow; none where the line turns back on itself."""
         t = after - before
@@ -302,52 +193,24 @@ def build(scalar):
             return vec2(ZERO, ZERO)
         return vec2(t[1], -t[0]) / size
 
-    @wp.func(module=name)
-    def copy_points(
-        point: wp.array[vec2],
-        section: wp.array[vec2],
-        begin: int,
-        stop: int,
-        point_out: wp.array[vec2],
-        section_out: wp.array[vec2],
-    ):
-        """Copy the points begin .. stop - 1, with their widths and depths where they vary along the channel."""
-        for j in range(begin, stop):
-            point_out[j] = point[j]
-            if section:
-                section_out[j] = section[j]
-
     return SimpleNamespace(
-        **{k: v for k, v in vars(base).items() if k not in ("channel_at",)},
-        vec4=vec4,
+        **vars(base),
         Ends=Ends,
         mirrored=mirrored,
         bits=bits,
-        channel_at=channel_at,
-        point_range=point_range,
-        channel_range=channel_range,
-        share_of=share_of,
-        piece_count=piece_count,
-        piece_range=piece_range,
-        old_section_at=old_section_at,
-        closed_at=closed_at,
-        old_round_index=old_round_index,
         extended_point=extended_point,
-        old_extended_point=old_extended_point,
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
         whole_quanta=whole_quanta,
-        arc_between=arc_between,
-        arc_at=arc_at,
+        arc_place=arc_place,
+        arc_from=arc_from,
         length_of=length_of,
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,
-        old_end_weight=old_end_weight,
-        copy_run=copy_run,
         right_normal=right_normal,
-        copy_points=copy_points,
+        copy_run=copy_run,
         REACH=REACH,
         ARC_QUANTUM=ARC_QUANTUM,
     )

@@ -5,9 +5,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline
-from warpriver.kernels.channels import RING_POINTS, Marks, Work
-from warpriver.kernels.polyline import Links
+from warpriver.kernels import cuts, polyline
+from warpriver.kernels.channels import RING_POINTS, Work
+from warpriver.kernels.cuts import Cuts, Marks
+from warpriver.kernels.links import Links, Route
+from warpriver.kernels.polyline import Arcs
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,39 +22,29 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.routes_{scalar.__name__}"
-    line = polyline.build(scalar)
-    vec2 = line.vec2
+    line, chosen = polyline.build(scalar), cuts.build(scalar)
+    vec2, Channels, Run = line.vec2, line.Channels, line.Run
     # A shortcut that saves this much is never taken.
     FORBIDDEN = wp.float64(-1.0)
-    ZERO_64 = wp.float64(0.0)
 
     # ---- the head of a ring
 
     @wp.func(module=name)
-    def mark_ends(
-        work: Work,
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        marks: Marks,
-        link_to: wp.array[int],
-        first: int,
-        last: int,
-        point_from_out: wp.array[int],
-    ) -> wp.vec2i:
+    def mark_ends(work: Work, marks: Marks, links: Links, run: Run, point_from_out: wp.array[int]) -> wp.vec2i:
         """Set -1 in ``point_from`` where a shortcut of a ring ends.
 
         Returns the points between which no shortcut passes over the ring's first point by the shorter way: the last of
         those where one of these ends and the first where one begins; without any, the ends of the ring.
         """
-        inner = wp.vec2i(first, last)
-        for k in range(line.piece_count(work, marks, first, last + 1)):
-            piece = line.piece_range(work, marks, first, last + 1, k)
+        inner = wp.vec2i(run.first, run.last)
+        for k in range(chosen.piece_count(work, marks, run.first, run.last + 1)):
+            piece = chosen.piece_range(work, marks, run.first, run.last + 1, k)
             for i in range(piece[0], piece[1]):
-                if point_links[i] > 0:
-                    for m in range(point_link[i], point_link[i] + point_links[i]):
-                        j = link_to[m]
+                if links.point_links[i] > 0:
+                    for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
+                        j = links.link_to[m]
                         point_from_out[j] = -1
-                        if 2 * (j - i) > last + 1 - first:
+                        if 2 * (j - i) > run.last + 1 - run.first:
                             inner = wp.vec2i(wp.max(inner[0], i), wp.min(inner[1], j))
         return inner
 
@@ -61,7 +53,7 @@ def build(scalar):
         """How well a stretch of a ring without ends of shortcuts serves to begin the sweep; 0: not at all.
 
         The longest one is best and, above all, one that no shortcut passes over by the shorter way, or else, where the
-        marked point goes on, the first one below it.
+        marked point goes on, the first one downstream of it.
         """
         if longer == 0:
             return wp.where(size >= RING_POINTS, 1, 0)
@@ -71,18 +63,11 @@ def build(scalar):
 
     @wp.func(module=name)
     def choose_head(
-        work: Work,
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        marks: Marks,
-        link_to: wp.array[int],
-        first: int,
-        last: int,
-        inner: wp.vec2i,
-        longer: int,
-        point_from: wp.array[int],
+        work: Work, marks: Marks, links: Links, run: Run, inner: wp.vec2i, longer: int, point_from: wp.array[int]
     ) -> int:
         """Point in the middle of the best stretch of a ring, ``rate_stretch``; its first point where there is none."""
+        first = run.first
+        last = run.last
         count = last + 1 - first
         best = int(0)
         rate = int(0)
@@ -90,10 +75,10 @@ def build(scalar):
         begin = int(first)
         lead = int(0)
         passed = int(first)
-        for k in range(line.piece_count(work, marks, first, last + 1)):
-            piece = line.piece_range(work, marks, first, last + 1, k)
+        for k in range(chosen.piece_count(work, marks, first, last + 1)):
+            piece = chosen.piece_range(work, marks, first, last + 1, k)
             for i in range(piece[0], piece[1]):
-                if point_links[i] > 0 or point_from[i] != 0:
+                if links.point_links[i] > 0 or point_from[i] != 0:
                     if begin == first:
                         lead = i - first
                     elif i > begin:
@@ -102,9 +87,9 @@ def build(scalar):
                             best = rate
                             head = (begin + i) // 2
                     begin = i + 1
-                    for m in range(point_link[i], point_link[i] + point_links[i]):
-                        if 2 * (link_to[m] - i) <= count:
-                            passed = wp.max(passed, link_to[m])
+                    for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
+                        if 2 * (links.link_to[m] - i) <= count:
+                            passed = wp.max(passed, links.link_to[m])
         # The stretch across the seam, which only shortcuts from its one side to the other pass over.
         size = last + 1 - begin + lead
         if begin > last:
@@ -112,7 +97,7 @@ def build(scalar):
         else:
             rate = rate_stretch(begin, size, begin, inner, longer, count)
         if rate > best or (rate > 0 and longer == 0 and lead > 0):
-            head = line.old_round_index(begin + size // 2, first, last)
+            head = line.round_index(begin + size // 2, run)
         return head
 
     @wp.func(module=name)
@@ -120,66 +105,55 @@ def build(scalar):
         point: wp.array[vec2],
         length: wp.float64,
         work: Work,
-        point_links: wp.array[int],
-        point_link: wp.array[int],
         marks: Marks,
-        link_to: wp.array[int],
-        first: int,
-        last: int,
+        run: Run,
         head: int,
         longer: int,
-        link_saving_io: wp.array[wp.float64],
+        links_io: Links,
     ):
-        """Make the shortcuts of a ring that pass over its head bypass the other part of it, outside of i .. j.
+        """Make the shortcuts of a ring that pass over its head bypass the other arc of it, outside of i .. j.
 
         None begins or ends within four points of the head, and where the ring's first point goes on none passes over
         it.
         """
-        count = last + 1 - first
-        for k in range(line.piece_count(work, marks, first, last + 1)):
-            piece = line.piece_range(work, marks, first, last + 1, k)
+        count = run.last + 1 - run.first
+        for k in range(chosen.piece_count(work, marks, run.first, run.last + 1)):
+            piece = chosen.piece_range(work, marks, run.first, run.last + 1, k)
             for i in range(piece[0], piece[1]):
-                if point_links[i] > 0:
-                    for m in range(point_link[i], point_link[i] + point_links[i]):
-                        j = link_to[m]
-                        begin = line.old_round_index(i - head, 0, count - 1)
-                        end = line.old_round_index(j - head, 0, count - 1)
+                if links_io.point_links[i] > 0:
+                    for m in range(links_io.point_link[i], links_io.point_link[i] + links_io.point_links[i]):
+                        j = links_io.link_to[m]
+                        # Both from the head on.
+                        begin = i - head + wp.where(i < head, count, 0)
+                        end = j - head + wp.where(j < head, count, 0)
                         if begin > end:
                             chord = point[j] - point[i]
                             dx = wp.float64(chord[0])
                             dy = wp.float64(chord[1])
                             size = wp.sqrt(dx * dx + dy * dy)
-                            link_saving_io[m] = length - link_saving_io[m] - size - size
-                            if longer == 0 and i > first:
-                                link_saving_io[m] = FORBIDDEN
+                            links_io.link_saving[m] = length - links_io.link_saving[m] - size - size
+                            if longer == 0 and i > run.first:
+                                links_io.link_saving[m] = FORBIDDEN
                         lower = wp.min(begin, end)
                         upper = wp.max(begin, end)
-                        # Half a least ring on either side of the head is never bypassed.
+                        # Half a smallest ring on either side of the head is never bypassed.
                         if 2 * lower < RING_POINTS or 2 * (count - upper) < RING_POINTS:
-                            link_saving_io[m] = FORBIDDEN
+                            links_io.link_saving[m] = FORBIDDEN
 
     @wp.kernel(module=name, enable_backward=False)
     def open_rings(
         # network
-        channel_start: wp.array[int],
-        channel_closed: wp.array[int],
+        channels: Channels,
         # params
         longer: int,
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.int64],
-        point_links: wp.array[int],
-        point_link: wp.array[int],
-        share_links_sum: wp.array[wp.vec2i],
-        channel_links: wp.array[int],
+        arcs: Arcs,
         marks: Marks,
-        link_to: wp.array[int],
         # out
-        link_saving_io: wp.array[wp.float64],
-        point_from_io: wp.array[int],
-        channel_head_out: wp.array[int],
+        links_io: Links,
+        route_io: Route,
     ):
         """Choose the head of each ring, where its route begins and ends, and turn its shortcuts so that none passes it.
 
@@ -187,113 +161,136 @@ def build(scalar):
         in the middle of the longest stretch that is near no other and longer than what any neck cuts off (``longer``),
         or of the first one from the ring's first point on. Lines begin at their first point.
         """
-        listed = share_links_sum[share_links_sum.shape[0] - 1][0] <= link_to.shape[0]
+        listed = links_io.share_links_sum[links_io.share_links_sum.shape[0] - 1][0] <= links_io.link_to.shape[0]
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            head = int(first)
-            linked = line.piece_count(work, marks, first, last + 1) > 0
+            run = line.whole_run(channels, channel)
+            head = int(run.first)
+            linked = chosen.piece_count(work, marks, run.first, run.last + 1) > 0
             if work.chunk == 0:
-                linked = channel_links[channel] > 0
-            if listed and channel_closed[channel] != 0 and linked:
-                inner = mark_ends(work, point_links, point_link, marks, link_to, first, last, point_from_io)
-                head = choose_head(
-                    work, point_links, point_link, marks, link_to, first, last, inner, longer, point_from_io
-                )
-                length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, 1)
-                turn_shortcuts(
-                    point_moved, length, work, point_links, point_link, marks, link_to, first, last, head,
-                    longer, link_saving_io,
-                )  # fmt: skip
-            channel_head_out[channel] = head
+                linked = links_io.channel_links[channel] > 0
+            if listed and run.closed != 0 and linked:
+                inner = mark_ends(work, marks, links_io, run, route_io.point_from)
+                head = choose_head(work, marks, links_io, run, inner, longer, route_io.point_from)
+                length = line.length_of(point_moved, arcs, run)
+                turn_shortcuts(point_moved, length, work, marks, run, head, longer, links_io)
+            route_io.channel_head[channel] = head
 
     # ---- the shortest path
+
+    @wp.struct
+    class Course:
+        """What a route is sought on: the points first .. stop - 1 of a line, or a ring, from its ``head`` round to it.
+
+        ``closed`` is 1 for a ring. What ends in the first point of a line or begins in the last is of other routes.
+        """
+
+        first: int
+        stop: int
+        head: int
+        closed: int
 
     @wp.func(module=name)
     def sweep_links(
         work: Work,
         marks: Marks,
         links: Links,
-        first: int,
+        course: Course,
+        begin: int,
         stop: int,
-        head: int,
-        inner: wp.vec2i,
         saved: wp.float64,
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
+        route_io: Route,
     ) -> wp.float64:
-        """Sweep the points first .. stop - 1 from what is saved above them; return what is saved below.
+        """Sweep the points begin .. stop - 1 from what is saved above them; return what is saved below.
 
-        They all lie from ``head`` on, or all before it, on a ring; then the shortcuts of a point that end from the head
-        on come from there: they are looked up, the others were noted by the points where they begin. Shortcuts that
-        end before inner[0] or begin from inner[1] on are not of these points' route.
+        They all lie from the head on, or all before it; then the shortcuts of a point that end from the head on come
+        from there: they are looked up, the others were noted by the points where they begin.
         """
         best = wp.float64(saved)
-        for k in range(line.piece_count(work, marks, first, stop)):
-            piece = line.piece_range(work, marks, first, stop, k)
+        head = course.head
+        first_end = course.first + 1 - course.closed
+        stop_begin = course.stop - 1 + course.closed
+        for k in range(chosen.piece_count(work, marks, begin, stop)):
+            piece = chosen.piece_range(work, marks, begin, stop, k)
             for i in range(piece[0], piece[1]):
                 source = int(0)
                 if i < head:
                     for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
                         j = links.link_to[m]
-                        if j >= head and point_saving_io[j] + links.link_saving[m] > best:
-                            best = point_saving_io[j] + links.link_saving[m]
+                        if j >= head and route_io.point_saving[j] + links.link_saving[m] > best:
+                            best = route_io.point_saving[j] + links.link_saving[m]
                             source = j + 1
-                if i >= inner[0]:
-                    if point_from_io[i] > 0 and point_saving_io[i] > best:
-                        best = point_saving_io[i]
-                        source = point_from_io[i]
-                    if point_from_io[i] != 0 or source > 0:
-                        point_from_io[i] = source
-                        point_saving_io[i] = best
-                if i < inner[1]:
+                if i >= first_end:
+                    if route_io.point_from[i] > 0 and route_io.point_saving[i] > best:
+                        best = route_io.point_saving[i]
+                        source = route_io.point_from[i]
+                    if route_io.point_from[i] != 0 or source > 0:
+                        route_io.point_from[i] = source
+                        route_io.point_saving[i] = best
+                if i < stop_begin:
                     for m in range(links.point_link[i], links.point_link[i] + links.point_links[i]):
                         j = links.link_to[m]
                         gain = best + links.link_saving[m]
-                        if (i >= head or j < head) and (point_from_io[j] <= 0 or gain > point_saving_io[j]):
-                            point_saving_io[j] = gain
-                            point_from_io[j] = i + 1
+                        known = route_io.point_from[j] > 0 and gain <= route_io.point_saving[j]
+                        if (i >= head or j < head) and not known:
+                            route_io.point_saving[j] = gain
+                            route_io.point_from[j] = i + 1
         return best
 
     @wp.func(module=name)
     def walk_path(
         work: Work,
         marks: Marks,
-        share: int,
-        ring_points: int,
+        k: int,
+        course: Course,
         begin: int,
         stop: int,
         cursor: int,
         point_from: wp.array[int],
-        point_neck_out: wp.array[int],
-        share_cut_io: wp.array[wp.vec2i],
+        cuts_io: Cuts,
     ) -> int:
         """Walk the shortest path back up the points begin .. stop - 1 and note the shortcuts on it where they begin.
 
         Returns the point that the walk has come to, which lies outside where a shortcut leads there.
-        ``ring_points``: those of a ring; 0 on a line.
         """
         at = int(wp.min(cursor, stop - 1))
-        pieces = line.piece_count(work, marks, begin, stop)
+        pieces = chosen.piece_count(work, marks, begin, stop)
         for n in range(0, pieces):
-            k = pieces - 1 - n
-            piece = line.piece_range(work, marks, begin, stop, k)
+            piece = chosen.piece_range(work, marks, begin, stop, pieces - 1 - n)
             if at >= piece[0] and at < stop:
                 j = wp.min(at, piece[1] - 1)
                 while j >= piece[0] and j < stop:
                     if point_from[j] > 0:
                         i = point_from[j] - 1
-                        point_neck_out[i] = j
                         points = j - i + 1
                         if i > j:
-                            points += ring_points
-                        wp.atomic_add(share_cut_io, line.share_of(work, share, i), wp.vec2i(1, points))
+                            points += course.stop - course.first
+                        chosen.note_cut(work, k, i, j, points, cuts_io)
                         at = i
                         j = i
                     else:
                         j -= 1
         return at
+
+    @wp.func(module=name)
+    def find_route(work: Work, marks: Marks, k: int, links: Links, course: Course, route_io: Route, cuts_io: Cuts):
+        """Find the shortest route along a course and note it: in one sweep, on a ring in two, up to its head and on."""
+        sweeps = 1 + course.closed
+        saved = wp.float64(0.0)
+        for n in range(sweeps):
+            begin = wp.where(n == 0, course.head, course.first)
+            stop = wp.where(n == 0, course.stop, course.head)
+            saved = sweep_links(work, marks, links, course, begin, stop, saved, route_io)
+        cursor = course.head - 1
+        for n in range(sweeps):
+            begin = int(course.first)
+            stop = int(course.head)
+            if n == course.closed:
+                begin = course.head + 1 - course.closed
+                stop = course.stop
+                if cursor < course.head:
+                    cursor = stop - 1
+            cursor = walk_path(work, marks, k, course, begin, stop, cursor, route_io.point_from, cuts_io)
 
     @wp.func(module=name)
     def cluster_end(links: Links, link: int, total: int) -> int:
@@ -305,78 +302,18 @@ def build(scalar):
             m += 1
         return reach
 
-    @wp.func(module=name)
-    def route_line(
-        work: Work,
-        marks: Marks,
-        share: int,
-        links: Links,
-        first: int,
-        last: int,
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
-        point_neck_out: wp.array[int],
-        share_cut_io: wp.array[wp.vec2i],
-    ):
-        """Find the route from one point of a line to a later one that no shortcut passes over, and note it.
-
-        What ends in the first point or begins in the last is of the routes above and below.
-        """
-        sweep_links(
-            work, marks, links, first, last + 1, first,
-            wp.vec2i(first + 1, last), ZERO_64, point_from_io, point_saving_io,
-        )  # fmt: skip
-        walk_path(work, marks, share, 0, first + 1, last + 1, last, point_from_io, point_neck_out, share_cut_io)
-
-    @wp.func(module=name)
-    def route_ring(
-        work: Work,
-        marks: Marks,
-        share: int,
-        head: int,
-        links: Links,
-        first: int,
-        last: int,
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
-        point_neck_out: wp.array[int],
-        share_cut_io: wp.array[wp.vec2i],
-    ):
-        """Find the route from the head of a ring round to it, and note it."""
-        inner, size = wp.vec2i(first, last + 1), last + 1 - first
-        saved = sweep_links(
-            work, marks, links, head, last + 1, head, inner, ZERO_64,
-            point_from_io, point_saving_io,
-        )  # fmt: skip
-        sweep_links(
-            work, marks, links, first, head, head, inner, saved,
-            point_from_io, point_saving_io,
-        )  # fmt: skip
-        cursor = walk_path(
-            work, marks, share, size, first, head, head - 1, point_from_io, point_neck_out, share_cut_io
-        )  # fmt: skip
-        if cursor < head:
-            cursor = last
-        walk_path(work, marks, share, size, head, last + 1, cursor, point_from_io, point_neck_out, share_cut_io)
-
     @wp.kernel(module=name, enable_backward=False)
     def find_path(
         # network
-        channel_start: wp.array[int],
+        channels: Channels,
         # params
         work: Work,
         # in
-        channel_closed: wp.array[int],
-        channel_head: wp.array[int],
-        channel_links: wp.array[int],
-        share_links_sum: wp.array[wp.vec2i],
         marks: Marks,
         links: Links,
         # out
-        point_from_io: wp.array[int],
-        point_saving_io: wp.array[wp.float64],
-        point_neck_out: wp.array[int],
-        share_cut_io: wp.array[wp.vec2i],
+        route_io: Route,
+        cuts_io: Cuts,
     ):
         """Shortest path from the head of a channel to its foot, or round a ring, over its segments and shortcuts.
 
@@ -389,46 +326,44 @@ def build(scalar):
         point that no shortcut passes over is on the route of a line, whatever lies above and below.
 
         A ring is swept from its head on, round to it. A shortcut is noted where it begins; the end lies before that
-        where it passes over the ring's first point. Without ``channel_closed`` there are only lines.
+        where it passes over the ring's first point.
         """
         k = work.first + wp.tid()
-        total = share_links_sum[share_links_sum.shape[0] - 1][0]
+        total = links.share_links_sum[links.share_links_sum.shape[0] - 1][0]
         if total > links.link_to.shape[0]:
             return
-        share = line.point_range(work, channel_start, channel_start.shape[0] - 1, k)
-        i = int(share[0])
-        channel = int(share[2])
+        # In slabs there are no clusters: stop is 0.
         link = int(0)
+        stop = int(0)
         reach = int(0)
-        if k > 0 and work.chunk > 0:
-            link = share_links_sum[k - 1][0]
-            reach = share_links_sum[k - 1][1]
-        while i < share[1]:
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            closed = line.closed_at(channel_closed, channel)
-            linked = work.chunk > 0
+        if work.chunk > 0:
+            stop = links.share_links_sum[k][0]
+            if k > 0:
+                link = links.share_links_sum[k - 1][0]
+                reach = links.share_links_sum[k - 1][1]
+        run = line.begin_runs(channels, work, k)
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
+            whole = run.closed != 0 and run.begin == run.first
             if work.chunk == 0:
-                linked = channel_links[channel] > 0
-            if linked and closed != 0:
-                if i == first:
-                    route_ring(
-                        work, marks, k, channel_head[channel], links, first, last, point_from_io, point_saving_io,
-                        point_neck_out, share_cut_io,
-                    )  # fmt: skip
-            elif linked and work.chunk == 0:
-                route_line(
-                    work, marks, k, links, first, last, point_from_io, point_saving_io, point_neck_out, share_cut_io
-                )
-            while work.chunk > 0 and link < share_links_sum[k][0] and links.link_from[link] <= last:
-                if closed == 0 and links.link_from[link] >= reach:
-                    route_line(
-                        work, marks, k, links, links.link_from[link], cluster_end(links, link, total), point_from_io,
-                        point_saving_io, point_neck_out, share_cut_io,
-                    )  # fmt: skip
-                reach = wp.max(reach, links.link_to[link])
-                link += 1
-            i = last + 1
-            channel += 1
+                whole = links.channel_links[run.channel] > 0
+            # One place that finds routes, so that its code is there once.
+            while whole or (link < stop and links.link_from[link] <= run.last):
+                course = Course(run.first, run.last + 1, run.first, run.closed)
+                found = bool(whole)
+                if whole:
+                    if run.closed != 0:
+                        course.head = route_io.channel_head[run.channel]
+                else:
+                    if run.closed == 0 and links.link_from[link] >= reach:
+                        found = True
+                        course.first = links.link_from[link]
+                        course.head = course.first
+                        course.stop = cluster_end(links, link, total) + 1
+                    reach = wp.max(reach, links.link_to[link])
+                    link += 1
+                if found:
+                    find_route(work, marks, k, links, course, route_io, cuts_io)
+                whole = False
 
     return SimpleNamespace(vec2=vec2, open_rings=open_rings, find_path=find_path)

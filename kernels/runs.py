@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline
+from warpriver.kernels import channels
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,14 +18,13 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.runs_{scalar.__name__}"
-    line = polyline.build(scalar)
-    vec2 = line.vec2
+    line = channels.build(scalar)
+    vec2, Points = line.vec2, line.Points
 
     @wp.kernel(module=name, enable_backward=False)
     def gather_runs(
         # network
-        point_xy: wp.array[vec2],
-        point_section: wp.array[vec2],
+        points: Points,
         # params
         chunk: int,
         # in
@@ -33,23 +32,22 @@ def build(scalar):
         run_start: wp.array[int],
         run_scale: wp.array[vec2],
         # out
-        sample_xy_out: wp.array[vec2],
-        sample_section_out: wp.array[vec2],
+        moved_out: Points,
     ):
-        """Take runs of points over into a new order; width and depth change by the factors of their run."""
+        """Bring runs of points into a new order; width and depth change by the factors of their run."""
         run_count = run_begin.shape[0]
         i = wp.tid() * chunk
         end = wp.min(i + chunk, run_start[run_count])
         if i >= end:
             return
-        run = line.channel_at(run_start, run_count, i)
+        run = line.channel_at(run_start, i)
         while i < end:
             shift = run_begin[run] - run_start[run]
             stop = wp.min(end, run_start[run + 1])
             for j in range(i, stop):
-                sample_xy_out[j] = point_xy[j + shift]
-                if point_section:
-                    sample_section_out[j] = wp.cw_mul(point_section[j + shift], run_scale[run])
+                moved_out.xy[j] = points.xy[j + shift]
+                if points.section:
+                    moved_out.section[j] = wp.cw_mul(points.section[j + shift], run_scale[run])
             i = stop
             run += 1
 

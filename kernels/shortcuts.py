@@ -7,6 +7,9 @@ import warp as wp
 
 from warpriver.kernels import buckets, polyline
 from warpriver.kernels.channels import Work
+from warpriver.kernels.cuts import Cuts
+from warpriver.kernels.links import Links, Route
+from warpriver.kernels.polyline import Arcs
 from warpriver.kernels.status import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED
 from warpriver.kernels.variants import named
 
@@ -22,35 +25,24 @@ def build(scalar):
     """
     name = f"warpriver.kernels.shortcuts_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, Form = line.vec2, line.Form
+    vec2, Channels, Points, Run = line.vec2, line.Channels, line.Points, line.Run
+    PointTable, Reach = table.PointTable, table.Reach
     ZERO, HALF = scalar(0.0), scalar(0.5)
 
-    @wp.struct
-    class ShortcutLaw:
-        """When two points are joined: search radius and least arc in widths, cosine of the cone squared.
-
-        ``channel_closed``: 1 for rings; without the array there are none.
-        """
-
-        radius: scalar
-        min_arc: scalar
-        cone: scalar
-        channel_closed: wp.array[int]
-
     @wp.func(module=name)
-    def neighbour(i: int, first: int, last: int, closed: int) -> int:
+    def neighbour(i: int, run: Run) -> int:
         """Point of an index that may lie one beyond an end: the end of a line, the other end of a ring."""
-        if closed != 0:
-            if i < first:
-                return last
-            if i > last:
-                return first
-        return wp.clamp(i, first, last)
+        if run.closed != 0:
+            if i < run.first:
+                return run.last
+            if i > run.last:
+                return run.first
+        return wp.clamp(i, run.first, run.last)
 
     @wp.func(module=name)
-    def tangent_at(point: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
+    def tangent_at(point: wp.array[vec2], i: int, run: Run) -> vec2:
         """Direction of the line at a point, of no particular length: from the point before to the point after."""
-        return point[neighbour(i + 1, first, last, closed)] - point[neighbour(i - 1, first, last, closed)]
+        return point[neighbour(i + 1, run)] - point[neighbour(i - 1, run)]
 
     @wp.func(module=name)
     def side_of(a: vec2, b: vec2, p: vec2) -> scalar:
@@ -64,45 +56,35 @@ def build(scalar):
 
     @wp.func(module=name)
     def is_shortcut(
-        point: wp.array[vec2],
-        section: wp.array[vec2],
-        i: int,
-        j: int,
-        tangent: vec2,
-        radius: scalar,
-        min_arc: scalar,
-        law: ShortcutLaw,
-        first: int,
-        last: int,
-        closed: int,
+        moved: Points, near: PointTable, cone: scalar, run: Run, reach: Reach, i: int, tangent: vec2, j: int
     ) -> bool:
         """Tell whether point i may be joined to a later point j: near, far along the channel, and in line with it.
 
         Strands that cross are joined at any angle. Of the two pairs of ends looked at the nearer one lies no farther
         apart than a segment is long, and either shortcut takes the crossing off the channel.
-        ``tangent`` is that at i; ``radius`` in m and ``min_arc`` in points a metre serve where widths are constant.
+        ``tangent`` is that at i.
         """
-        reach = radius
-        if section:
-            width = HALF * (section[i][0] + section[j][0])
+        radius = reach.radius
+        if moved.section:
+            width = HALF * (moved.section[i][0] + moved.section[j][0])
             apart = j - i
-            if closed != 0:
-                apart = wp.min(apart, last + 1 - first - apart)
-            if scalar(apart) <= min_arc * width:
+            if run.closed != 0:
+                apart = wp.min(apart, run.last + 1 - run.first - apart)
+            if scalar(apart) <= reach.min_arc * width:
                 return False
-            reach = law.radius * width
-        if not (wp.length_sq(point[j] - point[i]) < reach * reach):
+            radius = near.distance * width
+        if not (wp.length_sq(moved.xy[j] - moved.xy[i]) < radius * radius):
             return False
-        other = tangent_at(point, j, first, last, closed)
+        other = tangent_at(moved.xy, j, run)
         along = wp.dot(tangent, other)
-        if along * along >= law.cone * wp.length_sq(tangent) * wp.length_sq(other):
+        if along * along >= cone * wp.length_sq(tangent) * wp.length_sq(other):
             return True
         # At the end of a line the segment beyond has no length, and crosses nothing.
-        after = point[neighbour(j + 1, first, last, closed)]
-        if segments_cross(point[i], point[i + 1], point[j], after):
+        after = moved.xy[neighbour(j + 1, run)]
+        if segments_cross(moved.xy[i], moved.xy[i + 1], moved.xy[j], after):
             return True
-        before = point[neighbour(i - 1, first, last, closed)]
-        return segments_cross(before, point[i], point[j - 1], point[j])
+        before = moved.xy[neighbour(i - 1, run)]
+        return segments_cross(before, moved.xy[i], moved.xy[j - 1], moved.xy[j])
 
     @wp.func(module=name)
     def is_in_cell(p: vec2, x: int, y: int) -> bool:
@@ -118,11 +100,11 @@ def build(scalar):
         return i + int(min_arc * widest) + 1
 
     @wp.func(module=name)
-    def highest_partner(nearest: int, i: int, first: int, last: int, closed: int) -> int:
+    def highest_partner(nearest: int, i: int, run: Run) -> int:
         """Last point that may be joined to point i: on a ring it is as far from it the other way round."""
-        if closed != 0:
-            return wp.min(last, 2 * i + last + 1 - first - nearest)
-        return last
+        if run.closed != 0:
+            return wp.min(run.last, 2 * i + run.last + 1 - run.first - nearest)
+        return run.last
 
     @wp.func(module=name)
     def highest_first(bucket_head: wp.array[int], fields: int, bucket: int, nearest: int) -> int:
@@ -133,60 +115,53 @@ def build(scalar):
 
     @wp.func(module=name)
     def write_partners(
-        point: wp.array[vec2],
-        section: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        first: int,
-        last: int,
-        closed: int,
-        mask: int,
+        moved: Points,
+        near: PointTable,
+        cone: scalar,
+        run: Run,
+        reach: Reach,
         i: int,
-        form: Form,
-        min_arc: scalar,
         fields: int,
-        law: ShortcutLaw,
         offset: int,
-        stop: int,
-        link_to_io: wp.array[int],
+        links_io: Links,
     ) -> int:
         """List the points that point i may be joined to in ascending order from ``offset`` on; gives the end.
 
-        As many as were counted, up to ``stop``.
+        As many as were counted.
         """
-        here = point[i]
-        radius = law.radius * form.widest
-        nearest = lowest_partner(section, i, form.widest, min_arc)
-        farthest = highest_partner(nearest, i, first, last, closed)
-        tangent = tangent_at(point, i, first, last, closed)
-        per_cell = HALF / radius
-        x0 = table.floor_int(here[0] * per_cell - HALF)
-        y0 = table.floor_int(here[1] * per_cell - HALF)
+        here = moved.xy[i]
+        nearest = lowest_partner(moved.section, i, run.form.widest, reach.min_arc)
+        farthest = highest_partner(nearest, i, run)
+        tangent = tangent_at(moved.xy, i, run)
+        x0 = table.floor_int(here[0] * reach.per_cell - HALF)
+        y0 = table.floor_int(here[1] * reach.per_cell - HALF)
         end = int(offset)
+        stop = offset + links_io.point_links[i]
         for corner in range(4):
             x = x0 + (corner & 1)
             y = y0 + (corner >> 1)
-            j = highest_first(bucket_head, fields, 4 * first + table.bucket_of(x, y, mask), nearest)
+            bucket = reach.first + table.bucket_of(x, y, reach.mask)
+            j = highest_first(near.bucket_head, fields, bucket, nearest)
             while j >= 0:
                 if (
                     j >= nearest
                     and j <= farthest
                     and end < stop
-                    and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
-                    and is_in_cell(point[j] * per_cell, x, y)
+                    and is_shortcut(moved, near, cone, run, reach, i, tangent, j)
+                    and is_in_cell(moved.xy[j] * reach.per_cell, x, y)
                 ):
                     slot = int(end)
-                    while slot > offset and link_to_io[slot - 1] > j:
-                        link_to_io[slot] = link_to_io[slot - 1]
+                    while slot > offset and links_io.link_to[slot - 1] > j:
+                        links_io.link_to[slot] = links_io.link_to[slot - 1]
                         slot -= 1
-                    link_to_io[slot] = j
+                    links_io.link_to[slot] = j
                     end += 1
-                j = point_next[j] - 1
+                j = near.point_next[j] - 1
         return end
 
     @wp.func(module=name)
     def first_link(share_links_sum: wp.array[wp.vec2i], k: int) -> int:
-        """First shortcut of a share of the work, from the inclusive sum."""
+        """First shortcut of a slab or chunk, from the running sum."""
         if k == 0:
             return 0
         return share_links_sum[k - 1][0]
@@ -196,141 +171,97 @@ def build(scalar):
         FIELDS = fields
 
         @wp.func(module=name)
-        def partners_of(
-            point: wp.array[vec2],
-            section: wp.array[vec2],
-            point_next: wp.array[int],
-            bucket_head: wp.array[int],
-            first: int,
-            last: int,
-            closed: int,
-            mask: int,
-            i: int,
-            form: Form,
-            min_arc: scalar,
-            law: ShortcutLaw,
-        ) -> wp.vec2i:
+        def partners_of(moved: Points, near: PointTable, cone: scalar, run: Run, reach: Reach, i: int) -> wp.vec2i:
             """Number of later points that point i may be joined to, and the last of them, 0 without any."""
-            here = point[i]
-            radius = law.radius * form.widest
-            nearest = lowest_partner(section, i, form.widest, min_arc)
-            farthest = highest_partner(nearest, i, first, last, closed)
-            tangent = tangent_at(point, i, first, last, closed)
-            per_cell = HALF / radius
-            x0 = table.floor_int(here[0] * per_cell - HALF)
-            y0 = table.floor_int(here[1] * per_cell - HALF)
+            here = moved.xy[i]
+            nearest = lowest_partner(moved.section, i, run.form.widest, reach.min_arc)
+            farthest = highest_partner(nearest, i, run)
+            tangent = tangent_at(moved.xy, i, run)
+            x0 = table.floor_int(here[0] * reach.per_cell - HALF)
+            y0 = table.floor_int(here[1] * reach.per_cell - HALF)
             found = wp.vec2i(0, 0)
             lowest = nearest * (2 - FIELDS)
             for corner in range(4):
                 x = x0 + (corner & 1)
                 y = y0 + (corner >> 1)
-                j = highest_first(bucket_head, FIELDS, 4 * first + table.bucket_of(x, y, mask), nearest)
+                bucket = reach.first + table.bucket_of(x, y, reach.mask)
+                j = highest_first(near.bucket_head, FIELDS, bucket, nearest)
                 while j >= lowest:
                     if (
                         j >= nearest
                         and j <= farthest
-                        and is_shortcut(point, section, i, j, tangent, radius, min_arc, law, first, last, closed)
-                        and is_in_cell(point[j] * per_cell, x, y)
+                        and is_shortcut(moved, near, cone, run, reach, i, tangent, j)
+                        and is_in_cell(moved.xy[j] * reach.per_cell, x, y)
                     ):
                         found = wp.vec2i(found[0] + 1, wp.max(found[1], j))
-                    j = point_next[j] - 1
+                    j = near.point_next[j] - 1
             return found
 
         @wp.kernel(module=name, enable_backward=False)
         @named(kernel_name)
         def count_shortcuts(
             # network
-            channel_start: wp.array[int],
-            channel_form: wp.array[Form],
-            channel_spacing: wp.array[scalar],
-            channel_step: wp.array[scalar],
+            channels: Channels,
             # params
-            law: ShortcutLaw,
+            cone: scalar,
             work: Work,
             # in
-            point_moved: wp.array[vec2],
-            section_moved: wp.array[vec2],
-            point_next: wp.array[int],
-            bucket_head: wp.array[int],
+            moved: Points,
+            near: PointTable,
             # out
-            point_links_out: wp.array[int],
-            point_neck_out: wp.array[int],
-            point_from_out: wp.array[int],
-            share_links_out: wp.array[wp.vec2i],
-            share_cut_out: wp.array[wp.vec2i],
-            channel_links_out: wp.array[int],
+            links_out: Links,
+            route_out: Route,
+            cuts_out: Cuts,
         ):
             """Number of shortcuts that begin at each point and in each share, with the last point that one reaches.
 
             i and j > i are joined where |p_i - p_j| < radius, their arc is above ``min_arc``, either way round on a
             ring, and the lines along them make an angle of at most the cone: (t_i . t_j)^2 >= cos^2 |t_i|^2 |t_j|^2. At
-            a neck the strands run opposite ways, so the angle is that of lines, not of arrows. Strands that cross are
-            joined at any angle. Slabs have lists that descend, as for necks, and count by channel, too. Clears what the
-            path is noted in; channels whose step is 0 have none.
+            a neck the strands run opposite ways, so the angle is that of lines, not of arrows; ``cone`` is cos^2.
+            Strands that cross are joined at any angle. Slabs have lists that descend, as for necks, and count by
+            channel, too. Clears what the path is noted in; inactive channels have none.
             """
             if work.status[HALT] != 0:
                 return
             k = work.first + wp.tid()
-            share = line.point_range(work, channel_start, channel_form.shape[0], k)
-            i = int(share[0])
-            end = share[1]
-            channel = int(share[2])
             links = wp.vec2i(0, 0)
-            while i < end:
-                first = channel_start[channel]
-                last = channel_start[channel + 1] - 1
-                stop = wp.min(end, last + 1)
+            run = line.begin_runs(channels, work, k)
+            while run.stop < run.end:
+                run = line.next_run(channels, run)
                 own = wp.vec2i(0, 0)
-                if channel_step[channel] > ZERO:
-                    mask = table.bucket_mask(last + 1 - first)
-                    closed = line.closed_at(law.channel_closed, channel)
-                    form = channel_form[channel]
-                    min_arc = law.min_arc / channel_spacing[channel]
-                    for j in range(i, stop):
-                        found = partners_of(
-                            point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
-                            min_arc, law,
-                        )  # fmt: skip
+                if run.step > ZERO:
+                    reach = table.reach_in(near, run)
+                    for j in range(run.begin, run.stop):
+                        found = partners_of(moved, near, cone, run, reach, j)
                         own = wp.vec2i(own[0] + found[0], wp.max(own[1], found[1]))
-                        point_links_out[j] = found[0]
-                        point_neck_out[j] = -1
-                        point_from_out[j] = 0
+                        links_out.point_links[j] = found[0]
+                        cuts_out.point_neck[j] = -1
+                        route_out.point_from[j] = 0
                 elif work.chunk > 0:
-                    for j in range(i, stop):
-                        point_links_out[j] = 0
-                        point_neck_out[j] = -1
-                        point_from_out[j] = 0
+                    for j in range(run.begin, run.stop):
+                        links_out.point_links[j] = 0
+                        cuts_out.point_neck[j] = -1
+                        route_out.point_from[j] = 0
                 if work.chunk == 0:
-                    channel_links_out[channel] = own[0]
+                    links_out.channel_links[run.channel] = own[0]
                 links = wp.vec2i(links[0] + own[0], wp.max(links[1], own[1]))
-                i = stop
-                channel += 1
-            share_links_out[k] = links
-            share_cut_out[k] = wp.vec2i(0, 0)
+            links_out.share_links[k] = links
+            cuts_out.share_cut[k] = wp.vec2i(0, 0)
 
         return count_shortcuts
 
     @wp.kernel(module=name, enable_backward=False)
     def list_shortcuts(
         # network
-        channel_start: wp.array[int],
-        channel_form: wp.array[Form],
-        channel_spacing: wp.array[scalar],
+        channels: Channels,
         # params
-        law: ShortcutLaw,
+        cone: scalar,
         work: Work,
         # in
-        point_moved: wp.array[vec2],
-        section_moved: wp.array[vec2],
-        point_next: wp.array[int],
-        bucket_head: wp.array[int],
-        point_links: wp.array[int],
-        channel_links: wp.array[int],
-        share_links_sum: wp.array[wp.vec2i],
+        moved: Points,
+        near: PointTable,
         # out
-        point_link_out: wp.array[int],
-        link_from_out: wp.array[int],
-        link_to_out: wp.array[int],
+        links_io: Links,
         status_io: wp.array[int],
     ):
         """List all shortcuts (i, j), ascending in i and then in j, whatever the order in the grid's lists.
@@ -340,41 +271,31 @@ def build(scalar):
         if work.status[HALT] != 0:
             return
         k = work.first + wp.tid()
-        total = share_links_sum[share_links_sum.shape[0] - 1][0]
+        total = links_io.share_links_sum[links_io.share_links_sum.shape[0] - 1][0]
         if k == 0:
             status_io[LINKS_NEEDED] = total
-        if total > link_to_out.shape[0]:
+        if total > links_io.link_to.shape[0]:
             wp.atomic_max(status_io, FAULT, FAULT_SHORTCUTS_FULL)
             return
-        slot = first_link(share_links_sum, k)
-        if share_links_sum[k][0] == slot:
+        slot = first_link(links_io.share_links_sum, k)
+        if links_io.share_links_sum[k][0] == slot:
             return
         fields = 1 + wp.min(work.chunk, 1)
-        share = line.point_range(work, channel_start, channel_form.shape[0], k)
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        while i < end:
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            stop = wp.min(end, last + 1)
-            if work.chunk > 0 or channel_links[channel] > 0:
-                mask = table.bucket_mask(last + 1 - first)
-                closed = line.closed_at(law.channel_closed, channel)
-                form = channel_form[channel]
-                min_arc = law.min_arc / channel_spacing[channel]
-                for j in range(i, stop):
-                    if point_links[j] > 0:
+        run = line.begin_runs(channels, work, k)
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
+            linked = work.chunk > 0
+            if work.chunk == 0:
+                linked = links_io.channel_links[run.channel] > 0
+            if linked:
+                reach = table.reach_in(near, run)
+                for j in range(run.begin, run.stop):
+                    if links_io.point_links[j] > 0:
                         begin = slot
-                        slot = write_partners(
-                            point_moved, section_moved, point_next, bucket_head, first, last, closed, mask, j, form,
-                            min_arc, fields, law, begin, begin + point_links[j], link_to_out,
-                        )  # fmt: skip
-                        point_link_out[j] = begin
+                        slot = write_partners(moved, near, cone, run, reach, j, fields, begin, links_io)
+                        links_io.point_link[j] = begin
                         for m in range(begin, slot):
-                            link_from_out[m] = j
-            i = stop
-            channel += 1
+                            links_io.link_from[m] = j
 
     @wp.kernel(module=name, enable_backward=False)
     def weigh_shortcuts(
@@ -382,35 +303,31 @@ def build(scalar):
         work: Work,
         # in
         point_moved: wp.array[vec2],
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.int64],
-        share_links_sum: wp.array[wp.vec2i],
-        link_from: wp.array[int],
-        link_to: wp.array[int],
+        arcs: Arcs,
         # out
-        link_saving_out: wp.array[wp.float64],
+        links_io: Links,
         chunk_mark_io: wp.array[wp.vec2i],
     ):
         """What each shortcut saves, the arc i .. j less its own length; marks the chunks where one begins or ends."""
-        if work.status[HALT] != 0 or share_links_sum[share_links_sum.shape[0] - 1][0] > link_saving_out.shape[0]:
+        total = links_io.share_links_sum[links_io.share_links_sum.shape[0] - 1][0]
+        if work.status[HALT] != 0 or total > links_io.link_saving.shape[0]:
             return
         k = work.first + wp.tid()
-        for m in range(first_link(share_links_sum, k), share_links_sum[k][0]):
-            i = link_from[m]
-            j = link_to[m]
-            arc = line.arc_between(point_arc, chunk_offset, work.chunk, i, j)
+        for m in range(first_link(links_io.share_links_sum, k), links_io.share_links_sum[k][0]):
+            i = links_io.link_from[m]
+            j = links_io.link_to[m]
+            arc = line.arc_from(arcs, line.arc_place(arcs, i), j)
             chord = point_moved[j] - point_moved[i]
             dx = wp.float64(chord[0])
             dy = wp.float64(chord[1])
-            link_saving_out[m] = arc - wp.sqrt(dx * dx + dy * dy)
+            links_io.link_saving[m] = arc - wp.sqrt(dx * dx + dy * dy)
             if work.chunk > 0:
                 wp.atomic_max(chunk_mark_io, i // work.chunk, wp.vec2i(1, 0))
                 wp.atomic_max(chunk_mark_io, j // work.chunk, wp.vec2i(1, 0))
 
     return SimpleNamespace(
         vec2=vec2,
-        Form=Form,
-        ShortcutLaw=ShortcutLaw,
+        PointTable=PointTable,
         count_shortcuts=shortcut_search("count_shortcuts", 1),
         count_shortcuts_in_chunks=shortcut_search("count_shortcuts_in_chunks", 2),
         list_shortcuts=list_shortcuts,

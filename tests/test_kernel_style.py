@@ -1,6 +1,7 @@
 """The rules of kernels/README.md that can be read off the source; a broken one is reported with file, line and name."""
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -19,7 +20,7 @@ INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64",
 # What gives a kernel that a factory makes its name.
 NAMED = "from warpriver.kernels.variants import named"
 # Files without device code of their own, and so without a ``build``.
-WITHOUT_BUILD = ("__init__", "status", "variants")
+WITHOUT_BUILD = ("__init__", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
     "cells": ["hydrology/cells.py"],
@@ -55,10 +56,12 @@ def decorated(tree, decorator):
             yield node
 
 
+@functools.cache
 def parsed(path):
     return ast.parse(path.read_text())
 
 
+@functools.cache
 def with_kernels():
     return [path for path in FILES if list(decorated(parsed(path), "wp.kernel"))]
 
@@ -86,30 +89,59 @@ def is_output(name):
     return name.endswith(("_out", "_io"))
 
 
+def root_of(node):
+    """Name that an element of an array, or an array in a struct, belongs to; "" for the length of one and all else."""
+    while isinstance(node, ast.Subscript) or (isinstance(node, ast.Attribute) and node.attr != "shape"):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def parameters_of(path):
+    """Names of the parameters of each device function that a file may call, by the name that it is called by."""
+    return shared_parameters() | {f.name: [a.arg for a in f.args.args] for f in decorated(parsed(path), "wp.func")}
+
+
+@functools.cache
+def shared_parameters():
+    """The same for the functions that several files share: they are called as members of what they were built into."""
+    shared = [path for path in FILES if path not in with_kernels() or path.stem == "raster"]
+    functions = [f for path in shared for f in decorated(parsed(path), "wp.func")]
+    return {f".{f.name}": [a.arg for a in f.args.args] for f in functions}
+
+
+@functools.cache
+def struct_members():
+    """Types of the members of all structs: {struct: {member: type}}."""
+    return {
+        struct.name: {
+            line.target.id: ast.unparse(line.annotation) for line in struct.body if isinstance(line, ast.AnnAssign)
+        }
+        for path in FILES
+        for struct in decorated(parsed(path), "wp.struct")
+    }
+
+
 def array_accesses(function, outputs_of):
     """Names of the arguments that a function writes and those that it reads, as two sets.
 
     Args:
         function: A kernel or device function.
-        outputs_of: For each device function of the file, the names of its parameters.
+        outputs_of: From ``parameters_of``.
     """
     written, read = set(), set()
     for node in ast.walk(function):
         if isinstance(node, ast.Subscript):
-            base = node.value
-            while isinstance(base, ast.Subscript) or (isinstance(base, ast.Attribute) and base.attr != "shape"):
-                base = base.value
-            if isinstance(base, ast.Name):
-                (written if isinstance(node.ctx, ast.Store) else read).add(base.id)
+            (written if isinstance(node.ctx, ast.Store) else read).add(root_of(node))
         if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Subscript):
-            read.add(ast.unparse(node.target.value))
+            read.add(root_of(node.target))
         if isinstance(node, ast.Call):
             called = ast.unparse(node.func)
-            names = [a.id if isinstance(a, ast.Name) else "" for a in node.args]
+            names = [root_of(a) for a in node.args]
             if called.removeprefix("wp.") in ATOMICS:
                 written.add(names[0])
                 read.add(names[0])
-            for name, parameter in zip(names, outputs_of.get(called, []), strict=False):
+            known = outputs_of.get(called, outputs_of.get(f".{called.split('.')[-1]}", []) if "." in called else [])
+            for name, parameter in zip(names, known, strict=False):
                 if is_output(parameter):
                     written.add(name)
                 # What is scratch to the caller may be read by the called.
@@ -204,6 +236,8 @@ def broken_atomics(function):
     The greatest of some real numbers does not depend on it either, but is found in a loop on a GPU.
     """
     kinds = {a.arg: ast.unparse(a.annotation) for a in function.args.args if a.annotation}
+    for name, kind in list(kinds.items()):
+        kinds |= {f"{name}.{member}": of for member, of in struct_members().get(kind, {}).items()}
     for node in ast.walk(function):
         if isinstance(node, ast.Call) and "atomic" in ast.unparse(node.func):
             called = ast.unparse(node.func).removeprefix("wp.")
@@ -217,7 +251,7 @@ def broken_atomics(function):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_kernels_and_device_functions_keep_the_rules(path):
     tree, lines = parsed(path), path.read_text().splitlines()
-    outputs_of = {f.name: [a.arg for a in f.args.args] for f in decorated(tree, "wp.func")}
+    outputs_of = parameters_of(path)
     found, made = [], in_factories(tree)
     for function in device_code(tree):
         kernel = function in list(decorated(tree, "wp.kernel"))
@@ -234,7 +268,7 @@ def test_a_file_builds_its_kernels_once_for_each_precision(path):
     """One cached ``build(scalar)`` a file holds all of its device code, in a Warp module named after both."""
     tree = parsed(path)
     if path.stem in WITHOUT_BUILD:
-        assert not device_code(tree) and not list(decorated(tree, "wp.struct"))
+        assert not device_code(tree)
         return
     (build,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))
     assert build.name == "build" and [a.arg for a in build.args.args] == ["scalar"]

@@ -94,7 +94,7 @@ def test_any_slabs_plain_checked_or_replayed_are_equal_to_the_bit(
 def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name, device):
     """Of points, cutoffs, oxbow points and shortcuts, in the middle of steps that several threads do."""
     monkeypatch.setattr(shortcuts, "SHORTCUTS_PER_POINT", 0.0)
-    monkeypatch.setattr(shortcuts, "LEAST_SHORTCUTS", 1)
+    monkeypatch.setattr(shortcuts, "MINIMUM_SHORTCUTS", 1)
     monkeypatch.setattr(buffers, "SLAB_POINTS", SMALL)
     model, steps = MODELS[name]
     sim = model(threads=3, device=device)
@@ -113,7 +113,7 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name,
 @pytest.mark.parametrize("name", [name for name in MODELS if "in two" not in name])
 def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, tight, device):
     """As a GPU does them: the host looks after so many, and those behind an event or a fault change nothing."""
-    monkeypatch.setattr(shortcuts, "LEAST_SHORTCUTS", 1)
+    monkeypatch.setattr(shortcuts, "MINIMUM_SHORTCUTS", 1)
     # Few, since rows of every length are recorded slab by slab, anew whenever buffers grow.
     monkeypatch.setattr(buffers, "SLAB_POINTS", 3 * SMALL)
     model, steps = MODELS[name]

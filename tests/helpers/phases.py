@@ -103,7 +103,7 @@ def cut(xy, width, params, spacing, *, device):
     points = loops.oxbow_xy.numpy() + origin
     after = state.inner.point_moved.numpy()[: len(xy)] + origin
     copies = np.concatenate([[False], (np.diff(after, axis=0) == 0.0).all(axis=1)])
-    return after[~copies], [points[begin : begin + count] for _, begin, count, _ in records]
+    return after[~copies], [points[begin : begin + count] for _, begin, count, _ in records.tolist()]
 
 
 def crossings(xy):

@@ -10,22 +10,25 @@ from kernel_arrays import (
     SCALARS,
     UNWRITTEN,
     by_fours,
+    channels_of,
     forms,
     list_of_marks,
+    points_of,
     ring_flags,
-    running_marks,
     share_count,
     share_of_points,
     share_out,
     split,
     starts_of,
     status_of,
+    struct_of,
     to_device,
     unwritten,
 )
 
 from warpriver.kernels import cutoffs
-from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, DONE, FAULT
+from warpriver.kernels.cuts import Cuts
+from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, DONE, FAULT, HALT
 
 SPACING = 10.0
 FAULT_OXBOWS_FULL = 2
@@ -72,7 +75,10 @@ def tangled_neck(rng, n):
 
 @dataclasses.dataclass
 class Cut:
-    """What is left of channels and of the loops cut off them; ``points`` by channel."""
+    """What is left of channels and of the loops cut off them; ``points`` by channel.
+
+    ``records``: (K, 4) channel, first point in the buffer, number of points, sub-steps before.
+    """
 
     points: list
     records: np.ndarray
@@ -105,7 +111,6 @@ class Case:
         spare=5,
     ):
         self.resting, self.rings, self.longer, self.halt = resting, rings, longer, halt
-        self.closed = ring_flags(rings, len(lines), device)
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = cutoffs.build(self.scalar), device, lines
         self.cutoff, self.min_arc, self.start = cutoff, min_arc, starts_of(lines)
@@ -119,19 +124,23 @@ class Case:
             self.width = np.array([s[:, 0].max() for s in sections])
             filled = np.concatenate([*sections, np.full((spare, 2), np.nan)])
             self.section = to_device(filled, self.kernel.vec2, device)
-        self.channel_start = to_device(self.start, wp.int32, device)
-        # Only the greatest width is for the cutoffs; the mean of a varying one would be wrong here.
-        self.form = forms(np.nan, np.nan, self.width, np.nan, self.scalar, device)
-        self.channel_spacing = to_device(np.full(len(lines), SPACING), self.scalar, device)
         step = np.full(len(lines), 0.3)
         step[list(resting)] = 0.0
-        self.channel_step = to_device(step, self.scalar, device)
+        self.channels = channels_of(
+            self.scalar,
+            start=to_device(self.start, wp.int32, device),
+            # Only the greatest width is for the cutoffs; the mean of a varying one would be wrong here.
+            form=forms(np.nan, np.nan, self.width, np.nan, self.scalar, device),
+            spacing=to_device(np.full(len(lines), SPACING), self.scalar, device),
+            step=to_device(step, self.scalar, device),
+            closed=ring_flags(rings, len(lines), device),
+        )
 
     # ---- launching
 
-    def launch(self, kernel, deal, inputs, outputs):
+    def launch(self, kernel, deal, inputs, outputs, status=None):
         """Launch a kernel over the points; ``...`` stands for the work among the inputs."""
-        for part in share_out(deal, len(self.lines), self.capacity, self.device, self.halt):
+        for part in share_out(deal, len(self.lines), self.capacity, self.device, self.halt, status):
             given = [part.work if value is ... else value for value in inputs]
             wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=self.device)
 
@@ -152,11 +161,8 @@ class Case:
         return marks
 
     def marks(self, point_neck, deal):
-        """Running sum of the marks and the list of marked chunks, on the device; slabs look at neither."""
-        if not isinstance(deal, int):
-            return unwritten(1, wp.vec2i, self.device), list_of_marks(None, self.device)
-        marks = self.neck_marks(point_neck, deal)
-        return running_marks(marks, self.device), list_of_marks(marks[:, 0], self.device)
+        """The marked chunks on the device; slabs do not look at them."""
+        return list_of_marks(self.neck_marks(point_neck, deal) if isinstance(deal, int) else None, self.device)
 
     # ---- finding
 
@@ -168,7 +174,7 @@ class Case:
         if not isinstance(deal, int):
             # A slab empties the table of its own channels.
             head.fill_(UNWRITTEN)
-        inputs = [self.channel_start, self.form, self.channel_step, self.cutoff, ..., points]
+        inputs = [self.channels, self.cutoff, ..., points]
         self.launch(self.kernel.insert_points, deal, inputs, [after, by_fours(head), head])
         return after, head
 
@@ -176,29 +182,34 @@ class Case:
         """What the search for necks writes, on the host: necks, marks and cuts of the shares, necks of the channels."""
         after, head = self.linked(deal)
         points = to_device(self.packed, self.kernel.vec2, self.device)
-        out = [
+        near = struct_of(
+            self.kernel.PointTable, distance=self.cutoff, min_arc=self.min_arc, point_next=after, bucket_head=head
+        )
+        necks, marks = (
             unwritten(self.capacity, wp.int32, self.device),
             unwritten(self.chunks(deal), wp.vec2i, self.device),
+        )
+        counts, of_channels = (
             unwritten(self.shares(deal), wp.vec2i, self.device),
             unwritten(len(self.lines), wp.int32, self.device),
-        ]
-        inputs = [self.channel_start, self.form, self.channel_spacing, self.channel_step, self.closed, self.cutoff]
-        inputs += [self.min_arc, ..., points, self.section, after, head]
+        )
+        cuts = struct_of(Cuts, point_neck=necks, share_cut=counts, channel_necks=of_channels)
         search = self.kernel.find_necks_in_chunks if isinstance(deal, int) else self.kernel.find_necks
-        self.launch(search, deal, inputs, out)
-        return [array.numpy() for array in out]
+        inputs = [self.channels, ..., points_of(self.scalar, points, self.section), near]
+        self.launch(search, deal, inputs, [cuts, marks])
+        return [array.numpy() for array in (necks, marks, counts, of_channels)]
 
     def necks(self, deal=64):
         """First later neighbour of each point by channel, numbered within the channel; checks marks and counts.
 
-        In slabs the necks of a channel at rest are not written; they count as none here.
+        In slabs the necks of an inactive channel are not written; they count as none here.
         """
         found, marks, cuts, channel_necks = self.find(deal)
         assert (found[self.count :] == UNWRITTEN).all() and (cuts == 0).all()
         for c in self.resting:
             first, stop = self.start[c : c + 2]
             left = -1 if isinstance(deal, int) else UNWRITTEN
-            assert (found[first:stop] == left).all(), "a channel at rest was searched"
+            assert (found[first:stop] == left).all(), "an inactive channel was searched"
             found[first:stop] = -1
         assert (found[: self.count] >= -1).all()
         by_channel = split(found, self.start)
@@ -274,12 +285,15 @@ class Case:
     def selected(self, necks, deal=64):
         """Cuts kept of the necks given, by channel; checks what is written, and the counts by share."""
         point_neck = self.packed_necks(necks, deal)
-        cuts = unwritten(self.capacity, wp.int32, self.device)
+        chosen = unwritten(self.capacity, wp.int32, self.device)
         counts = wp.zeros(self.shares(deal), dtype=wp.vec2i, device=self.device)
-        inputs = [self.channel_start, self.closed, self.longer, ..., self.channel_necks(necks, deal)]
-        inputs += [*self.marks(point_neck, deal), to_device(point_neck, wp.int32, self.device)]
-        self.launch(self.kernel.select_cuts, deal, inputs, [cuts, counts])
-        point_cut = cuts.numpy()
+        cuts = struct_of(
+            Cuts, point_neck=to_device(point_neck, wp.int32, self.device), point_cut=chosen, share_cut=counts,
+            channel_necks=self.channel_necks(necks, deal),
+        )  # fmt: skip
+        inputs = [self.channels, self.longer, ..., self.marks(point_neck, deal)]
+        self.launch(self.kernel.select_cuts, deal, inputs, [cuts])
+        point_cut = chosen.numpy()
         necked = np.zeros(self.capacity, bool)
         for c, (first, neck) in enumerate(zip(self.start[:-1], necks, strict=True)):
             necked[first : first + len(neck)] = (neck >= 0) & (c not in self.resting)
@@ -312,21 +326,28 @@ class Case:
         total = counts.sum(axis=0)
         cut_capacity = before[0] + total[0] + 3 if cut_capacity is None else cut_capacity
         oxbow_capacity = before[1] + total[1] + 3 if oxbow_capacity is None else oxbow_capacity
-        records, spans = (unwritten(int(cut_capacity), kind, self.device) for kind in (wp.vec4i, wp.vec2i))
+        records, spans = (unwritten(int(cut_capacity), kind, self.device) for kind in (cutoffs.Cut, wp.vec2i))
         loops = unwritten(int(oxbow_capacity), self.kernel.vec2, self.device)
         loop_sections = None
         if self.section is not None:
             loop_sections = unwritten(int(oxbow_capacity), self.kernel.vec2, self.device)
         points = to_device(self.packed, self.kernel.vec2, self.device)
         state = {DONE: done, CUTS: before[0], CUT_POINTS: before[1], CUTS_NEEDED: -1, CUT_POINTS_NEEDED: -1}
-        status = status_of(state, self.device)
-        shares = [to_device(v, wp.vec2i, self.device) for v in (counts, np.cumsum(counts, axis=0))]
-        given = [to_device(v, wp.int32, self.device) for v in (point_neck, point_cut)]
-        inputs = [self.channel_start, ..., self.channel_necks(necks, deal), *shares, *given, self.section]
-        outputs = [records, spans, loops, loop_sections, points, status]
-        self.launch(self.kernel.record_cuts, deal, inputs, outputs)
-        inputs = [self.channel_start, ..., *shares, records, spans, self.section, status]
-        self.launch(self.kernel.save_loops, deal, inputs, [loops, loop_sections, points])
+        if self.halt:
+            state[HALT] = self.halt
+        status, total_of = status_of(state, self.device), np.cumsum(counts, axis=0)
+        cuts = struct_of(
+            Cuts,
+            point_neck=to_device(point_neck, wp.int32, self.device),
+            point_cut=to_device(point_cut, wp.int32, self.device),
+            channel_necks=self.channel_necks(necks, deal),
+            share_cut=to_device(counts, wp.vec2i, self.device),
+            share_cut_sum=to_device(total_of, wp.vec2i, self.device),
+        )
+        saved = struct_of(self.kernel.Loops, cut=records, span=spans, xy=loops, section=loop_sections)
+        moved = points_of(self.scalar, points, self.section)
+        self.launch(self.kernel.record_cuts, deal, [self.channels, ..., cuts], [saved, moved, status], status)
+        self.launch(self.kernel.save_loops, deal, [self.channels, ..., cuts], [saved, moved], status)
         after, found = points.numpy(), status.numpy()
         assert np.isnan(after[self.count :]).all()
         needed = [-1, -1] if self.halt else total.tolist()
@@ -337,7 +358,8 @@ class Case:
         else:
             assert (spans.numpy() == UNWRITTEN).all()
         loop_sections = None if loop_sections is None else loop_sections.numpy()
-        return Cut(split(after, self.start), records.numpy(), loops.numpy(), loop_sections, int(found[FAULT]))
+        table = np.array(records.numpy().tolist()).reshape(-1, 4)
+        return Cut(split(after, self.start), table, loops.numpy(), loop_sections, int(found[FAULT]))
 
     def assert_spans(self, spans, kept, slot):
         """First and last point of each loop; a loop that goes round has but the point where it is noted."""

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels import channels, raster
-from warpriver.kernels.channels import Marks, Work
+from warpriver.kernels import channels, polyline, raster
+from warpriver.kernels.channels import Work
+from warpriver.kernels.cuts import Marks
 from warpriver.kernels.status import HALT, STATUS_SIZE
 
 REALS = {"float64": np.float64, "float32": np.float32}
@@ -51,6 +52,11 @@ def to_device(values, kind, device):
 
 def unwritten(count, kind, device):
     """Device array that holds NaN, or -7 where it holds integers."""
+    if hasattr(kind, "numpy_dtype"):
+        table = np.zeros(count, kind.numpy_dtype())
+        for name in table.dtype.names:
+            table[name] = UNWRITTEN
+        return to_device(table, kind, device)
     integral = kind in (wp.int32, wp.int64, wp.vec4i, wp.vec2i)
     array = wp.empty(count, dtype=kind, device=device)
     array.fill_(UNWRITTEN if integral else math.nan)
@@ -104,7 +110,7 @@ def going_on(device):
     return status_of({}, device)
 
 
-def share_out(deal, channels, capacity, device, halt=0):
+def share_out(deal, channels, capacity, device, halt=0, status=None):
     """Launches that do the work of all channels, dealt out in one of the ways of ``DEALS``.
 
     Args:
@@ -113,14 +119,16 @@ def share_out(deal, channels, capacity, device, halt=0):
         capacity: Room for points, which the chunks cover.
         device: Warp device.
         halt: Not 0 where the status says halt.
+        status: Status on the device, in place of one that tells nothing else.
     """
+    status = status_of({HALT: halt}, device) if status is None else status
     if isinstance(deal, int):
         threads = chunk_count(capacity, deal)
         firsts = range(threads)[::-1] if isinstance(deal, Backwards) else [0]
         parts = []
         for first in firsts:
             work = Work()
-            work.status, work.chunk, work.first = status_of({HALT: halt}, device), int(deal), first
+            work.status, work.chunk, work.first = status, int(deal), first
             # Channels are numbered from the first thread on: all of them are of the launch that begins at 0.
             parts.append(Part(work, threads // len(firsts), channels if first == 0 else 0))
         return parts
@@ -132,7 +140,7 @@ def share_out(deal, channels, capacity, device, halt=0):
     parts = []
     for first, stop in spans:
         work = Work()
-        work.status, work.slab_channel, work.first = status_of({HALT: halt}, device), slabs, first
+        work.status, work.slab_channel, work.first = status, slabs, first
         parts.append(Part(work, stop - first, stop - first))
     return parts
 
@@ -150,15 +158,22 @@ def share_of_points(deal, start):
     return np.searchsorted(slab_bounds(deal, len(start) - 1)[1:], owner, side="right")
 
 
-def list_of_marks(flags, device):
-    """The marked chunks as the kernels read them, from a flag for each; without flags, for slabs, none."""
+def list_of_marks(chunk_mark, device):
+    """The marked chunks as the kernels read them, from (marked, last point reached) of each; for slabs, None, none."""
     marks = Marks()
-    if flags is not None:
-        flags = np.asarray(flags) > 0
+    if chunk_mark is not None:
+        marks.sum = running_marks(chunk_mark, device)
+        flags = np.asarray(chunk_mark)[:, 0] > 0
         marks.place = to_device(np.concatenate([[0], np.cumsum(flags)]), wp.int32, device)
         # Beyond the list there is what an earlier step left.
         marks.chunk = to_device(np.append(np.flatnonzero(flags), np.full((~flags).sum(), UNWRITTEN)), wp.int32, device)
     return marks
+
+
+def arcs_of(deal, point, chunk_offset):
+    """Arc lengths as kernels take them, from arrays on the device; ``deal`` as in ``DEALS``."""
+    chunk = int(deal) if isinstance(deal, int) else 0
+    return struct_of(polyline.Arcs, point=point, chunk_offset=chunk_offset, chunk=chunk)
 
 
 def running_marks(marks, device):

@@ -8,12 +8,15 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     UNWRITTEN,
+    channels_of,
     forms,
+    points_of,
     ring_flags,
     share_count,
     share_out,
     starts_of,
     status_of,
+    struct_of,
     to_device,
     unwritten,
     vec2_of,
@@ -92,22 +95,25 @@ class Search:
         kernel, start = collisions.build(scalar), starts_of(lines)
         count, channels = int(start[-1]), len(lines)
         grid = Levels(width, block)
-        law = kernel.CollisionLaw()
-        law.distance, law.node_reach, law.block, law.reach = 1.0, REACH, block, grid.reach
-        law.level_count = max(grid.levels) + 1
-        law.level_mask = sum(1 << level for level in set(grid.levels))
+        constants = struct_of(
+            kernel.CollisionConstants, distance=1.0, node_reach=REACH, block=block, reach=grid.reach,
+            level_count=max(grid.levels) + 1, level_mask=sum(1 << level for level in set(grid.levels)),
+        )  # fmt: skip
         xy = to_device(np.concatenate(lines), vec2_of(scalar), device)
         section = None if sections is None else to_device(np.concatenate(sections), vec2_of(scalar), device)
-        starts = to_device(start, wp.int32, device)
+        points = points_of(scalar, xy, section)
         spacing = to_device(np.full(channels, SPACING), scalar, device)
         links, owners = (unwritten(count, wp.int32, device) for _ in range(2))
         bucket = wp.zeros(4 * buckets, dtype=wp.int32, device=device)
         moves = np.full(channels, 0.3)
         moves[list(resting)] = 0.0
         step = to_device(moves, scalar, device)
-        rings = ring_flags(rings, channels, device)
         # The mean width is for lines without sections; with them only the greatest counts.
         form = forms(np.array(width) if sections is None else np.nan, 1.0, np.array(width), SPACING, scalar, device)
+        table = channels_of(
+            scalar, start=to_device(start, wp.int32, device), form=form, spacing=spacing, step=step,
+            closed=ring_flags(rings, channels, device),
+        )  # fmt: skip
 
         def launch(kernel, inputs, outputs):
             for part in share_out(deal, channels, count, device, halt):
@@ -116,18 +122,20 @@ class Search:
 
         status = status_of({CONTACTS: UNWRITTEN}, device)
         inserted = [links, owners, bucket, status]
-        launch(kernel.insert_blocks, [xy, starts, form, spacing, step, rings, law, ...], inserted)
+        launch(kernel.insert_blocks, [table, xy, constants, ...], inserted)
         assert status.numpy()[CONTACTS] == (UNWRITTEN if halt else 0), "they are counted anew"
         self.links, self.owners, self.bucket = links.numpy(), owners.numpy(), bucket.numpy().reshape(-1, 4)
         self.levels = grid.levels
-        table = to_device(np.array(nodes, np.int32), wp.vec2i, device)
+        ends = to_device(np.array(nodes, np.int32), wp.vec2i, device)
         shares = share_count(deal, channels, count)
         found = unwritten(shares, wp.int32, device)
         index = collisions.BlockIndex()
         index.point_next, index.point_owner, index.bucket = links, owners, bucket
-        inputs = [xy, section, starts, table, form, spacing, step, rings, law, ..., index]
+        inputs = [table, points, ends, constants, ..., index]
         # Where they are listed is not known, nor looked at, before they are counted.
-        launch(kernel.find_contacts, [*inputs, unwritten(shares, wp.int32, device)], [None, found, status])
+        total = unwritten(shares, wp.int32, device)
+        contacts = struct_of(collisions.Contacts, share_count=found, share_sum=total)
+        launch(kernel.find_contacts, inputs, [contacts, status])
         self.by_share = found.numpy()
         if halt:
             assert (self.by_share == UNWRITTEN).all() and status.numpy()[CONTACTS] == UNWRITTEN
@@ -138,7 +146,8 @@ class Search:
             wp.launch(kernel.count_contacts, dim=1, inputs=[found], outputs=[status], device=device)
         assert status.numpy()[CONTACTS] == self.count
         total, out = to_device(np.cumsum(self.by_share), wp.int32, device), unwritten(self.count + 2, wp.vec2i, device)
-        launch(kernel.find_contacts, [*inputs, total], [out, found, status])
+        contacts.share_sum, contacts.pair = total, out
+        launch(kernel.find_contacts, inputs, [contacts, status])
         assert (found.numpy() == self.by_share).all(), "what is listed is not counted again"
         assert status.numpy()[CONTACTS] == self.count
         assert (out.numpy()[self.count :] == UNWRITTEN).all()
@@ -148,7 +157,7 @@ class Search:
 def expected_contacts(lines, pairs, width, block, resting=()):
     """First touching pair of each block, with partners of a higher level, or of its own and a higher number.
 
-    Of two channels one must not be at rest.
+    Of two channels one must be active.
     """
     start, grid = starts_of(lines), Levels(width, block)
     first = {}
@@ -200,7 +209,7 @@ def test_of_two_that_touch_one_must_not_be_at_rest(deal, device):
         count += sum(int(np.searchsorted(start, i, side="right")) - 1 in resting for i, _ in found.contacts)
         everyone = Search(lines, width, nodes, deal, 1.5, "float64", device, resting=range(len(lines)))
         assert everyone.contacts == []
-    assert count > 10, "one at rest finds one that moves"
+    assert count > 10, "one that is inactive finds one that moves"
 
 
 @pytest.mark.parametrize("deal", [1, 64, *SLABS[:2]])

@@ -151,7 +151,7 @@ def test_channels_at_rest_are_not_searched(device, deal):
             assert (after[first:stop] == UNWRITTEN).all() and (head[first:stop] == left).all()
             expected[c][:] = -1
         assert_same_necks(case.necks(deal), expected)
-        # What an earlier step left in the necks of a channel at rest is not looked at.
+        # What an earlier step left in the necks of an inactive channel is not looked at.
         kept = case.selected(expected, deal)
         assert kept == [reference.select_cuts(neck) for neck in expected]
         assert sum(map(len, kept)) > 3 or len(resting) == 9

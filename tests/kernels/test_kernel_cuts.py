@@ -26,7 +26,7 @@ def random_necks(rng, counts, part=0.3):
 
 
 def tangled_case(rng, counts, *, closed=False, longer=0):
-    """Channels with necks of all kinds, some at rest in between, all rings or none; and the cuts that are kept."""
+    """Channels with necks of all kinds, some inactive in between, all rings or none; and the cuts that are kept."""
     necks = [tangled_neck(rng, n) for n in counts]
     resting = tuple(np.flatnonzero(rng.random(len(counts)) < 0.2))
     rings = tuple(range(len(counts))) if closed is True else tuple(np.flatnonzero(rng.random(len(counts)) < closed))
@@ -74,7 +74,7 @@ def test_selection_is_a_greedy_sweep_and_cuts_match_the_twin(counts, deal, seed,
     longer=st.integers(0, 1),
 )
 def test_any_tangle_of_necks_is_cut_as_one_by_one(counts, deal, seed, closed, longer):
-    """Lines and rings, in chunks far smaller and far larger than the clusters, and channels at rest in between."""
+    """Lines and rings, in chunks far smaller and far larger than the clusters, and inactive channels in between."""
     case, necks, kept = tangled_case(np.random.default_rng(seed), counts, closed=closed, longer=longer)
     assert case.selected(necks, deal) == kept
     assert_cuts(case, kept, deal, necks)

@@ -81,7 +81,7 @@ def test_a_line_that_turns_back_on_itself_stays_finite():
     assert (moved[1] == xy[1]).all()
 
 
-# ---- slabs, and channels at rest
+# ---- slabs, and inactive channels
 
 
 def test_the_division_into_slabs_changes_no_bit(device, dtype):

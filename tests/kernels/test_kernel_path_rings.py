@@ -11,11 +11,12 @@ import test_kernel_shortcuts as paths
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import DEALS, REALS, SLABS, Backwards, to_device
+from kernel_arrays import DEALS, REALS, SLABS, Backwards, list_of_marks, struct_of, to_device
 from path_lines import SPACING, varying_sections, wandering_line
 from reference_paths import PathLaw
 
 from warpriver.kernels import routes
+from warpriver.kernels.links import Route
 
 
 def mixed(seed=0):
@@ -32,7 +33,7 @@ def mixed(seed=0):
 @pytest.mark.parametrize("blur", [1.5, 60.0], ids=["a short blur", "a blur of many laps"])
 @pytest.mark.parametrize("varies", [False, True])
 def test_push_and_shift_of_rings_match_the_twins(device, dtype, varies, blur):
-    """Both recurrences closed over rings shorter and longer than they reach; one ring rests."""
+    """Both recurrences closed over rings shorter and longer than they reach; one ring is inactive."""
     lines, closed = mixed(1)
     counts = [len(xy) for xy in lines]
     law = PathLaw(time_step=0.05, blur_length=blur)
@@ -109,16 +110,13 @@ class RingCase(paths.Case):
 
     def opened(self, pairs, saving, longer, deal):
         """Heads within their channels, what shortcuts save then, marks at their ends, and the heads on the device."""
-        given, save, ends = (
-            self.packed_links(pairs, deal),
-            to_device(saving, wp.float64, self.device),
-            self.zeros(self.capacity),
-        )
-        head = self.ints(len(self.lines))
-        inputs = [self.channel_start, self.closed, longer, ..., self.xy, *self.arcs(deal), given["links"]]
-        inputs += [given["first"], given["total"], given["by_channel"], given["marks"], given["end"]]
-        self.launch(routes.build(self.scalar).open_rings, deal, inputs, [save, ends, head], by_channel=True)
-        return head.numpy() - self.start[:-1], save.numpy(), ends, head
+        links, marks = self.packed_links(pairs, deal)
+        links.link_saving = to_device(saving, wp.float64, self.device)
+        route = struct_of(Route, point_from=self.zeros(self.capacity), channel_head=self.ints(len(self.lines)))
+        inputs = [self.channels, longer, ..., self.xy, self.arcs(deal), list_of_marks(marks, self.device)]
+        self.launch(routes.build(self.scalar).open_rings, deal, inputs, [links, route], by_channel=True)
+        head = route.channel_head
+        return head.numpy() - self.start[:-1], links.link_saving.numpy(), route.point_from, head
 
     def routed(self, pairs, saving, longer, deal):
         """Shortcuts on the route by channel."""

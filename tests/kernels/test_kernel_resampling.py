@@ -16,7 +16,10 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     UNWRITTEN,
+    arcs_of,
+    channels_of,
     forms,
+    points_of,
     ring_flags,
     share_count,
     share_out,
@@ -95,7 +98,6 @@ class Case:
         self, lines, *, spacing=50.0, sections=None, resting=(), rings=(), dtype="float64", device="cpu", spare=5
     ):
         self.resting, self.rings = resting, rings
-        self.closed = ring_flags(rings, len(lines), device)
         self.scalar = SCALARS[dtype]
         self.kernel, self.device, self.lines = resampling.build(self.scalar), device, lines
         self.start = starts_of(lines)
@@ -104,22 +106,28 @@ class Case:
         self.sections = sections
         beyond = np.full((spare, 2), np.nan)
         self.point_moved = to_device(np.concatenate([*lines, beyond]), self.kernel.vec2, device)
-        self.section_moved = None
+        section = None
         if sections is not None:
-            self.section_moved = to_device(np.concatenate([*sections, beyond]), self.kernel.vec2, device)
-        self.channel_start = to_device(self.start, wp.int32, device)
-        # Only the spacing asked for is for these kernels.
-        self.form = forms(np.nan, np.nan, np.nan, self.asked, self.scalar, device)
+            section = to_device(np.concatenate([*sections, beyond]), self.kernel.vec2, device)
+        self.moved = points_of(self.scalar, self.point_moved, section)
         step = np.full(len(lines), 0.3)
         step[list(resting)] = 0.0
-        self.channel_step = to_device(step, self.scalar, device)
+        # Of the form only the target spacing is for these kernels.
+        self.members = {
+            "start": to_device(self.start, wp.int32, device),
+            "form": forms(np.nan, np.nan, np.nan, self.asked, self.scalar, device),
+            "spacing": to_device(np.full(len(lines), SPACING_BEFORE), self.scalar, device),
+            "step": to_device(step, self.scalar, device),
+            "closed": ring_flags(rings, len(lines), device),
+        }
+        self.channels = channels_of(self.scalar, **self.members)
 
     def launch(self, kernel, dim, inputs, outputs):
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def launch_points(self, kernel, deal, capacity, inputs, outputs, halt=0):
+    def launch_points(self, kernel, deal, capacity, inputs, outputs, halt=0, status=None):
         """Launch a kernel over that many points; ``...`` stands for the work among the inputs."""
-        for part in share_out(deal, len(self.lines), capacity, self.device, halt):
+        for part in share_out(deal, len(self.lines), capacity, self.device, halt, status):
             self.launch(kernel, part.threads, [part.work if value is ... else value for value in inputs], outputs)
 
     def measured(self, deal, status=None, halt=0):
@@ -127,7 +135,7 @@ class Case:
         arc = unwritten(self.capacity, wp.float64, self.device)
         length = unwritten(share_count(deal, len(self.lines), self.capacity), wp.int64, self.device)
         status = status_of({}, self.device) if status is None else status
-        inputs = [self.channel_start, self.channel_step, ..., self.point_moved]
+        inputs = [self.channels, ..., self.point_moved]
         self.launch_points(self.kernel.measure_arcs, deal, self.capacity, inputs, [arc, length, status], halt)
         return arc, length
 
@@ -139,14 +147,12 @@ class Case:
             arc += (np.cumsum(length) - length)[np.arange(self.count) // deal]
         return [own - own[0] for own in split(arc, self.start)]
 
-    def counted(self, deal, arc, offset, status):
+    def counted(self, deal, arcs, status):
         """Points and even spacing of each channel, both on the device."""
         samples = unwritten(len(self.lines), wp.int32, self.device)
         spacing = unwritten(len(self.lines), self.scalar, self.device)
-        before = to_device(np.full(len(self.lines), SPACING_BEFORE), self.scalar, self.device)
         for part in share_out(deal, len(self.lines), self.capacity, self.device):
-            inputs = [self.channel_start, self.form, before, self.channel_step, self.closed, part.work]
-            inputs += [self.point_moved, arc, offset]
+            inputs = [self.channels, part.work, self.point_moved, arcs]
             self.launch(self.kernel.count_samples, part.channel_threads, inputs, [samples, spacing, status])
         return samples, spacing
 
@@ -162,15 +168,16 @@ class Case:
         offset = unwritten(len(length), wp.int64, self.device)
         if isinstance(deal, int):
             offset = to_device(np.cumsum(length.numpy()), wp.int64, self.device)
-        samples, spacing = self.counted(deal, arc, offset, status)
+        arcs = arcs_of(deal, arc, offset)
+        samples, spacing = self.counted(deal, arcs, status)
         start_next = to_device(np.concatenate([[0], np.cumsum(samples.numpy())]), wp.int32, self.device)
         needed = int(start_next.numpy()[-1])
         capacity = needed + 4 if capacity is None else capacity
         points = unwritten(capacity, self.kernel.vec2, self.device)
         sections = None if self.sections is None else unwritten(capacity, self.kernel.vec2, self.device)
-        inputs = [self.channel_start, spacing, self.channel_step, self.closed, ..., start_next, self.point_moved]
-        inputs += [self.section_moved, arc, offset, status]
-        self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [points, sections])
+        new = channels_of(self.scalar, **self.members | {"start": start_next, "spacing": spacing})
+        inputs, sampled = [self.channels, ..., new, self.moved, arcs], points_of(self.scalar, points, sections)
+        self.launch_points(self.kernel.resample_points, deal, capacity, inputs, [sampled], status=status)
         start_out = to_device(self.start, wp.int32, self.device)
         spacing_out = to_device(np.full(channels, SPACING_BEFORE), self.scalar, self.device)
         count = to_device([*substep, 1], wp.int32, self.device)
@@ -245,7 +252,7 @@ def test_arc_lengths_by_chunk(device, chunk):
 
 @pytest.mark.parametrize("deal", SLABS)
 def test_arc_lengths_by_slab(device, deal):
-    """Each point's arc from its channel's head; what a channel at rest had is left."""
+    """Each point's arc from its channel's head; what an inactive channel had is left."""
     rng = np.random.default_rng(3)
     case = Case([smooth_line(rng, n) for n in (3, 70, 4, 3, 3, 129, 64)], resting=(0, 4), device=device)
     arc, length = (a.numpy() for a in case.measured(deal))
@@ -282,21 +289,13 @@ def test_arc_lengths_do_not_depend_on_the_division(device, dtype):
 def test_arcs_between_points_of_a_channel_are_those_of_its_segments(device, dtype):
     """From the head and from any point to any later one, as the kernels ask for them, in quanta."""
     line = polyline.build(SCALARS[dtype])
-    arc_at, arc_between = line.arc_at, line.arc_between
+    arc_place, arc_from = line.arc_place, line.arc_from
 
     @wp.kernel(module="unique", enable_backward=False)
-    def evaluate(
-        point_arc: wp.array[wp.float64],
-        chunk_offset: wp.array[wp.int64],
-        chunk: int,
-        first: int,
-        arc_out: wp.array[wp.float64],
-        between_out: wp.array2d[wp.float64],
-    ):
+    def evaluate(arcs: polyline.Arcs, first: int, between_out: wp.array2d[wp.float64]):
         i, j = wp.tid()
-        arc_out[j] = arc_at(point_arc, chunk_offset, chunk, first, first + j)
         if i <= j:
-            between_out[i, j] = arc_between(point_arc, chunk_offset, chunk, first + i, first + j)
+            between_out[i, j] = arc_from(arcs, arc_place(arcs, first + i), first + j)
 
     rng = np.random.default_rng(5)
     case = Case([smooth_line(rng, n) for n in (3, 70, 4, 129)], dtype=dtype, device=device)
@@ -304,13 +303,11 @@ def test_arcs_between_points_of_a_channel_are_those_of_its_segments(device, dtyp
     for deal in DEALS:
         arc, length = case.measured(deal)
         offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
-        chunk = int(deal) if isinstance(deal, int) else 0
         for first, own in zip(case.start[:-1].tolist(), expected, strict=True):
             n = len(own)
-            out, between = wp.zeros(n, dtype=wp.float64, device=device), wp.zeros((n, n), wp.float64, device=device)
-            inputs = [arc, offset, chunk, first]
-            wp.launch(evaluate, dim=(n, n), inputs=inputs, outputs=[out, between], device=device)
-            np.testing.assert_array_equal(as_quanta(out.numpy()), own)
+            between = wp.zeros((n, n), wp.float64, device=device)
+            inputs = [arcs_of(deal, arc, offset), first]
+            wp.launch(evaluate, dim=(n, n), inputs=inputs, outputs=[between], device=device)
             np.testing.assert_array_equal(as_quanta(between.numpy()), np.triu(own - own[:, None]))
 
 
@@ -356,7 +353,8 @@ def test_a_length_that_is_not_finite_or_beyond_any_river_is_a_fault(device, dtyp
                     assert (length.numpy() >= 0).all(), "what has no length adds none"
                 else:
                     assert status.numpy()[FAULT] == before
-                case.counted(deal, arc, to_device(np.cumsum(length.numpy()), wp.int64, device), status)
+                offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
+                case.counted(deal, arcs_of(deal, arc, offset), status)
                 assert status.numpy()[FAULT] == max(before, fault), "the graver fault is kept"
 
 
@@ -370,7 +368,8 @@ def test_a_channel_may_be_too_long_of_which_no_chunk_is(device, gaps, fault):
         status = status_of({}, device)
         arc, length = case.measured(deal, status)
         assert status.numpy()[FAULT] == 0
-        case.counted(deal, arc, to_device(np.cumsum(length.numpy()), wp.int64, device), status)
+        offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
+        case.counted(deal, arcs_of(deal, arc, offset), status)
         assert status.numpy()[FAULT] == fault, deal
 
 
@@ -382,7 +381,7 @@ def test_more_segments_than_integers_count_are_a_fault(device, spacing, fault):
         status = status_of({}, device)
         arc, length = case.measured(deal, status)
         offset = to_device(np.cumsum(length.numpy()), wp.int64, device)
-        samples, _ = case.counted(deal, arc, offset, status)
+        samples, _ = case.counted(deal, arcs_of(deal, arc, offset), status)
         assert status.numpy()[FAULT] == fault
         assert samples.numpy()[0] == (0 if fault else round(1e7 / spacing) + 1)
 
@@ -608,7 +607,7 @@ def test_single_precision_samples(device):
         assert_sampled(Case(lines, dtype="float32", device=device), deal, POINT_TOLERANCE_32)
 
 
-# ---- slabs, and channels at rest
+# ---- slabs, and inactive channels
 
 
 def test_the_division_changes_no_bit(device, dtype):
@@ -694,7 +693,7 @@ def test_channel_of_a_point(device):
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(channel_start: wp.array[int], channel_out: wp.array[int]):
         i = wp.tid()
-        channel_out[i] = channel_at(channel_start, channel_start.shape[0] - 1, i)
+        channel_out[i] = channel_at(channel_start, i)
 
     out = unwritten(109, wp.int32, device)
     wp.launch(evaluate, dim=109, inputs=[to_device(start, wp.int32, device)], outputs=[out], device=device)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import SCALARS, chunk_count, to_device, unwritten, vec2_of
+from kernel_arrays import SCALARS, chunk_count, points_of, to_device, unwritten, vec2_of
 
 from warpriver.kernels import runs
 
@@ -22,11 +22,12 @@ def test_gather_runs_takes_points_and_scales_sections(device, dtype, chunk):
     source = np.concatenate([np.arange(b, b + n) for b, n in zip(begin, count, strict=True)])
     for sections in (None, section):
         points, out = (unwritten(int(start[-1]) + 3, vec2, device) for _ in range(2))
-        inputs = [to_device(xy, vec2, device), to_device(sections, vec2, device), chunk]
+        inputs = [points_of(scalar, to_device(xy, vec2, device), to_device(sections, vec2, device)), chunk]
         inputs += [to_device(a.astype(np.int32), wp.int32, device) for a in (begin, start)]
         inputs.append(None if sections is None else to_device(scale, vec2, device))
         threads = chunk_count(int(start[-1]) + 3, chunk)
-        wp.launch(kernel.gather_runs, dim=threads, inputs=inputs, outputs=[points, out], device=device)
+        moved = points_of(scalar, points, out)
+        wp.launch(kernel.gather_runs, dim=threads, inputs=inputs, outputs=[moved], device=device)
         np.testing.assert_array_equal(points.numpy()[:-3], xy[source])
         assert np.isnan(points.numpy()[-3:]).all() and np.isnan(out.numpy()[-3:]).all()
         if sections is None:

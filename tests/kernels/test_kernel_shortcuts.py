@@ -12,19 +12,22 @@ from kernel_arrays import (
     SLABS,
     UNWRITTEN,
     Backwards,
+    arcs_of,
     by_fours,
     list_of_marks,
     running_marks,
     share_count,
     share_of_points,
     status_of,
+    struct_of,
     to_device,
     unwritten,
 )
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
 from warpriver.kernels import cutoffs, resampling, routes, shortcuts
-from warpriver.kernels.polyline import Links
+from warpriver.kernels.cuts import Cuts
+from warpriver.kernels.links import Links, Route
 from warpriver.kernels.status import FAULT, LINKS_NEEDED
 
 FAULT_SHORTCUTS_FULL = 3
@@ -36,7 +39,6 @@ class Case(PackedLines):
     def __init__(self, lines, **options):
         super().__init__(lines, **options)
         self.kernel = shortcuts.build(self.scalar)
-        self.shape = [self.channel_start, self.form, self.spacing]
 
     def ints(self, count=None):
         return unwritten(self.capacity if count is None else count, wp.int32, self.device)
@@ -51,23 +53,15 @@ class Case(PackedLines):
         """Number of chunks; slabs have none, and arrays of one element for them."""
         return self.shares(deal) if isinstance(deal, int) else 1
 
-    def law(self, radius, min_arc, cone):
-        law = self.kernel.ShortcutLaw()
-        law.radius, law.min_arc = radius, min_arc
-        law.cone = np.cos(np.radians(cone)) ** 2 if cone < 90.0 else 0.0
-        if self.closed is not None:
-            law.channel_closed = self.closed
-        return law
-
     # ---- shortcuts
 
-    def linked(self, radius, deal):
-        """Grid of the points: (next, head); with chunks a bucket has two fields, slabs empty their own."""
+    def linked(self, radius, min_arc, deal):
+        """Grid of the points; with chunks a bucket has two fields, slabs empty their own."""
         chunked = isinstance(deal, int)
         after, head = self.ints(), self.zeros(8 * self.capacity) if chunked else self.ints(4 * self.capacity)
-        inputs = [self.channel_start, self.form, self.step, radius, ..., self.xy]
+        inputs = [self.channels, radius, ..., self.xy]
         self.launch(cutoffs.build(self.scalar).insert_points, deal, inputs, [after, by_fours(head), head])
-        return after, head
+        return struct_of(self.kernel.PointTable, distance=radius, min_arc=min_arc, point_next=after, bucket_head=head)
 
     def by_share(self, links, farthest, deal):
         """Number of shortcuts that begin in each share, and the last point that one of them reaches, (shares, 2)."""
@@ -76,21 +70,29 @@ class Case(PackedLines):
         np.maximum.at(marks[:, 1], share, farthest[: self.count])
         return marks
 
-    def search(self, law, near, deal):
+    def inputs(self, cone, near):
+        """What the searches read."""
+        return [self.channels, np.cos(np.radians(cone)) ** 2 if cone < 90.0 else 0.0, ..., self.points, near]
+
+    def search(self, cone, near, deal):
         """What counting writes, on the device: shortcuts, path and way back by point, by share, cuts, by channel."""
-        out = [self.ints() for _ in range(3)]
-        out += [unwritten(self.shares(deal), wp.vec2i, self.device) for _ in range(2)]
-        out += [self.ints(len(self.lines))]
+        links, neck, before = (self.ints() for _ in range(3))
+        by_share, cut = (unwritten(self.shares(deal), wp.vec2i, self.device) for _ in range(2))
+        by_channel = self.ints(len(self.lines))
+        outputs = [
+            struct_of(Links, point_links=links, share_links=by_share, channel_links=by_channel),
+            struct_of(Route, point_from=before),
+            struct_of(Cuts, point_neck=neck, share_cut=cut),
+        ]
         in_chunks = isinstance(deal, int)
         search = self.kernel.count_shortcuts_in_chunks if in_chunks else self.kernel.count_shortcuts
-        self.launch(search, deal, [*self.shape, self.step, law, ..., *near], out)
-        return out
+        self.launch(search, deal, self.inputs(cone, near), outputs)
+        return links, neck, before, by_share, cut, by_channel
 
     def counted(self, radius, min_arc, cone, deal=64):
         """Grid, shortcuts of each point and channel, and running sums over the shares; checks what is cleared."""
-        near = [self.xy, self.section, *self.linked(radius, deal)]
-        law, chunked = self.law(radius, min_arc, cone), isinstance(deal, int)
-        found = self.search(law, near, deal)
+        near, chunked = self.linked(radius, min_arc, deal), isinstance(deal, int)
+        found = self.search(cone, near, deal)
         links, neck, before, by_share, cuts, by_channel = (a.numpy() for a in found)
         owner = np.repeat(np.arange(len(self.lines)), np.diff(self.start))
         resting = np.isin(owner, self.resting)
@@ -108,16 +110,19 @@ class Case(PackedLines):
             assert (by_channel == UNWRITTEN).all()
         else:
             assert by_channel.tolist() == np.bincount(owner, counts, len(self.lines)).tolist()
-        return law, near, found[0], found[-1], running_marks(by_share, self.device)
+        return near, found[0], found[-1], running_marks(by_share, self.device)
 
     def shortcuts(self, radius, min_arc, cone, deal=64, room=None):
         """Pairs by channel, numbered within the channel, in the order of the list; None where there is no room."""
-        law, near, links, by_channel, total = self.counted(radius, min_arc, cone, deal)
+        near, links, by_channel, total = self.counted(radius, min_arc, cone, deal)
         found = int(total.numpy()[-1, 0])
         room = found + 3 if room is None else room
         first, begin, end, status = self.ints(), self.ints(room), self.ints(room), status_of({}, self.device)
-        inputs = [*self.shape, law, ..., *near, links, by_channel, total]
-        self.launch(self.kernel.list_shortcuts, deal, inputs, [first, begin, end, status])
+        listed = struct_of(
+            Links, link_from=begin, link_to=end, point_links=links, point_link=first, channel_links=by_channel,
+            share_links_sum=total,
+        )  # fmt: skip
+        self.launch(self.kernel.list_shortcuts, deal, self.inputs(cone, near), [listed, status])
         assert status.numpy()[LINKS_NEEDED] == found, "told, whether there is room or not"
         if room < found:
             assert status.numpy()[FAULT] == FAULT_SHORTCUTS_FULL
@@ -141,7 +146,7 @@ class Case(PackedLines):
     # ---- what they save
 
     def packed_links(self, pairs, deal, room=None):
-        """Shortcuts numbered within their channels, as the kernels have them, by name; ``room`` for so many."""
+        """Shortcuts numbered within their channels, as the kernels have them, and marks; ``room`` for so many."""
         packed = np.concatenate([p + a for p, a in zip(pairs, self.start[:-1], strict=True)])
         links = np.bincount(packed[:, 0], minlength=self.capacity)
         farthest = np.zeros(self.capacity, int)
@@ -150,43 +155,38 @@ class Case(PackedLines):
         if isinstance(deal, int):
             by_channel = np.full(len(pairs), UNWRITTEN)
         else:
-            # Where a channel has none, or rests, slabs look no further; there is what an earlier step left.
+            # Where a channel has none, or is inactive, slabs look no further; there is what an earlier step left.
             owner = np.repeat(np.arange(len(pairs)), np.diff(self.start))
             links[: self.count][np.array(by_channel)[owner] == 0] = 2
         first = np.full(self.capacity, UNWRITTEN)
         i, at = np.unique(packed[:, 0], return_index=True)
         first[i] = at
-        arrays = {"links": links, "first": first, "by_channel": by_channel}
-        arrays |= {"begin": packed[:room, 0], "end": packed[:room, 1]}
+        arrays = {"point_links": links, "point_link": first, "channel_links": by_channel}
+        arrays |= {"link_from": packed[:room, 0], "link_to": packed[:room, 1]}
         given = {name: to_device(np.array(a), wp.int32, self.device) for name, a in arrays.items()}
-        flags = None
+        listed = struct_of(Links, share_links_sum=running_marks(by_share, self.device), **given)
+        marks = None
         if isinstance(deal, int):
-            flags = np.zeros(self.chunks(deal), int)
-            flags[packed // deal] = 1
-        return given | {
-            "total": running_marks(by_share, self.device),
-            "flags": flags,
-            "marks": list_of_marks(flags, self.device),
-        }
+            marks = np.zeros((self.chunks(deal), 2), int)
+            marks[packed // deal, 0] = 1
+        return listed, marks
 
     def arcs(self, deal):
-        """Arc lengths on the device: (by point, offsets of the chunks)."""
+        """Arc lengths as the kernels read them."""
         arc = unwritten(self.capacity, wp.float64, self.device)
         length = unwritten(self.chunks(deal), wp.int64, self.device)
         kernel, status = resampling.build(self.scalar).measure_arcs, status_of({}, self.device)
-        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.xy], [arc, length, status])
+        self.launch(kernel, deal, [self.channels, ..., self.xy], [arc, length, status])
         assert status.numpy()[FAULT] == 0
-        return arc, to_device(np.cumsum(length.numpy()), wp.int64, self.device)
+        return arcs_of(deal, arc, to_device(np.cumsum(length.numpy()), wp.int64, self.device))
 
     def weighed(self, pairs, deal):
         """What each shortcut saves, in the order of the list; checks the chunks where any begins or ends."""
-        given, marks = self.packed_links(pairs, deal), self.zeros(self.chunks(deal), wp.vec2i)
-        saving = unwritten(given["begin"].shape[0], wp.float64, self.device)
-        inputs = [..., self.xy, *self.arcs(deal), given["total"], given["begin"], given["end"]]
-        self.launch(self.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
-        flags = [0] if given["flags"] is None else given["flags"]
-        assert marks.numpy().tolist() == [[int(flag), 0] for flag in flags]
-        return saving.numpy()
+        (links, expected), marks = self.packed_links(pairs, deal), self.zeros(self.chunks(deal), wp.vec2i)
+        links.link_saving = unwritten(len(links.link_from), wp.float64, self.device)
+        self.launch(self.kernel.weigh_shortcuts, deal, [..., self.xy, self.arcs(deal)], [links, marks])
+        assert marks.numpy().tolist() == ([[0, 0]] if expected is None else expected.tolist())
+        return links.link_saving.numpy()
 
     # ---- the path
 
@@ -196,18 +196,15 @@ class Case(PackedLines):
         ``room``: so many are listed at most; ``head`` and ``ends_at``: heads of rings and marks at their ends. In
         ``swept`` is kept where the best shortcut to each point begins, and what is saved there.
         """
-        given, kernel = self.packed_links(pairs, deal, room), routes.build(self.scalar)
-        links = Links()
-        links.point_links, links.point_link = given["links"], given["first"]
-        links.link_from, links.link_to = given["begin"], given["end"]
+        (links, marks), kernel = self.packed_links(pairs, deal, room), routes.build(self.scalar)
         links.link_saving = to_device(saving[:room], wp.float64, self.device)
         before = self.zeros(self.capacity) if ends_at is None else ends_at
         neck, saved = self.ints(), unwritten(self.capacity, wp.float64, self.device)
         neck.fill_(-1)
         cuts = self.zeros(self.shares(deal), wp.vec2i)
-        inputs = [self.channel_start, ..., self.closed, head]
-        inputs += [given["by_channel"], given["total"], given["marks"], links]
-        self.launch(kernel.find_path, deal, inputs, [before, saved, neck, cuts])
+        route = struct_of(Route, point_from=before, point_saving=saved, channel_head=head)
+        inputs = [self.channels, ..., list_of_marks(marks, self.device), links]
+        self.launch(kernel.find_path, deal, inputs, [route, struct_of(Cuts, point_cut=neck, share_cut=cuts)])
         self.swept = before.numpy(), saved.numpy()
         kept, counts, share = [], np.zeros((self.shares(deal), 2), int), share_of_points(deal, self.start)
         for first, own in zip(self.start[:-1], self.by_channel(neck.numpy()), strict=True):
@@ -397,19 +394,22 @@ def test_a_halted_step_finds_no_shortcuts_and_no_route(device, deal):
     rng = np.random.default_rng(1)
     lines = [wandering_line(rng, 300), wandering_line(rng, 100)]
     case = Case(lines, device=device)
-    law, near, links, by_channel, total = case.counted(1.5, 3.0, 90.0, deal)
+    near, links, by_channel, total = case.counted(1.5, 3.0, 90.0, deal)
     pairs = case.twin_shortcuts(1.5, 3.0, 90.0)
     found = sum(map(len, pairs))
     case.halt = 1
-    assert all((array.numpy() == UNWRITTEN).all() for array in case.search(law, near, deal))
+    assert all((array.numpy() == UNWRITTEN).all() for array in case.search(90.0, near, deal))
     first, begin, end, status = case.ints(), case.ints(found), case.ints(found - 1), status_of({}, device)
-    inputs = [*case.shape, law, ..., *near, links, by_channel, total]
-    case.launch(case.kernel.list_shortcuts, deal, inputs, [first, begin, end, status])
+    listed = struct_of(
+        Links, link_from=begin, link_to=end, point_links=links, point_link=first, channel_links=by_channel,
+        share_links_sum=total,
+    )  # fmt: skip
+    case.launch(case.kernel.list_shortcuts, deal, case.inputs(90.0, near), [listed, status])
     assert all((array.numpy() == UNWRITTEN).all() for array in (first, begin, end)) and not status.numpy().any()
     saving, marks = unwritten(found, wp.float64, device), case.zeros(case.chunks(deal), wp.vec2i)
-    given = case.packed_links(pairs, deal)
-    inputs = [..., case.xy, *case.arcs(deal), total, given["begin"], given["end"]]
-    case.launch(case.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
+    links, _ = case.packed_links(pairs, deal)
+    links.link_saving = saving
+    case.launch(case.kernel.weigh_shortcuts, deal, [..., case.xy, case.arcs(deal)], [links, marks])
     assert np.isnan(saving.numpy()).all() and not marks.numpy().any()
     assert case.path(pairs, np.ones(found), deal) == [[], []]
 

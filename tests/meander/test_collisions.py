@@ -8,7 +8,7 @@ from warpriver import MeanderParams, RiverNetwork, Simulation
 from warpriver.graph.edits import NetworkEdit
 from warpriver.history import History, StopReason
 from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
-from warpriver.meander.collisions import Collide, collision_law, join_channels
+from warpriver.meander.collisions import Collide, collision_constants, join_channels
 
 WIDTH = 20.0
 # Nothing moves: only what touches is joined.
@@ -301,18 +301,18 @@ def test_search_finds_what_comparing_all_pairs_finds(device):
                 shared |= (ends_i[i] == ends_j[j]) & (arc_i[i] + arc_j[j] < reach)
         touching = np.stack([i, j], axis=1)[(away < 0.5 * (width[a] + width[b])) & (a < b) & ~shared]
         form = state.form.numpy()[: sim.network.channel_count]
-        law = collision_law(sim.network, params, form)
+        constants = collision_constants(sim.network, params, form)
         nodes = np.stack([sim.network.channel_from, sim.network.channel_to], axis=1).astype(np.int32)
         state.assign(collide.nodes, nodes)
         state.assign(state.step, np.ones(len(nodes)))
-        collide._law = law
+        collide._constants = constants
         state.begin_row()
         state.run(collide.stages(state))
         contacts = collide.contacts(state)
         # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.
         widest, longest = form["widest"], COARSEST_SPACING * form["target_spacing"]
-        far = 0.5 * (widest + np.maximum(law.block * widest, longest)) + SLACK_SPACINGS * longest
-        rank = np.maximum(np.ceil(np.log2(far / law.reach)), 0.0) * len(width) + np.arange(len(width))
+        far = 0.5 * (widest + np.maximum(constants.block * widest, longest)) + SLACK_SPACINGS * longest
+        rank = np.maximum(np.ceil(np.log2(far / constants.reach)), 0.0) * len(width) + np.arange(len(width))
         pairs = {tuple(sorted(p, key=lambda k: rank[owner[k]])) for p in touching.tolist()}
         assert {tuple(p) for p in contacts.tolist()} <= pairs
         # Every point that touches lies in a block whose contact is listed, at that point or before it.

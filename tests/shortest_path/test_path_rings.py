@@ -89,7 +89,7 @@ def test_200_noisy_rings_against_scipy(policy, device):
     take(state)
     found, longer = state.found, policy == "longer"
     assert state.inner.read_status()[0] == 0
-    start, neck = state.network.starts(), found.point_neck.numpy()
+    start, neck = state.network.starts(), state.cutter.point_neck.numpy()
     links = np.stack([a.numpy()[: found.count(state.inner)] for a in (found.link_from, found.link_to)], axis=1)
     most, with_shortcuts, taken = 0.0, 0, 0
     for k, (xy, first) in enumerate(zip(lines, start[:-1], strict=True)):

@@ -74,7 +74,7 @@ def cut(lines, params, **options):
         take(state)
     count = found.count(inner)
     links = np.stack([found.link_from.numpy()[:count], found.link_to.numpy()[:count]], axis=1)
-    start, neck = state.network.starts(), found.point_neck.numpy()
+    start, neck = state.network.starts(), state.cutter.point_neck.numpy()
     by_channel, kept = [], []
     for first, stop in itertools.pairwise(start):
         own = (links[:, 0] >= first) & (links[:, 0] < stop)
@@ -127,7 +127,7 @@ def taken(state):
     status, loops = state.inner.read_status(), state.cutter.loops
     assert status[FAULT] == 0
     cuts, points = status[CUTS_NEEDED], status[CUT_POINTS_NEEDED]
-    necks, moved = state.found.point_neck.numpy(), state.inner.point_moved.numpy()
+    necks, moved = state.cutter.point_neck.numpy(), state.inner.point_moved.numpy()
     return necks, moved, loops.cut.numpy()[:cuts], loops.oxbow_xy.numpy()[:points]
 
 

@@ -527,8 +527,8 @@ class State:
         launch(
             runs.build(self.scalar).gather_runs,
             dim=math.ceil(filled / chunk),
-            inputs=[network.point_xy, network.point_section, chunk, begin, start, scale],
-            outputs=[self.point_moved, self.section_moved],
+            inputs=[self.points(), chunk, begin, start, scale],
+            outputs=[self.moved()],
             device=device,
         )
         for first, count in edited.loops:

@@ -21,7 +21,7 @@ from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
-__all__ = ["Collide", "collision_law", "gathered_nodes", "join_channels"]
+__all__ = ["Collide", "collision_constants", "gathered_nodes", "join_channels"]
 
 # Length of a block of points in the grid, in widths of its channel: long enough that few blocks are looked up, short
 # enough that few blocks near each other do not touch.
@@ -30,10 +30,10 @@ BLOCK_WIDTHS = 8.0
 ROUNDS = 8
 
 
-def collision_law(
+def collision_constants(
     network: RiverNetwork, params: MeanderParams | PathMeander, form: np.ndarray, before: Any = None
 ) -> Any:
-    """Pack the scalars of the search for a network; ``None`` where there is nothing to search: rings never join.
+    """Pack the constants of the search for a network; ``None`` where there is nothing to search: rings never join.
 
     Args:
         network: The network.
@@ -45,10 +45,10 @@ def collision_law(
     if params.collision_distance == 0.0 or np.count_nonzero(lines) < 2:
         return None
     form = form[lines]
-    law = kernels.build(PRECISIONS[network.dtype][0]).CollisionLaw()
-    law.distance = params.collision_distance
-    law.node_reach = params.junction_reach
-    law.block = BLOCK_WIDTHS
+    constants = kernels.build(PRECISIONS[network.dtype][0]).CollisionConstants()
+    constants.distance = params.collision_distance
+    constants.node_reach = params.junction_reach
+    constants.block = BLOCK_WIDTHS
     width, spacing = form["widest"], COARSEST_SPACING * form["target_spacing"]
     reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
     reach += kernels.SLACK_SPACINGS * spacing
@@ -56,15 +56,15 @@ def collision_law(
     base = math.floor(math.log2(reach.min()))
     if before is not None:
         base = min(base, round(math.log2(before.reach)))
-    law.reach = 2.0**base
+    constants.reach = 2.0**base
     # What lies on the edge of a level may come to lie in either, by the rounding on the device.
     octave = np.log2(reach) - base
     levels = np.unique(np.maximum(np.ceil(np.concatenate([octave - 1e-5, octave + 1e-5])), 0.0).astype(int))
-    law.level_count = int(levels[-1]) + 1
-    law.level_mask = sum(1 << level for level in levels.tolist())
-    if before is not None and law.reach == before.reach and law.level_mask & ~before.level_mask == 0:
+    constants.level_count = int(levels[-1]) + 1
+    constants.level_mask = sum(1 << level for level in levels.tolist())
+    if before is not None and constants.reach == before.reach and constants.level_mask & ~before.level_mask == 0:
         return before
-    return law
+    return constants
 
 
 def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderParams | PathMeander) -> np.ndarray:
@@ -108,7 +108,7 @@ class Collide(Phase):
     scan: Scan
 
     def __init__(self) -> None:
-        self._law: Any = None
+        self._constants: Any = None
         self._saved: np.ndarray | None = None
         self._nodes = np.zeros((0, 2), np.int32)
 
@@ -133,9 +133,9 @@ class Collide(Phase):
             labels = gathered_nodes(state.network, state.channel_length, state.params)
         self._nodes = labels
         state.assign(self.nodes, labels)
-        law = collision_law(state.network, state.params, state.channel_form, self._law)
-        if law is not self._law:
-            self._law = law
+        constants = collision_constants(state.network, state.params, state.channel_form, self._constants)
+        if constants is not self._constants:
+            self._constants = constants
             state.changed()
 
     def saved(self, state: State) -> dict[str, np.ndarray]:
@@ -148,10 +148,11 @@ class Collide(Phase):
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages that count the places where channels touch; none where there is nothing to search."""
-        law = self._law
-        if law is None:
+        constants = self._constants
+        if constants is None:
             return []
         kernel, device, status = kernels.build(state.scalar), state.device, state.status.array
+        channels = state.channels()
 
         def insert(whole: Share) -> None:
             # The channels share one table: on the CPU it is filled by one thread.
@@ -159,13 +160,10 @@ class Collide(Phase):
             launch(
                 kernel.insert_blocks,
                 dim=whole.point_threads,
-                inputs=[
-                    state.network.point_xy, state.start, state.form, state.spacing, state.step, state.closed, law,
-                    whole.work,
-                ],
+                inputs=[channels, state.network.point_xy, constants, whole.work],
                 outputs=[*state.spare, self.block_bucket, status],
                 device=device,
-            )  # fmt: skip
+            )
 
         def count(_: Share) -> None:
             launch(kernel.count_contacts, dim=1, inputs=[self.share_contacts], outputs=[status], device=device)
@@ -177,19 +175,18 @@ class Collide(Phase):
         ]
 
     def _search(self, state: State, share: Share, out: wp.array | None) -> None:
-        index = kernels.BlockIndex()
+        index, contacts = kernels.BlockIndex(), kernels.Contacts()
         (index.point_next, index.point_owner), index.bucket = state.spare, self.block_bucket
-        network = state.network
+        contacts.share_count, contacts.share_sum = self.share_contacts, self.share_contacts_sum
+        if out is not None:
+            contacts.pair = out
         launch(
             kernels.build(state.scalar).find_contacts,
             dim=share.point_threads,
-            inputs=[
-                network.point_xy, network.point_section, state.start, self.nodes, state.form, state.spacing,
-                state.step, state.closed, self._law, share.work, index, self.share_contacts_sum,
-            ],
-            outputs=[out, self.share_contacts, state.status.array],
+            inputs=[state.channels(), state.points(), self.nodes, self._constants, share.work, index],
+            outputs=[contacts, state.status.array],
             device=state.device,
-        )  # fmt: skip
+        )
 
     def contacts(self, state: State) -> np.ndarray:
         """Return the contacts that the stages counted, (K, 2) point indices, in the order of the points."""
@@ -205,7 +202,7 @@ class Collide(Phase):
 
     def after(self, state: State, row: Row) -> list[Event]:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
-        if self._law is None or row.status[FAULT] != FAULT_NONE or not (row.status[CONTACTS] > 0 or row.edited):
+        if self._constants is None or row.status[FAULT] != FAULT_NONE or not (row.status[CONTACTS] > 0 or row.edited):
             return []
         if row.halted:
             # The sub-steps that were halted have emptied the table of the search.
@@ -224,7 +221,7 @@ class Collide(Phase):
             edited, done = joined
             events += _collisions(state.network, row.times[-1], done)
             state.adopt(edited)
-            if self._law is None:
+            if self._constants is None:
                 break
             state.run(self.stages(state))
         return events

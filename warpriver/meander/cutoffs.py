@@ -44,40 +44,36 @@ class CutOff(Phase):
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: the table, the search, the choice of cuts, the cut."""
         kernel, device, params = kernels.build(state.scalar), state.device, state.params
-        table, marks, loops, start, distance = self.table, self.marks, self.loops, state.start, params.cutoff_distance
+        marks, channels, moved = self.marks, state.channels(), state.moved()
+        near = self.table.struct(state, params.cutoff_distance, params.cutoff_min_arc)
         # Where a loop ends is written once the lists of near points are no longer read.
-        point_cut, keep_longer = table.point_next, int(params.ring_policy == "longer")
+        cuts = self.loops.cuts(self.point_neck, self.table.point_next, self.necks)
+        keep_longer = int(params.ring_policy == "longer")
 
         def find(share: Share) -> None:
             launch(
                 kernel.find_necks_in_chunks if state.chunk else kernel.find_necks,
                 dim=share.point_threads,
-                inputs=[
-                    start, state.form, state.spacing, state.step, state.closed, distance, params.cutoff_min_arc,
-                    share.work, state.point_moved, state.section_moved, table.point_next, table.bucket_head,
-                ],
-                outputs=[self.point_neck, marks.chunk_mark, loops.share_cut, self.necks],
+                inputs=[channels, share.work, moved, near],
+                outputs=[cuts, marks.chunk_mark],
                 device=device,
-            )  # fmt: skip
+            )
 
         def select(share: Share) -> None:
             launch(
                 kernel.select_cuts,
                 dim=share.point_threads,
-                inputs=[
-                    start, state.closed, keep_longer, share.work, self.necks, marks.chunk_mark_sum, marks.marks,
-                    self.point_neck,
-                ],
-                outputs=[point_cut, loops.share_cut],
+                inputs=[channels, keep_longer, share.work, marks.marks],
+                outputs=[cuts],
                 device=device,
-            )  # fmt: skip
+            )
 
         return [
-            *table.stages(state, distance),
+            *self.table.stages(state, params.cutoff_distance),
             Stage(self.name, find),
             *marks.stages(state),
             Stage(self.name, select),
-            *loops.stages(state, self.point_neck, point_cut, self.necks),
+            *self.loops.stages(state, cuts),
         ]
 
     def after(self, state: State, row: Row) -> list[Event]:

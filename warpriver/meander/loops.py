@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -13,7 +15,7 @@ from warpriver.engine.state import State
 from warpriver.graph.rings import split_rings
 from warpriver.history.events import Cutoff, Event, Split
 from warpriver.kernels import cutoffs as kernels
-from warpriver.kernels.channels import Marks
+from warpriver.kernels.cuts import Cuts, Marks
 from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, FAULT, FAULT_OXBOWS_FULL
 
 __all__ = ["ChunkMarks", "Loops", "PointTable"]
@@ -41,6 +43,19 @@ class PointTable:
             ptr=self.bucket_head.ptr, dtype=wp.vec4i, shape=rows, device=state.device, copy=False
         )
 
+    def struct(self, state: State, distance: float, min_arc: float) -> Any:
+        """Return the points as a search takes them.
+
+        Args:
+            state: Says which precision.
+            distance: How far apart near points are at most, in greatest widths of the channel.
+            min_arc: How far apart along the channel they are at least, in widths.
+        """
+        struct = kernels.build(state.scalar).PointTable()
+        struct.distance, struct.min_arc = distance, min_arc
+        struct.point_next, struct.bucket_head = self.point_next, self.bucket_head
+        return struct
+
     def stages(self, state: State, distance: float) -> list[Stage]:
         """Return the stages that link the points.
 
@@ -48,12 +63,13 @@ class PointTable:
             state: Its points have moved.
             distance: How far apart near points are at most, in greatest widths of the channel; a cell is twice as wide.
         """
+        kernel, channels = kernels.build(state.scalar), state.channels()
 
         def link(share: Share) -> None:
             launch(
-                kernels.build(state.scalar).insert_points,
+                kernel.insert_points,
                 dim=share.point_threads,
-                inputs=[state.start, state.form, state.step, distance, share.work, state.point_moved],
+                inputs=[channels, distance, share.work, state.point_moved],
                 outputs=[self.point_next, self.bucket_row, self.bucket_head],
                 device=state.device,
             )
@@ -84,6 +100,7 @@ class ChunkMarks:
         self.marks = Marks()
         if state.chunk:
             self.marks.place, self.marks.chunk = state.zeros(count + 1), state.zeros(count)
+            self.marks.sum = self.chunk_mark_sum
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages that list the marked chunks."""
@@ -106,9 +123,9 @@ class Loops:
     Attributes:
         share_cut, share_cut_sum: vec2i, cutoffs of a sub-step that begin in each slab or chunk and their points; the
             running sums.
-        cut: (K,) vec4i records; ``cut_span``: (K,) vec2i, first and last point of each loop.
+        cut: (K,) ``Cut`` of ``kernels/cutoffs.py``; ``cut_span``: (K,) vec2i, first and last point of each loop.
         oxbow_xy, oxbow_section: Points of the loops, end to end, and their widths and depths where these vary.
-        cut_capacity, oxbow_capacity: Room for cutoffs and their points.
+        cut_capacity, oxbow_capacity: Capacity for cutoffs and their points.
     """
 
     cut: wp.array
@@ -120,7 +137,7 @@ class Loops:
     scan: Scan
 
     def __init__(self, *, closed: bool):
-        """Start without room; ``closed``: oxbow lakes are kept as closed lines, the first point repeated."""
+        """Start without capacity; ``closed``: oxbow lakes are kept as closed lines, the first point repeated."""
         self.closed = closed
         self.cut_capacity = self.oxbow_capacity = 0
 
@@ -132,51 +149,60 @@ class Loops:
             self.reserve(state, 64 + state.point_capacity // 384, 1024 + state.point_capacity // 6)
 
     def reserve(self, state: State, cuts: int, points: int) -> None:
-        """Make room for so many cutoffs and points in a row of sub-steps."""
+        """Allocate for so many cutoffs and points in a batch of sub-steps."""
         self.cut_capacity, self.oxbow_capacity = cuts, points
-        self.cut, self.cut_span = state.zeros(cuts, wp.vec4i), state.zeros(cuts, wp.vec2i)
+        self.cut, self.cut_span = state.zeros(cuts, kernels.Cut), state.zeros(cuts, wp.vec2i)
         self.oxbow_xy = state.zeros(points, state.vec2)
         self.oxbow_section = None if state.section_moved is None else state.zeros(points, state.vec2)
         state.changed()
 
-    def stages(self, state: State, point_neck: wp.array, point_cut: wp.array, channel_necks: wp.array) -> list[Stage]:
-        """Return the stages that cut off the loops between each point and its ``point_cut``; they must not overlap.
+    def cuts(self, point_neck: wp.array, point_cut: wp.array, channel_necks: wp.array) -> Any:
+        """Return the cuts of a sub-step as kernels take them.
+
+        Args:
+            point_neck: (P,) int32, -1 where nothing is cut.
+            point_cut: (P,) int32, the point at which the loop ends that begins at a point, where that has a neck; -1
+                for none. It may be the same array.
+            channel_necks: (C,) int32, 0 for channels without any, where the work is dealt out in slabs.
+        """
+        cuts = Cuts()
+        cuts.point_neck, cuts.point_cut, cuts.channel_necks = point_neck, point_cut, channel_necks
+        cuts.share_cut, cuts.share_cut_sum = self.share_cut, self.share_cut_sum
+        return cuts
+
+    def stages(self, state: State, cuts: Any) -> list[Stage]:
+        """Return the stages that cut off the loops that were chosen; they must not overlap.
 
         The loops are saved in the order of the points; their inner points in ``state.point_moved`` become copies of
         the point before, which have no length.
 
         Args:
             state: Its points have moved.
-            point_neck: (P,) int32, -1 where nothing is cut.
-            point_cut: (P,) int32, the point at which the loop ends that begins at a point, where that has a neck; -1
-                for none.
-            channel_necks: (C,) int32, 0 for channels without any, where the work is dealt out in slabs.
+            cuts: From ``cuts``.
         """
-        kernel, status = kernels.build(state.scalar), state.status.array
+        kernel, channels, moved = kernels.build(state.scalar), state.channels(), state.moved()
+        loops = kernel.Loops()
+        loops.cut, loops.span, loops.xy = self.cut, self.cut_span, self.oxbow_xy
+        if self.oxbow_section is not None:
+            loops.section = self.oxbow_section
 
         def record(share: Share) -> None:
             launch(
                 kernel.record_cuts,
                 dim=share.point_threads,
-                inputs=[
-                    state.start, share.work, channel_necks, self.share_cut, self.share_cut_sum, point_neck, point_cut,
-                    state.section_moved,
-                ],
-                outputs=[self.cut, self.cut_span, self.oxbow_xy, self.oxbow_section, state.point_moved, status],
+                inputs=[channels, share.work, cuts],
+                outputs=[loops, moved, state.status.array],
                 device=state.device,
-            )  # fmt: skip
+            )
 
         def save(share: Share) -> None:
             launch(
                 kernel.save_loops,
                 dim=share.point_threads,
-                inputs=[
-                    state.start, share.work, self.share_cut, self.share_cut_sum, self.cut, self.cut_span,
-                    state.section_moved, status,
-                ],
-                outputs=[self.oxbow_xy, self.oxbow_section, state.point_moved],
+                inputs=[channels, share.work, cuts],
+                outputs=[loops, moved],
                 device=state.device,
-            )  # fmt: skip
+            )
 
         return [
             Stage("cut off", lambda _: self.scan.run(), shared=False),
@@ -193,8 +219,9 @@ class Loops:
         cut = self.cut[:count].numpy()
         xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
         section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()
-        split = network.channel_closed[cut[:, 0]] & (state.params.ring_policy == "both")
-        edited = split_rings(network, cut[split, :3], xy) if split.any() else None
+        split = network.channel_closed[cut["channel"]] & (state.params.ring_policy == "both")
+        columns = np.stack([cut[name][split] for name in ("channel", "begin", "count")], axis=1)
+        edited = split_rings(network, columns, xy) if split.any() else None
         added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width = float(network.channel_width[channel] if section is None else section[begin, 0])
@@ -209,7 +236,7 @@ class Loops:
         return events
 
     def grow(self, state: State, status: list[int]) -> bool:
-        """Make room for the loops of a sub-step; where those of a row did not fit together, the next one has it all."""
+        """Enlarge for the loops of a sub-step; where those of a batch did not fit together, the next one has it all."""
         if status[FAULT] != FAULT_OXBOWS_FULL:
             return False
         cuts, points = status[CUTS_NEEDED], status[CUT_POINTS_NEEDED]
@@ -221,7 +248,7 @@ class Loops:
         """Cutoffs are in order and lie end to end."""
         count, total = self.share_cut_sum[-1:].numpy()[0].tolist()
         cut = self.cut[:count].numpy()
-        require(np.diff(cut[:, 0]) >= 0, "cut off", "is out of order", "cutoff")
-        require(cut[:, 2] >= 3, "cut off", "has no loop", "cutoff")
-        following = np.concatenate([cut[1:, 1], [total]])[: len(cut)]
-        require(following == cut[:, 1] + cut[:, 2], "cut off", "has a gap", "cutoff")
+        require(np.diff(cut["channel"]) >= 0, "cut off", "is out of order", "cutoff")
+        require(cut["count"] >= 3, "cut off", "has no loop", "cutoff")
+        following = np.concatenate([cut["begin"][1:], [total]])[: len(cut)]
+        require(following == cut["begin"] + cut["count"], "cut off", "has a gap", "cutoff")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -10,6 +12,7 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
+from warpriver.kernels import polyline
 from warpriver.kernels import resampling as kernels
 
 __all__ = ["Arcs", "Resample"]
@@ -31,22 +34,31 @@ class Arcs:
     chunk_length: wp.array
     chunk_offset: wp.array
     scan: Scan
+    _chunk: int
+
+    @property
+    def struct(self) -> Any:
+        """The arc lengths as kernels take them."""
+        struct = polyline.Arcs()
+        struct.point, struct.chunk_offset, struct.chunk = self.point_arc, self.chunk_offset, self._chunk
+        return struct
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
+        self._chunk = state.chunk
         self.point_arc = state.zeros(state.point_capacity, wp.float64)
         self.chunk_length, self.chunk_offset = (state.zeros(state.chunk_count, wp.int64) for _ in range(2))
         self.scan = Scan("lengths", self.chunk_length, self.chunk_offset, state.scalar, serial=state.chunk == 0)
 
     def stages(self, state: State, phase: str) -> list[Stage]:
-        """Return the stages that measure them; ``phase``: name of the verb that asks for it."""
-        kernel = kernels.build(state.scalar)
+        """Return the stages that measure them; ``phase``: name of the verb of the step that they belong to."""
+        kernel, channels = kernels.build(state.scalar), state.channels()
 
         def measure(share: Share) -> None:
             launch(
                 kernel.measure_arcs,
                 dim=share.point_threads,
-                inputs=[state.start, state.step, share.work, state.point_moved],
+                inputs=[channels, share.work, state.point_moved],
                 outputs=[self.point_arc, self.chunk_length, state.status.array],
                 device=state.device,
             )
@@ -58,10 +70,9 @@ class Arcs:
 class Resample(Phase):
     """Samples the moved channels evenly and makes that the network's new state.
 
-    A channel of length L gets n = round(L / spacing asked for) segments, at least 2, of L / n each; its ends stay. A
-    ring gets n points for its n segments, at least 8. A channel at rest keeps its points. Nothing is taken over when
-    the status tells of a fault. It does when the points do not fit into the capacity, and tells how much room the step
-    needs.
+    A channel of length L gets n = round(L / target spacing) segments, at least 2, of L / n each; its ends stay. A ring
+    gets n points for its n segments, at least 8. An inactive channel keeps its points. Nothing is committed when the
+    status tells of a fault. It does when the points do not fit into the capacity, and tells which one the step needs.
 
     Attributes:
         arcs: Arc lengths before it.
@@ -91,44 +102,40 @@ class Resample(Phase):
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: arc lengths, counts, samples, and the commit of all or nothing."""
-        kernel, device, network, arcs = kernels.build(state.scalar), state.device, state.network, self.arcs
-        start, status = state.start, state.status.array
+        kernel, device, arcs = kernels.build(state.scalar), state.device, self.arcs.struct
+        channels, points, moved, status = state.channels(), state.points(), state.moved(), state.status.array
+        samples = state.channels()
+        samples.start, samples.spacing = self.start_next, self.spacing_next
 
         def count(share: Share) -> None:
             launch(
                 kernel.count_samples,
                 dim=share.channel_threads,
-                inputs=[
-                    start, state.form, state.spacing, state.step, state.closed, share.work, state.point_moved,
-                    arcs.point_arc, arcs.chunk_offset,
-                ],
+                inputs=[channels, share.work, state.point_moved, arcs],
                 outputs=[self.samples, self.spacing_next, status],
                 device=device,
-            )  # fmt: skip
+            )
 
         def sample(share: Share) -> None:
             launch(
                 kernel.resample_points,
                 dim=share.point_threads,
-                inputs=[
-                    start, self.spacing_next, state.step, state.closed, share.work, self.start_next,
-                    state.point_moved, state.section_moved, arcs.point_arc, arcs.chunk_offset, status,
-                ],
-                outputs=[network.point_xy, network.point_section],
+                inputs=[channels, share.work, samples, moved, arcs],
+                outputs=[points],
                 device=device,
-            )  # fmt: skip
+            )
 
         def commit(_: Share) -> None:
             launch(
                 kernel.commit_step,
                 dim=state.channel_capacity + 1,
                 inputs=[state.point_capacity, int(state.keep_plan), self.start_next, self.spacing_next],
-                outputs=[start, state.spacing, state.substep, status],
+                outputs=[state.start, state.spacing, state.substep, status],
                 device=device,
             )
 
         return [
-            *arcs.stages(state, self.name),
+            *self.arcs.stages(state, self.name),
             Stage(self.name, count),
             Stage(self.name, lambda _: self.scan.run(), shared=False),
             Stage(self.name, sample),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from warpriver.engine.phase import Phase, Row
@@ -9,6 +11,7 @@ from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
 from warpriver.kernels import routes as kernels
+from warpriver.kernels.links import Route
 from warpriver.meander.loops import Loops
 from warpriver.meander.resampling import Arcs
 from warpriver.network import RiverNetwork
@@ -23,14 +26,21 @@ class TakeShortcuts(Phase):
 
     Attributes:
         shortcuts, loops: The edges of the path, and what it cuts off.
-        head: (C,) int32, where the route round each ring begins, see ``find_path``; None without rings.
+        point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
+            channel itself; -1 at the ends of a ring's shortcuts before its route is known.
+        point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
+        point_neck: (P,) int32, where the shortcut of the route ends that begins at a point, -1 if none does.
+        head: (C,) int32, where the route round each ring begins, see ``open_rings``; None without rings.
     """
 
     name = "cut off"
+    point_from: wp.array
+    point_saving: wp.array
+    point_neck: wp.array
     head: wp.array | None
 
     def __init__(self, params: PathMeander, arcs: Arcs):
-        """Start without room; ``arcs`` are those of the phase that resamples."""
+        """Start without capacity; ``arcs`` are those of the phase that resamples."""
         self._params = params
         self.shortcuts, self.loops = Shortcuts(arcs), Loops(closed=True)
 
@@ -40,6 +50,9 @@ class TakeShortcuts(Phase):
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
+        points = state.point_capacity
+        self.point_from, self.point_saving = state.zeros(points), state.zeros(points, wp.float64)
+        self.point_neck = state.spare[1]
         self.head = None if state.closed is None else state.zeros(state.channel_capacity)
         self.shortcuts.allocate(state)
         self.loops.allocate(state)
@@ -48,13 +61,27 @@ class TakeShortcuts(Phase):
         """Forget the shortcuts of channels that are no more."""
         self.shortcuts.necks.zero_()
 
+    @property
+    def route(self) -> Any:
+        """The best routes as kernels take them."""
+        route = Route()
+        route.point_from, route.point_saving = self.point_from, self.point_saving
+        if self.head is not None:
+            route.channel_head = self.head
+        return route
+
+    @property
+    def cuts(self) -> Any:
+        """What is cut off as kernels take it: every shortcut on the route is a neck that is cut."""
+        return self.loops.cuts(self.point_neck, self.point_neck, self.shortcuts.necks)
+
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: the shortcuts, the path, the cut."""
-        found, loops = self.shortcuts, self.loops
+        cuts = self.cuts
         return [
-            *found.stages(state, loops.share_cut),
+            *self.shortcuts.stages(state, self.route, cuts),
             *self.path_stages(state),
-            *loops.stages(state, found.point_neck, found.point_neck, found.necks),
+            *self.loops.stages(state, cuts),
         ]
 
     def path_stages(self, state: State) -> list[Stage]:
@@ -62,40 +89,34 @@ class TakeShortcuts(Phase):
 
         On a ring a shortcut (i, j) may bypass either of two arcs, that from i to j and that from j round to i. Which
         one it is follows from the ring's head, a point that none passes over (see the kernel ``open_rings``): the route
-        is the shortest of all closed ones that pass the head once, and the marked point where the part that holds it
+        is the shortest of all closed ones that pass the head once, and the marked point where the arc that holds it
         goes on.
 
         Linear in points and edges. On the CPU the sweep is serial down a channel; channels without a shortcut are
         passed over. With chunks, clusters of shortcuts that reach over each other are swept in parallel, from one chunk
         that holds an end of one to the next; a ring is swept by one thread.
         """
-        kernel, device, found, marks = kernels.build(state.scalar), state.device, self.shortcuts, self.shortcuts.marks
-        arcs, longer = found.arcs, int(state.params.ring_policy == "longer")
+        kernel, device, found = kernels.build(state.scalar), state.device, self.shortcuts
+        channels, marks, links, arcs = state.channels(), found.marks.marks, found.links, found.arcs.struct
+        route, cuts, longer = self.route, self.cuts, int(state.params.ring_policy == "longer")
 
         def open_rings(share: Share) -> None:
             launch(
                 kernel.open_rings,
                 dim=share.channel_threads,
-                inputs=[
-                    state.start, state.closed, longer, share.work, state.point_moved, arcs.point_arc,
-                    arcs.chunk_offset, found.point_links, found.point_link, found.share_links_sum, found.necks,
-                    marks.marks, found.link_to,
-                ],
-                outputs=[found.link_saving, found.point_from, self.head],
+                inputs=[channels, longer, share.work, state.point_moved, arcs, marks],
+                outputs=[links, route],
                 device=device,
-            )  # fmt: skip
+            )
 
         def find(share: Share) -> None:
             launch(
                 kernel.find_path,
                 dim=share.point_threads,
-                inputs=[
-                    state.start, share.work, state.closed, self.head, found.necks, found.share_links_sum, marks.marks,
-                    found.links,
-                ],
-                outputs=[found.point_from, found.point_saving, found.point_neck, self.loops.share_cut],
+                inputs=[channels, share.work, marks, links],
+                outputs=[route, cuts],
                 device=device,
-            )  # fmt: skip
+            )
 
         opened = [] if state.closed is None else [Stage(self.name, open_rings)]
         return [*opened, Stage(self.name, find)]

@@ -12,7 +12,7 @@ from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.kernels import shortcuts as kernels
-from warpriver.kernels.polyline import Links
+from warpriver.kernels.links import Links
 from warpriver.kernels.status import FAULT, FAULT_SHORTCUTS_FULL, LINKS_NEEDED
 from warpriver.meander.loops import ChunkMarks, PointTable
 from warpriver.meander.resampling import Arcs
@@ -21,25 +21,21 @@ from warpriver.params import PathMeander
 
 __all__ = ["Shortcuts", "check_radius"]
 
-# Shortcuts that there is room for at first, a point and in all: only where strands touch are there any.
-SHORTCUTS_PER_POINT, LEAST_SHORTCUTS = 0.125, 64
+# Capacity for shortcuts at first, a point and in all: only where strands touch are there any.
+SHORTCUTS_PER_POINT, MINIMUM_SHORTCUTS = 0.125, 64
 
 
 class Shortcuts:
     """All pairs of ``state.point_moved`` that a shortcut joins, and what each saves.
 
-    All pairs within the radius, the cone and beyond the least arc are edges: counted, then listed. Their number has no
-    bound a point, only the room for all of them, which the host enlarges on a fault.
+    All pairs within the radius, the cone and beyond the minimum arc are edges: counted, then listed. Their number has
+    no bound a point, only a capacity for all of them, which the host enlarges on a fault.
 
     Attributes:
         table, marks: What is near what, and the chunks in which a shortcut begins or ends.
         arcs: Arc lengths of the points.
         necks: (C,) int32, shortcuts of each channel, where the work is dealt out in slabs.
         point_links: (P,) int32, shortcuts that begin at each point; ``point_link``: the first of them.
-        point_from: (P,) int32, point + 1 where the best shortcut to a point begins, 0 where none is better than the
-            channel itself; -1 at the ends of a ring's shortcuts before its route is known.
-        point_saving: (P,) float64, what the best route to a point over a shortcut saves against the channel, m.
-        point_neck: (P,) int32, where the shortcut of the route ends that begins at a point, -1 if none does.
         link_from, link_to: (E,) int32, the shortcuts, in ascending order.
         link_saving: (E,) float64, the arc that each bypasses less its own length, m; -1 for one that is forbidden.
         share_links, share_links_sum: vec2i, shortcuts that begin in each slab or chunk and the last point that one of
@@ -47,87 +43,80 @@ class Shortcuts:
     """
 
     necks: wp.array
-    point_neck: wp.array
     link_from: wp.array
     link_to: wp.array
     link_saving: wp.array
 
     def __init__(self, arcs: Arcs):
-        """Start without room; ``arcs`` are those of the phase that resamples."""
+        """Start without capacity; ``arcs`` are those of the phase that resamples."""
         self.arcs, self.table, self.marks = arcs, PointTable(), ChunkMarks()
         self._capacity = 0
 
     @property
     def capacity(self) -> int:
-        """Shortcuts that there is room for."""
+        """Capacity for shortcuts."""
         return self._capacity
 
     def count(self, state: State) -> int:
-        """Shortcuts that the last search found, whether there was room for them or not."""
+        """Shortcuts that the last search found, whether they fitted or not."""
         return state.read_status()[LINKS_NEEDED]
 
     @property
     def links(self) -> Any:
         """The shortcuts as kernels take them."""
         links = Links()
-        links.point_links, links.point_link = self.point_links, self.point_link
         links.link_from, links.link_to, links.link_saving = self.link_from, self.link_to, self.link_saving
+        links.point_links, links.point_link, links.channel_links = self.point_links, self.point_link, self.necks
+        links.share_links, links.share_links_sum = self.share_links, self.share_links_sum
         return links
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
         points = state.point_capacity
         self.necks = state.zeros(state.channel_capacity)
-        self.point_neck = state.spare[1]
-        self.point_links, self.point_link, self.point_from = (state.zeros(points) for _ in range(3))
-        self.point_saving = state.zeros(points, wp.float64)
+        self.point_links, self.point_link = (state.zeros(points) for _ in range(2))
         self.share_links, self.share_links_sum = (state.zeros(state.share_count, wp.vec2i) for _ in range(2))
         self.scan = Scan("marks", self.share_links, self.share_links_sum, state.scalar, serial=state.chunk == 0)
         self.table.allocate(state)
         self.marks.allocate(state)
-        self.reserve(state, max(self._capacity, LEAST_SHORTCUTS + int(SHORTCUTS_PER_POINT * points)))
+        self.reserve(state, max(self._capacity, MINIMUM_SHORTCUTS + int(SHORTCUTS_PER_POINT * points)))
 
     def reserve(self, state: State, count: int) -> None:
-        """Make room for so many shortcuts."""
+        """Allocate for so many shortcuts."""
         self._capacity = count
         self.link_from, self.link_to = state.zeros(count), state.zeros(count)
         self.link_saving = state.zeros(count, wp.float64)
         state.changed()
 
     def grow(self, state: State, status: list[int]) -> bool:
-        """Make room for twice the shortcuts that the last search found, if they were too many."""
+        """Allocate for twice the shortcuts that the last search found, if they were too many."""
         if status[FAULT] != FAULT_SHORTCUTS_FULL:
             return False
         self.reserve(state, 2 * status[LINKS_NEEDED])
         return True
 
-    def stages(self, state: State, share_cut: wp.array) -> list[Stage]:
+    def stages(self, state: State, route: Any, cuts: Any) -> list[Stage]:
         """Return the stages that list the shortcuts and weigh them.
 
         Args:
             state: Its points have moved; ``params`` has ``search_radius`` and ``cutoff_min_arc`` in widths, and
                 ``cone_angle`` in degrees.
-            share_cut: The cuts of each share, which are cleared.
+            route: What the best route to each point is noted in, as kernels take it; it is cleared.
+            cuts: What is cut off, as kernels take it; it is cleared.
         """
-        kernel, device, params, table = kernels.build(state.scalar), state.device, state.params, self.table
-        law = kernel.ShortcutLaw()
-        law.radius, law.min_arc = params.search_radius, params.cutoff_min_arc
-        law.cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
-        if state.closed is not None:
-            law.channel_closed = state.closed
-        shape = [state.start, state.form, state.spacing]
-        near = [state.point_moved, state.section_moved, table.point_next, table.bucket_head]
+        kernel, device, params = kernels.build(state.scalar), state.device, state.params
+        channels, moved, links, arcs = state.channels(), state.moved(), self.links, self.arcs.struct
+        near = self.table.struct(state, params.search_radius, params.cutoff_min_arc)
+        cone = math.cos(math.radians(params.cone_angle)) ** 2 if params.cone_angle < 90.0 else 0.0
 
         def count(share: Share) -> None:
             launch(
                 kernel.count_shortcuts_in_chunks if state.chunk else kernel.count_shortcuts,
                 dim=share.point_threads,
-                inputs=[*shape, state.step, law, share.work, *near],
-                outputs=[
-                    self.point_links, self.point_neck, self.point_from, self.share_links, share_cut, self.necks,
-                ],
+                inputs=[channels, cone, share.work, moved, near],
+                outputs=[links, route, cuts],
                 device=device,
-            )  # fmt: skip
+            )
 
         def number(_: Share) -> None:
             if state.chunk > 0:
@@ -138,23 +127,20 @@ class Shortcuts:
             launch(
                 kernel.list_shortcuts,
                 dim=share.point_threads,
-                inputs=[*shape, law, share.work, *near, self.point_links, self.necks, self.share_links_sum],
-                outputs=[self.point_link, self.link_from, self.link_to, state.status.array],
+                inputs=[channels, cone, share.work, moved, near],
+                outputs=[links, state.status.array],
                 device=device,
             )
             launch(
                 kernel.weigh_shortcuts,
                 dim=share.point_threads,
-                inputs=[
-                    share.work, state.point_moved, self.arcs.point_arc, self.arcs.chunk_offset, self.share_links_sum,
-                    self.link_from, self.link_to,
-                ],
-                outputs=[self.link_saving, self.marks.chunk_mark],
+                inputs=[share.work, state.point_moved, arcs],
+                outputs=[links, self.marks.chunk_mark],
                 device=device,
-            )  # fmt: skip
+            )
 
         return [
-            *table.stages(state, params.search_radius),
+            *self.table.stages(state, params.search_radius),
             Stage("cut off", count),
             *self.arcs.stages(state, "cut off"),
             Stage("cut off", number, shared=False),
