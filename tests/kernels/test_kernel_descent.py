@@ -10,20 +10,22 @@ from hypothesis import strategies as st
 from padded_cells import Case
 from reference_hydrology import Raster, random_heights, random_rules
 
-from warpriver.kernels import descent, routing
+from warpriver.kernels import descent
 
 SEEDS = st.integers(0, 2**32 - 1)
 
 
 def led(case):
-    """Receivers by ``lead_downhill``, (rows, columns)."""
-    donors = case.scratch(wp.uint8, 255)
-    count = routing.build(case.scalar).count_contributors
-    case.launch(count, [case.stride, case.height, case.state], [donors], dim=case.rows)
-    receiver = wp.full(case.shape, -7, dtype=int, device=case.device)
+    """Receivers by ``measure_descents`` and ``lead_downhill``, (rows, columns)."""
+    kernel, side, crossing = descent.build(case.scalar), case.scratch(wp.uint8, 255), case.scratch(case.scalar)
+    inputs = [case.stride, case.height, case.state]
+    case.launch(kernel.measure_descents, inputs, [side, crossing], dim=case.rows)
+    own = np.arange(case.rows * case.shape[1], dtype=np.int32).reshape(case.shape)
+    own[np.isnan(case.cells.height[1:-1, 1:-1])] = -1
+    receiver = wp.array(own, dtype=int, device=case.device)
     scratch = [case.scratch(int), case.scratch(int, 1), case.scratch(int, 0), case.scratch(case.scalar, 0.0)]
-    inputs = [case.rows, case.stride, case.height, case.state]
-    case.launch(descent.build(case.scalar).lead_downhill, inputs, [donors, *scratch, receiver])
+    inputs = [case.rows, case.stride, case.state, side, crossing]
+    case.launch(kernel.lead_downhill, inputs, [case.scratch(wp.uint8, 0), *scratch, receiver])
     return receiver.numpy()
 
 

@@ -13,7 +13,7 @@ from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.hydrology.depressions import carve_cells, fill_cells, limit_in_m, with_heights
 from warpriver.hydrology.lakes import lead_over_flats
-from warpriver.hydrology.routing import Flow, count_contributors
+from warpriver.hydrology.routing import Flow
 from warpriver.kernels import descent as kernels
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
@@ -90,17 +90,19 @@ def _open(ground: Terrain, cut: float, edges: Edges, nodata: NoData) -> tuple[Te
 
 def _lead_downhill(cells: PaddedCells) -> NDArray[np.int32]:
     """Receiver of each cell beside its steepest descent, (rows, columns); its own at outlets and on flats."""
-    receiver = np.empty((cells.rows, cells.columns), np.int32)
-    gathered, largest = np.ones(cells.count, np.int32), np.zeros(cells.count, np.int32)
-    stack, drift = np.empty(cells.count, np.int32), np.zeros(cells.count)
+    kernel, state, count = kernels.build(wp.float64), flat(cells.state), cells.count
+    side, crossing = np.full(count, kernels.NO_SIDE, np.uint8), np.empty(count)
+    inputs = [cells.stride, flat(cells.height), state]
+    wp.launch(kernel.measure_descents, cells.rows, inputs, [flat(side), flat(crossing)], device="cpu")
+    receiver = np.arange(cells.rows * cells.columns, dtype=np.int32).reshape(cells.rows, cells.columns)
+    receiver[np.isnan(cells.height[1:-1, 1:-1])] = -1
+    gathered, largest = np.ones(count, np.int32), np.zeros(count, np.int32)
+    donors, stack, drift = np.zeros(count, np.uint8), np.empty(count, np.int32), np.zeros(count)
     wp.launch(
-        kernels.build(wp.float64).lead_downhill,
+        kernel.lead_downhill,
         dim=1,
-        inputs=[cells.rows, cells.stride, flat(cells.height), flat(cells.state)],
-        outputs=[
-            *(flat(a) for a in (count_contributors(cells), stack, gathered, largest, drift)),
-            table(receiver),
-        ],
+        inputs=[cells.rows, cells.stride, state, flat(side), flat(crossing)],
+        outputs=[*(flat(a) for a in (donors, stack, gathered, largest, drift)), table(receiver)],
         device="cpu",
     )
     return receiver

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
-from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
+from warpriver.hydrology.cells import Edges, NoData, flat, pad_terrain, table
 from warpriver.hydrology.lakes import SEA
 from warpriver.kernels import routing as kernels
 from warpriver.raster import Raster
@@ -21,7 +21,6 @@ from warpriver.validate import one_of, positive, whole
 __all__ = [
     "Flow",
     "checked_areas",
-    "count_contributors",
     "drainage_area",
     "flow_directions",
     "flow_length",
@@ -351,22 +350,15 @@ def _shared_cells(terrain: Terrain, exponent: float, edges: Edges, nodata: NoDat
     cells = pad_terrain(terrain, edges, nodata, MFD_BYTES)
     height, state = flat(cells.height), flat(cells.state)
     gathered = np.ones(cells.count)
+    donors: wp.array = wp.full(cells.count, 255, dtype=wp.uint8, device="cpu")
     ground = [cells.rows, cells.stride]
-    donors = flat(count_contributors(cells))
+    wp.launch(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
     stack: wp.array = wp.empty(cells.count, dtype=int, device="cpu")
     outputs = [flat(gathered), donors, stack]
     wp.launch(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
     area = cells.interior(gathered)
     area[np.isnan(cells.height[1:-1, 1:-1])] = np.nan
     return area
-
-
-def count_contributors(cells: PaddedCells) -> NDArray[np.uint8]:
-    """Return the number of higher neighbours of each padded cell; 255 without data and in the padding."""
-    donors = np.full(cells.count, 255, np.uint8)
-    inputs = [cells.stride, flat(cells.height), flat(cells.state)]
-    wp.launch(kernels.build(wp.float64).count_contributors, cells.rows, inputs, [flat(donors)], device="cpu")
-    return donors
 
 
 def _flow(surface: Surface | Flow, edges: Edges | None, nodata: NoData | None) -> Flow:
