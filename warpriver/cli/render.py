@@ -14,6 +14,7 @@ from warpriver.cli.shared import (
     ground_under,
     quiet_warp,
     read_lines,
+    read_run,
     stored_run,
 )
 from warpriver.errors import InputError
@@ -53,7 +54,6 @@ def add(commands: Any) -> None:
 
 def _render(options: argparse.Namespace) -> int:
     from warpriver import viz
-    from warpriver.history import History
 
     quiet_warp()
     source, out = Path(options.input), Path(options.out)
@@ -72,7 +72,7 @@ def _render(options: argparse.Namespace) -> int:
             viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
-    history = History.load(run)
+    history = read_run(run)
     terrain = ground_under(options, history.crs)
     until = None
     if options.until is not None:
