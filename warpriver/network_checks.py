@@ -45,12 +45,18 @@ def find_nodes(
 
     count = len(start) - 1
     ends = np.concatenate([xy[start[:-1]], xy[np.where(closed, start[:-1], start[1:] - 1)]])
-    pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(2 * count, 2 * count))
-    node_count, label = connected_components(graph, directed=False)
-    first = np.full(node_count, 2 * count, np.int64)
-    np.minimum.at(first, label, np.arange(2 * count))
-    return label[:count], label[count:], ends[first] + origin
+    # Ends in one place are one from the start: pairs of a thousand of them would be a million.
+    _, first, place = np.unique(np.ascontiguousarray(ends).view(np.complex128), return_index=True, return_inverse=True)
+    pairs = cKDTree(ends[first]).query_pairs(tolerance, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(first), len(first)))
+    node_count, group = connected_components(graph, directed=False)
+    oldest = np.full(node_count, 2 * count, np.int64)
+    np.minimum.at(oldest, group, first)
+    # Nodes are numbered by the first end that lies at them.
+    rank = np.empty(node_count, np.int64)
+    rank[np.argsort(oldest)] = np.arange(node_count)
+    label = rank[group[place.ravel()]]
+    return label[:count], label[count:], ends[np.sort(oldest)] + origin
 
 
 def ring_flags(closed: Any, count: int) -> np.ndarray:

@@ -35,7 +35,11 @@ def has_gaps(value: PerChannel | None) -> bool:
     """Tell whether an argument leaves channels, by None or NaN, to what the file says."""
     if value is None:
         return True
-    return np.ndim(value) != 0 and any(_is_gap(item) for item in value)  # type: ignore[union-attr]
+    return _is_many(value) and any(_is_gap(item) for item in value)  # type: ignore[union-attr]
+
+
+def _is_many(value: PerChannel) -> bool:
+    return isinstance(value, (list, tuple)) or np.ndim(value) != 0
 
 
 def _is_gap(item: object) -> bool:
@@ -44,7 +48,7 @@ def _is_gap(item: object) -> bool:
 
 def override(lines: list[Line], name: str, value: PerChannel) -> None:
     """Set width, depth or discharge of the lines from an argument, but where it leaves them to the file."""
-    many = isinstance(value, (list, tuple)) or np.ndim(value)
+    many = _is_many(value)
     values = list(value) if many else [value] * len(lines)  # type: ignore[arg-type]
     if len(values) != len(lines):
         raise InputError(f"{name}: {len(values)} values for {len(lines)} channels; give one number or one a channel")
