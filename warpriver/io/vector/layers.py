@@ -42,7 +42,7 @@ OGR = {GEOPACKAGE: "GPKG", ".shp": "ESRI Shapefile", ".fgb": "FlatGeobuf"}
 NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
 # A .prj or an index that an older shapefile left behind would be taken for one of the new file.
 SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
-# The most decimals of a number in a shapefile.
+# The maximum of decimals of a number in a shapefile.
 DECIMALS = 15
 
 
