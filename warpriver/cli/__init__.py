@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from warpriver import __version__
 from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
 from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
+from warpriver.cli.words import Parser, flags_of, in_flags
 from warpriver.errors import WarpriverError
 
 __all__ = ["main"]
@@ -21,14 +22,15 @@ COMMANDS = (demo, network, simulate, erode, valley, render, bench, info)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
     options = _parser().parse_args(arguments)
+    flags = flags_of(options.parser)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: print(
-                f"warpriver {options.name}: warning: {message}", file=sys.stderr
+                f"warpriver {options.name}: warning: {in_flags(str(message), flags)}", file=sys.stderr
             )
             return options.command(options)
     except (WarpriverError, ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
-        text = " ".join(str(error).split())
+        text = in_flags(" ".join(str(error).split()), flags)
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
             text += f": {error.filename}"
         print(f"warpriver {options.name}: {text}", file=sys.stderr)
@@ -39,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="warpriver",
         description="Rivers that meander, on the GPU or the CPU: migrate channel networks, real or not, and draw them.",
         epilog="warpriver COMMAND --help explains the flags of a command with their units and defaults.",

@@ -48,6 +48,7 @@ def _bench(options: argparse.Namespace) -> int:
 
     quiet_warp()
     from warpriver import bench
+    from warpriver.files import beside
 
     target = None if options.json is None else Path(options.json)
     if target is not None and not target.parent.is_dir():
@@ -78,6 +79,7 @@ def _bench(options: argparse.Namespace) -> int:
         f"a step takes as long as {found['copies_of_points']:.3g} copies of its points"
     )
     if target is not None:
-        target.write_text(json.dumps({"benchmark": "bench", "warpriver": __version__, **found}, indent=2) + "\n")
+        with beside(target) as temporary:
+            temporary.write_text(json.dumps({"benchmark": "bench", "warpriver": __version__, **found}, indent=2) + "\n")
         print(f"  figures  {target}")
     return OK

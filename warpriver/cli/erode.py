@@ -49,7 +49,12 @@ def add(commands: Any) -> None:
         "file: GeoTIFF, ESRI ASCII, npz ... (default plane)",
     )
     start.add_argument("--size", metavar="COLUMNSxROWS", help="cells of a plane or peak (default 300x200)")
-    start.add_argument("--cell-size", type=float, metavar="M", help="cell of a plane or peak in m (default 1)")
+    start.add_argument(
+        "--cell-size",
+        type=float,
+        metavar="M",
+        help="cell of a plane or peak in m (default 1); of a file, what to resample it to",
+    )
     start.add_argument("--slope", type=float, metavar="S", help="slope of a plane or peak in m/m (default 1)")
     start.add_argument(
         "--edges",
@@ -60,7 +65,7 @@ def add(commands: Any) -> None:
     start.add_argument("--fill", action="store_true", help="raise ground that water cannot leave until it can")
     start.add_argument("--crs", help="coordinate reference system of a file that does not say")
     start.add_argument("--to-crs", help='reproject a file, e.g. EPSG:32619, or "utm" for the zone of the data')
-    add_heights(start)
+    add_heights(start, cell_size=False)
     model = parser.add_argument_group("model (Leheny 1995)")
     model.add_argument("--events", type=int, default=10_000, metavar="N", help="units of rain (default 10000)")
     for field in dataclasses.fields(LehenyParams):
@@ -147,10 +152,10 @@ def _erosion_start(options: argparse.Namespace) -> Terrain:
 
     made = dict(zip(STARTS, (generate.erosion_plane, generate.erosion_peak), strict=True))
     if options.start not in made:
-        for flag in ("size", "cell_size", "slope"):
+        for flag in ("size", "slope"):
             if getattr(options, flag) is not None:
-                raise InputError(f"--{flag.replace('_', '-')} is for a plane or peak; {options.start} has its own")
-        return read_ground(options.start, options.crs, options, options.device)
+                raise InputError(f"--{flag} is for a plane or peak; {options.start} has its own")
+        return read_ground(options.start, options, device=options.device)
     try:
         columns, rows = (int(n) for n in (options.size or "300x200").lower().split("x"))
     except ValueError:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.cli.shared import OK, add_lines, command, quiet_warp, read_lines, stored_run
+from warpriver.cli.shared import OK, add_lines, command, quiet_warp, read_lines, read_run, stored_run
 
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
@@ -130,12 +130,11 @@ def _version(version: tuple[int, int] | None) -> str:
 
 def _info_file(options: argparse.Namespace) -> int:
     from warpriver import metrics
-    from warpriver.history import History
 
     source = Path(options.file)
     run = stored_run(source)
     if run is not None:
-        history = History.load(run)
+        history = read_run(run)
         print(history)
         network = history.networks[-1]
     else:
@@ -174,8 +173,9 @@ def _attribute_summary(network: RiverNetwork) -> str:
     except ValueError as error:
         parts.append(f"no stream orders ({error})")
     parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
-    if network.channel_drainage_area is not None:
-        parts.append(f"drainage area {span(network.channel_drainage_area / 1e6, 'km2')}")
+    area = network.channel_drainage_area
+    if area is not None and np.isfinite(area).any():
+        parts.append(f"drainage area {span(area[np.isfinite(area)] / 1e6, 'km2')}")
     known = network.channel_slope[np.isfinite(network.channel_slope)]
     if len(known):
         some = "" if len(known) == network.channel_count else f" in {len(known)} channels"

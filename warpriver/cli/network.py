@@ -47,7 +47,7 @@ def _network(options: argparse.Namespace) -> int:
     from warpriver.io.vector.networks import write_network
 
     quiet_warp()
-    terrain = read_ground(options.terrain, options.crs, options)
+    terrain = read_ground(options.terrain, options)
     print(terrain)
     network = hydrology.extract_network(
         terrain,

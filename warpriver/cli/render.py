@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from warpriver.cli.shared import (
     OK,
     add_ground,
     add_lines,
     command,
+    ground_under,
     quiet_warp,
-    read_ground,
     read_lines,
+    read_run,
     stored_run,
 )
 from warpriver.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["add"]
 
@@ -56,28 +54,26 @@ def add(commands: Any) -> None:
 
 def _render(options: argparse.Namespace) -> int:
     from warpriver import viz
-    from warpriver.history import History
 
     quiet_warp()
     source, out = Path(options.input), Path(options.out)
     is_movie = out.suffix.lower() in (".gif", ".mp4")
     if not is_movie and out.suffix.lower() != ".png":
         raise InputError(f"{out}: the ending says what to draw; use .png, .gif or .mp4")
-    window, terrain = options.window, None
-    if options.terrain is not None:
-        terrain = read_ground(options.terrain, options.terrain_crs, options)
-    run = stored_run(source)
+    window, run = options.window, stored_run(source)
     if run is None:
         if is_movie:
             raise InputError(f"{source} holds lines, not a run: there is nothing to make a movie of; use .png")
         network = read_lines(source, options)
+        terrain = ground_under(options, network.crs)
         if options.scene:
             viz.render_scene(network, out, window=window, terrain=terrain)
         else:
             viz.draw_network(network, out, window=window, terrain=terrain, title=options.title)
         print(out)
         return OK
-    history = History.load(run)
+    history = read_run(run)
+    terrain = ground_under(options, history.crs)
     until = None
     if options.until is not None:
         until = int((history.times <= options.until).sum()) - 1

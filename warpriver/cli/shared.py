@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
 import os
 import sys
@@ -11,9 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.words import renamed
 from warpriver.errors import InputError
 
 if TYPE_CHECKING:
+    from warpriver.history import History
     from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
 
@@ -29,9 +32,11 @@ __all__ = [
     "can_draw",
     "command",
     "fresh_folder",
+    "ground_under",
     "quiet_warp",
     "read_ground",
     "read_lines",
+    "read_run",
     "stored_run",
 ]
 
@@ -43,7 +48,7 @@ def command(
 ) -> argparse.ArgumentParser:
     """Add a command's parser; ``run`` takes its flags and returns the exit code."""
     parser = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **texts)
-    parser.set_defaults(command=run, name=name)
+    parser.set_defaults(command=run, name=name, parser=parser)
     return parser
 
 
@@ -63,7 +68,11 @@ def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> Riv
         source,
         width=options.width,
         layer=options.layer,
+        missing_width=options.missing_width,
         short=options.short,
+        repeated=options.repeated,
+        topology=options.topology,
+        reverse=options.reverse,
         closed=options.closed or None,
         crs=options.crs,
         to_crs=options.to_crs,
@@ -71,14 +80,33 @@ def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> Riv
     )
 
 
-def add_heights(parser: Any) -> None:
-    """Flags of every command that reads heights from a file."""
+def add_heights(parser: Any, *, cell_size: bool = True) -> None:
+    """Flags of every command that reads heights from a file; ``cell_size``: also that, where it means nothing else."""
     parser.add_argument(
         "--z-factor", type=float, metavar="M", help="metres in the file's unit of height, 0.3048 for feet (default 1)"
     )
     parser.add_argument(
-        "--nodata", type=float, metavar="H", help="height that stands for no data, besides what the file says"
+        "--nodata",
+        type=float,
+        metavar="H",
+        help='height that stands for no data, besides what the file says, as it is stored there; "nan" for no other',
     )
+    if cell_size:
+        parser.add_argument(
+            "--cell-size", type=float, metavar="M", help="cell in m of a file that does not tell it; or to resample to"
+        )
+    parser.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        metavar=("W", "N"),
+        help="north-west corner in m of a file that does not tell it",
+    )
+    parser.add_argument(
+        "--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest height of a height map in m"
+    )
+    parser.add_argument("--shape", type=int, nargs=2, metavar=("ROWS", "COLUMNS"), help="size of a raw height map")
+    parser.add_argument("--band", type=int, default=1, metavar="N", help="band of a GeoTIFF (default 1)")
 
 
 def add_ground(parser: argparse.ArgumentParser) -> None:
@@ -87,13 +115,35 @@ def add_ground(parser: argparse.ArgumentParser) -> None:
     add_heights(parser)
 
 
-def read_ground(path: str, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
-    """Read a terrain as the flags say."""
+def read_ground(path: str, options: argparse.Namespace, *, to_crs: str | None = None, device: str = "cpu") -> Terrain:
+    """Read a terrain as the flags say; ``to_crs`` in place of theirs is that of the rivers on it."""
     from warpriver.io.raster.terrains import read_terrain
 
-    return read_terrain(
-        path, crs=crs, to_crs=options.to_crs, z_factor=options.z_factor, nodata=options.nodata, device=device
-    )
+    beside_rivers = hasattr(options, "terrain_crs")
+    with renamed(crs="terrain_crs") if beside_rivers else contextlib.nullcontext():
+        return read_terrain(
+            path,
+            cell_size=options.cell_size,
+            origin=options.origin,
+            crs=options.terrain_crs if beside_rivers else options.crs,
+            to_crs=to_crs or options.to_crs,
+            range=options.range,
+            z_factor=options.z_factor,
+            nodata=options.nodata,
+            shape=options.shape,
+            band=options.band,
+            device=device,
+        )
+
+
+def ground_under(options: argparse.Namespace, crs: str | None) -> Terrain | None:
+    """Read the terrain under rivers in that CRS, if there is to be one.
+
+    Where --to-crs is given it is brought into the CRS of the rivers: "utm" means one zone for both.
+    """
+    if options.terrain is None:
+        return None
+    return read_ground(options.terrain, options, to_crs=crs if options.to_crs is not None else None)
 
 
 def add_line_options(parser: argparse.ArgumentParser) -> None:
@@ -106,6 +156,22 @@ def add_line_options(parser: argparse.ArgumentParser) -> None:
         "to their length, or keep them (default error)",
     )
     parser.add_argument(
+        "--missing-width", type=float, metavar="M", help="width in m of lines for which nothing tells one"
+    )
+    parser.add_argument(
+        "--repeated",
+        default="drop",
+        choices=("drop", "error"),
+        help="points that stand twice in a row: drop them, or refuse the file (default drop)",
+    )
+    parser.add_argument(
+        "--topology",
+        default="file",
+        choices=("file", "ends"),
+        help="join lines as the file says, or where their ends meet (default file)",
+    )
+    parser.add_argument("--reverse", action="store_true", help="turn all lines round: those of the file run upstream")
+    parser.add_argument(
         "--closed",
         action="store_true",
         help="lines that end at their first point are rings: the water goes round (default: those that the file marks)",
@@ -114,7 +180,9 @@ def add_line_options(parser: argparse.ArgumentParser) -> None:
 
 def add_lines(parser: argparse.ArgumentParser) -> None:
     """Flags of a command that only looks at rivers: all that :func:`read_lines` asks for."""
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m of lines that have none")
+    parser.add_argument(
+        "--width", type=float, metavar="M", help="bankfull width in m of all lines (default: the file's)"
+    )
     parser.add_argument("--layer", help="layer to read, of a file with several")
     add_line_options(parser)
     parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
@@ -125,7 +193,17 @@ def stored_run(source: Path) -> Path | None:
     """The stored run at a path: the file or folder itself, or the one in a folder of results; None without one."""
     if source.suffix == ".npz":
         return source
-    return next((p for p in (source, source / "run") if (p / "run.json").is_file()), None)
+    marks = ("run.json", "segments.jsonl")
+    return next((p for p in (source, source / "run") for mark in marks if (p / mark).is_file()), None)
+
+
+def read_run(path: Path) -> History:
+    """Open a stored run that holds a record or more."""
+    from warpriver.history import History
+
+    history = History.load(path)
+    history.record(-1)
+    return history
 
 
 def fresh_folder(path: str) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from warpriver.cli.results import write_run
 from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
@@ -13,14 +13,11 @@ from warpriver.cli.shared import (
     add_line_options,
     command,
     fresh_folder,
+    ground_under,
     quiet_warp,
-    read_ground,
     read_lines,
     stored_run,
 )
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["add"]
 
@@ -60,21 +57,21 @@ def add(commands: Any) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from warpriver.history import History
     from warpriver.simulation import Simulation
 
     quiet_warp()
     source = Path(options.input)
-    terrain = None
-    if options.terrain is not None:
-        terrain = read_ground(options.terrain, options.terrain_crs, options)
     run = stored_run(source)
     if run is not None:
+        terrain = ground_under(options, History.load(run).crs if options.to_crs else None)
         simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
         folder = Path(options.out) if options.out else run.parent
         if options.out or run.is_file():
             folder = fresh_folder(options.out or f"out/{run.stem}")
     else:
         network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
+        terrain = ground_under(options, network.crs)
         simulation = make_simulation(network, options, terrain)
         folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
     code = run_simulation(simulation, options, folder)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from warpriver.device import require_memory
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
-from warpriver.io.files import beside
+from warpriver.files import beside
 from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of

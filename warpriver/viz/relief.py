@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from warpriver.crs import short_name
+from warpriver.crs import same_crs, short_name
 from warpriver.errors import InputError
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
@@ -208,7 +208,7 @@ def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _C
 def check_ground(terrain: Terrain | Raster, bounds: Window, crs: str | None) -> None:
     """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
     kind = "raster" if isinstance(terrain, Raster) else "terrain"
-    if terrain.crs is not None and crs is not None and terrain.crs != crs:
+    if terrain.crs is not None and crs is not None and not same_crs(terrain.crs, crs):
         raise InputError(
             f"the {kind} is in {short_name(terrain.crs)}, the channels in {short_name(crs)}; "
             "read one of them with to_crs="

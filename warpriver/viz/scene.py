@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError, InternalError, MissingExtraError
+from warpriver.files import in_memory
 from warpriver.history import History
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -85,7 +86,8 @@ def render_scene(
         pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until)
         from PIL import Image
 
-        Image.fromarray(pixels).save(temporary)
+        with in_memory(temporary) as buffer:
+            Image.fromarray(pixels).save(buffer, "PNG" if temporary.lower().endswith(".png") else "JPEG")
 
 
 def _draw(

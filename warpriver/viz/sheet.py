@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
-from warpriver.io.files import beside
+from warpriver.files import beside, in_memory
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.viz.bands import Window
 
@@ -34,6 +34,7 @@ __all__ = [
     "make_sheet",
     "need_matplotlib",
     "replacing",
+    "save_figure",
     "style_bar",
 ]
 
@@ -293,7 +294,7 @@ class Sheet:
         suffix = pathlib.Path(path).suffix
         parts = (WORLD_FILES.get(suffix.lower(), ".wld"), f"{suffix}.aux.xml")
         with replacing(path, PICTURES, parts=parts) as temporary:
-            self.axes.figure.savefig(temporary, dpi=self.dpi)  # type: ignore[union-attr]
+            save_figure(self.axes.figure, temporary, self.dpi)
             if self._placed and suffix.lower() in WORLD_FILES:
                 (west, south, east, north), (rows, columns) = self.window, self.shape
                 place = (west, north, (east - west) / columns, (north - south) / rows)
@@ -395,6 +396,12 @@ def _bare_shape(window: Window, size: tuple[int, int] | None, cell: float | None
     rows, columns = max(1, round(height / cell)), max(1, round(width / cell))
     fine, coarse = max(1, round(BARE_PIXELS / max(rows, columns))), -(-max(rows, columns) // MOST_PIXELS)
     return max(1, rows * fine // coarse), max(1, columns * fine // coarse)
+
+
+def save_figure(figure: Any, path: str, dpi: float) -> None:
+    """Write a figure in the format that the suffix names."""
+    with in_memory(path) as buffer:
+        figure.savefig(buffer, format=pathlib.Path(path).suffix[1:], dpi=dpi)
 
 
 def _fitted_size(window: Window) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from warpriver.terrain import Terrain
 from warpriver.validate import positive
 from warpriver.valley.valley import Valley
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import BANK, FAINT, INK, PICTURES, WATER, checked_axes, need_matplotlib, replacing
+from warpriver.viz.sheet import BANK, FAINT, INK, PICTURES, WATER, checked_axes, need_matplotlib, replacing, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -305,4 +305,4 @@ def _save(figure: Any, path: str | os.PathLike[str] | None, dpi: float) -> None:
     """Write a figure, if a file is named."""
     if path is not None:
         with replacing(path, PICTURES) as temporary:
-            figure.savefig(temporary, dpi=dpi)
+            save_figure(figure, temporary, dpi)

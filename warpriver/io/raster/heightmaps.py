@@ -20,6 +20,7 @@ import numpy as np
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
+from warpriver.files import in_memory
 from warpriver.io.files import decoded
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.io.raster.source import RasterSource, north_up
@@ -128,10 +129,12 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     place = (*terrain.origin, terrain.cell_size, terrain.cell_size)
     if path.suffix.lower() == PNG:
         (image,) = need(f"writing {path.suffix}", "PIL.Image")
-        image.fromarray(step.astype(np.uint16)).save(path)
+        with in_memory(path) as buffer:
+            image.fromarray(step.astype(np.uint16)).save(buffer, "PNG")
         write_world_file(path.with_suffix(WORLD_FILES[PNG]), place)
     else:
-        step.astype("<u2").tofile(path)
+        # Not by tofile, which does not tell when its last bytes find no room.
+        path.write_bytes(np.ascontiguousarray(step, "<u2").data)
         _write_header(terrain, path.with_suffix(".hdr"))
     rise = (high - low) / (TOP - first)
     # height = offset + scale * step

@@ -15,9 +15,10 @@ import warp as wp
 
 from warpriver.crs import CRSLike
 from warpriver.errors import InputError
-from warpriver.io.files import beside, check_readable
+from warpriver.files import beside
+from warpriver.io.files import check_readable
 from warpriver.io.raster.foreign import FOREIGN, write_foreign
-from warpriver.io.raster.geotiff import READABLE, TIFF, read_gdal, write_geotiff
+from warpriver.io.raster.geotiff import READABLE, TIFF, check_raster, read_gdal, write_geotiff
 from warpriver.io.raster.grids import (
     ASCII,
     HEIGHTS,
@@ -233,7 +234,7 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
     suffix = _suffix(path)
     if range is not None and suffix not in HEIGHT_MAPS:
         raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
-    with _replaced(path, suffix) as temporary:
+    with _replaced(path, suffix, terrain.raster) as temporary:
         if suffix in CELLS:
             _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0], path)
         else:
@@ -260,18 +261,20 @@ def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
     suffix = _cell_suffix(path)
     if not isinstance(raster, Raster):
         raise InputError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
-    with _replaced(path, suffix) as temporary:
+    with _replaced(path, suffix, raster) as temporary:
         _write_cells(raster, temporary, suffix, VALUES, path)
         if suffix in ASCII:
             write_labels(raster, temporary)
 
 
-def _replaced(path: Path, suffix: str) -> contextlib.AbstractContextManager[Path]:
+def _replaced(path: Path, suffix: str, raster: Raster) -> contextlib.AbstractContextManager[Path]:
     """Give the path to write a file at that takes the place of an old one, and of what lies beside that."""
+    if suffix in TIFF:
+        return beside(path, check=lambda written: check_raster(written, raster))
+    if suffix in FOREIGN:
+        return beside(path, FOREIGN[suffix].parts, lambda written: check_raster(written, raster))
     if suffix in ASCII:
         return beside(path, (PROJECTION, label_suffix(path)))
-    if suffix in FOREIGN:
-        return beside(path, FOREIGN[suffix].parts)
     return beside(path, parts_of(path) if suffix in HEIGHT_MAPS else ())
 
 

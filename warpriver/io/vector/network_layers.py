@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from warpriver.extras import need
-from warpriver.io.files import beside
 from warpriver.io.vector.attributes import LISTS, SHORT_NAMES, list_names, write_columns
 from warpriver.io.vector.extras import EXTRA, extra_kinds
 from warpriver.io.vector.layers import (
     GEOPACKAGE,
     NEEDS,
-    SHAPEFILE_PARTS,
     Layer,
     crs_member,
     geojson_text,
     plain_values,
+    replaced_layer,
     write_geopackage,
     write_layer,
 )
@@ -68,8 +67,9 @@ def write_features(network: RiverNetwork, path: Path, layer: str) -> None:
             UserWarning,
             stacklevel=3,
         )
-    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
-        write_layer(_channel_layer(network, layer, suffix), temporary, path, network.crs)
+    channels = _channel_layer(network, layer, suffix)
+    with replaced_layer(path, channels, network.crs) as temporary:
+        write_layer(channels, temporary, path, network.crs)
 
 
 def network_layers(network: RiverNetwork, name: str) -> list[Layer]:
