@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,9 @@ from warpriver.extras import need
 from warpriver.kernels import raster as kernels
 from warpriver.thumbnail import card, png_of, raster_picture
 from warpriver.validate import checked_points, finite_numbers, positive
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "Raster",
@@ -260,12 +263,12 @@ class Raster:
             return None
         return first_row, first_column, last_row - first_row + 1, last_column - first_column + 1
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xarray.DataArray:
         """Return an ``xarray.DataArray`` of dimensions (y, x), row 0 in the north (``warpriver[gis]``).
 
         The coordinates are the cells' centres in m; ``spatial_ref`` holds the CRS in the CF convention.
         """
-        (xarray,) = need("to_xarray", "xarray")
+        (module,) = need("to_xarray", "xarray")
         (rows, columns), (west, north), size = self.shape, self.origin, self.cell_size
         reference: dict[str, Any] = {}
         pyproj = pyproj_or_none()
@@ -279,7 +282,7 @@ class Raster:
         x = ("x", west + (np.arange(columns) + 0.5) * size, x_named)
         told = {"units": self.unit} if self.unit else {}
         told |= {"long_name": self.name} if self.name else {}
-        return xarray.DataArray(
+        return module.DataArray(
             self.numpy(),
             dims=("y", "x"),
             coords={"y": y, "x": x, "spatial_ref": ((), 0, reference)},

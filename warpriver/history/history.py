@@ -16,7 +16,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,6 +42,10 @@ from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 from warpriver.thumbnail import LAKE, SAND, WATER, card, lines_picture, png_of
 from warpriver.validate import whole
+
+if TYPE_CHECKING:
+    import geopandas
+    import pandas
 
 __all__ = ["History", "StopReason"]
 
@@ -232,7 +236,7 @@ class History:
 
     # ---- as tables
 
-    def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> Any:
+    def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> geopandas.GeoDataFrame:
         """Return a layer of the run as ``geopandas.GeoDataFrame`` (``warpriver[gis]``).
 
         ``time_yr`` is the time of the record or event in yr; ``begin`` and ``end`` are dates, for programs that show
@@ -247,28 +251,28 @@ class History:
             ImportError: geopandas is missing.
             ValueError: Another layer, an interval below 1, or a history without a record.
         """
-        (geopandas,) = need("History.to_geopandas", "geopandas")
+        (module,) = need("History.to_geopandas", "geopandas")
         features = features_of(self, layer, every)
-        return geopandas.GeoDataFrame(dict(features.columns), geometry=geometry_of(features), crs=self.crs)
+        return module.GeoDataFrame(dict(features.columns), geometry=geometry_of(features), crs=self.crs)
 
-    def event_table(self) -> Any:
+    def event_table(self) -> pandas.DataFrame:
         """Return all events as ``pandas.DataFrame`` (``warpriver[gis]``), a row each, in order of time.
 
         Columns: ``time_yr``, ``kind``, ``length_m`` and ``x``, ``y`` (the mean point) of the line that an event left
         behind, then what its kind tells: ``channel_id``, ``width_m`` and so on; NaN or "" where a kind has no such.
         """
-        (pandas,) = need("History.event_table", "pandas")
-        return pandas.DataFrame(event_columns(self))
+        (module,) = need("History.event_table", "pandas")
+        return module.DataFrame(event_columns(self))
 
-    def summary(self) -> Any:
+    def summary(self) -> pandas.DataFrame:
         """Return a row a record as ``pandas.DataFrame`` (``warpriver[gis]``).
 
         Columns: ``time_yr``, ``step``, the numbers of ``channels`` and ``points``, total ``length_m``, ``sinuosity``
         (length over the distance of the ends, of channels that are no rings), mean ``width_m``, and how many events of
         each kind there had been: ``cutoffs``, ``collisions`` ...
         """
-        (pandas,) = need("History.summary", "pandas")
-        return pandas.DataFrame(summary_columns(self))
+        (module,) = need("History.summary", "pandas")
+        return module.DataFrame(summary_columns(self))
 
     def __repr__(self) -> str:
         if not self._times:

@@ -173,7 +173,7 @@ def _courses(history: History, records: Sequence[int]) -> Features:
         for name, values in told.items():
             columns.setdefault(name, []).append(values)
         lines += network.polylines(close=True)
-    packed = {name: np.concatenate(parts) for name, parts in columns.items()}
+    packed = {name: np.concatenate(pieces) for name, pieces in columns.items()}
     return _packed("LineString", packed, lines, np.arange(len(lines)))
 
 

@@ -62,7 +62,7 @@ def _without_gaps(height: FloatArray, start: NDArray[np.int64]) -> FloatArray:
 
 
 def _running_minimum(values: FloatArray, group: NDArray[np.int64]) -> FloatArray:
-    """Return the least of each group's values up to each, to the bit; groups lie one after the other."""
+    """Return the minimum of each group's values up to each, to the bit; groups lie one after the other."""
     order = np.argsort(values, kind="stable")
     rank = np.empty(len(values), np.int64)
     rank[order] = np.arange(len(values))
@@ -72,17 +72,17 @@ def _running_minimum(values: FloatArray, group: NDArray[np.int64]) -> FloatArray
 
 
 def _node_levels(
-    end: FloatArray, above: NDArray[np.int32], below: NDArray[np.int32], count: int, rings: NDArray[np.bool_]
+    end: FloatArray, upper: NDArray[np.int32], lower: NDArray[np.int32], count: int, rings: NDArray[np.bool_]
 ) -> FloatArray:
     """Return the level of each node, (N,): the lowest that a channel reaches it with, infinite at sources."""
     level = np.full(count, np.inf)
-    pending = np.bincount(below[~rings], minlength=count)
+    pending = np.bincount(lower[~rings], minlength=count)
     left = ~rings
     while left.any():
-        ready = np.flatnonzero(left & (pending[above] == 0))
+        ready = np.flatnonzero(left & (pending[upper] == 0))
         if not len(ready):
             raise InputError(f"{int(left.sum())} channels flow in a circle: none of them is the lowest")
-        np.minimum.at(level, below[ready], np.minimum(end[ready], level[above[ready]]))
-        np.subtract.at(pending, below[ready], 1)
+        np.minimum.at(level, lower[ready], np.minimum(end[ready], level[upper[ready]]))
+        np.subtract.at(pending, lower[ready], 1)
         left[ready] = False
     return level

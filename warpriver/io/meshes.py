@@ -86,7 +86,7 @@ def write_mesh(
             is not (0, 0) the file NAME.stl.json beside it tells it, with the CRS.
 
     Raises:
-        MemoryError: There is no room for the mesh.
+        MemoryError: There is no memory for the mesh.
         OSError: The file cannot be written.
         ValueError: Another suffix, lines in a format of triangles, or a terrain of which no three cells meet.
     """

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from warpriver.errors import InputError
 from warpriver.files import beside
@@ -47,6 +48,7 @@ from warpriver.valley.params import (
 from warpriver.valley.profile import LongProfile
 from warpriver.valley.stamps import MeshStamp, RoughnessPatch
 from warpriver.valley.terms import TERMS
+from warpriver.valley.valley import ValleyGrid
 
 __all__ = ["read_valley", "valley_schema", "write_breaklines", "write_points", "write_valley"]
 
@@ -122,7 +124,7 @@ def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     return _raising(path, lambda: ValleyParams(**fields), {"ValleyParams.": ""})
 
 
-def write_valley(params: ValleyParams, path: Any) -> None:
+def write_valley(params: ValleyParams, path: str | os.PathLike[str]) -> None:
     """Write the parameters of a valley as TOML, so that :func:`read_valley` gives the same back.
 
     Args:
@@ -386,11 +388,11 @@ def _inline(term: Any) -> str:
 # ---- surfaces
 
 
-def write_points(grid: Any, path: Any) -> None:
+def write_points(grid: ValleyGrid, path: str | os.PathLike[str]) -> None:
     """Write the points of a curvilinear grid: x, y and z in m, a section after the other, from left to right.
 
     Args:
-        grid: ValleyGrid.
+        grid: As ``Valley.grid()`` gives it.
         path: .xyz (blanks between), .csv (a head line and commas) or .npz (array ``xyz``, (sections, points, 3)).
 
     Raises:
@@ -407,7 +409,7 @@ def write_points(grid: Any, path: Any) -> None:
             np.savetxt(temporary, grid.points(), fmt="%.4f")
 
 
-def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:
+def write_breaklines(lines: Mapping[str, ArrayLike], path: str | os.PathLike[str], *, crs: str | None = None) -> None:
     """Write breaklines with their heights.
 
     Args:
@@ -434,14 +436,14 @@ def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = N
             {
                 "type": "Feature",
                 "properties": {"name": name},
-                "geometry": {"type": "LineString", "coordinates": np.round(xyz, 4).tolist()},
+                "geometry": {"type": "LineString", "coordinates": np.round(np.asarray(xyz, np.float64), 4).tolist()},
             }
             for name, xyz in lines.items()
         ]
         temporary.write_text(json.dumps(head, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _checked_suffix(path: Any, known: tuple[str, ...]) -> Path:
+def _checked_suffix(path: str | os.PathLike[str], known: tuple[str, ...]) -> Path:
     target = Path(path)
     if target.suffix.lower() not in known:
         raise InputError(f"cannot write {target}: the name must end in {', '.join(known)}")

@@ -20,7 +20,7 @@ DISC_SIDES = 24
 def refine_lines(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], step: float
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Add points along Catmull-Rom curves until they stand about ``step`` m apart, at most eightfold.
+    """Add points along Catmull-Rom curves until they stand about ``step`` m apart, up to eightfold.
 
     Args:
         lines: (n, 2) points of each channel, m.
@@ -36,21 +36,21 @@ def refine_lines(
     first = np.arange(len(xy))
     segment = np.delete(first, start[1:] - 1)
     spacing = np.median(np.hypot(*(xy[segment + 1] - xy[segment]).T))
-    parts = int(np.clip(np.ceil(spacing / step), 1, 8))
-    if parts == 1:
+    pieces = int(np.clip(np.ceil(spacing / step), 1, 8))
+    if pieces == 1:
         return list(lines), list(widths)
     owner = np.repeat(np.arange(len(counts)), counts)[segment]
     b, c = xy[segment], xy[segment + 1]
     at_head, at_tail = segment == start[owner], segment + 2 == start[owner + 1]
     a = np.where(at_head[:, None], 2.0 * b - c, xy[segment - 1])
     d = np.where(at_tail[:, None], 2.0 * c - b, xy[np.minimum(segment + 2, len(xy) - 1)])
-    t = (np.arange(parts) / parts)[None, :, None]
+    t = (np.arange(pieces) / pieces)[None, :, None]
     a, b, c, d = (p[:, None, :] for p in (a, b, c, d))
     curve = 0.5 * (2.0 * b + t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a))))
     blend = width[segment, None] + t[..., 0] * (width[segment + 1] - width[segment])[:, None]
-    new_counts = (counts - 1) * parts + 1
+    new_counts = (counts - 1) * pieces + 1
     new_start = np.concatenate([[0], np.cumsum(new_counts)])
-    slot = (new_start[owner] + (segment - start[owner]) * parts)[:, None] + np.arange(parts)
+    slot = (new_start[owner] + (segment - start[owner]) * pieces)[:, None] + np.arange(pieces)
     new_xy, new_width = np.empty((new_start[-1], 2)), np.empty(new_start[-1])
     new_xy[slot], new_width[slot] = curve, blend
     new_xy[new_start[1:] - 1], new_width[new_start[1:] - 1] = xy[start[1:] - 1], width[start[1:] - 1]

@@ -47,7 +47,7 @@ RELIEF_WATER = RELIEF_RAMP[1][1]
 # Inches beside the bar of ages: for its labels; and for them, a scale bar and an arrow to the north.
 LEGEND_GAP, LEAST_LEGEND = 1.15, 3.2
 
-# Part of the relief's shades that deposits carry; courses narrower than this many samples are painted as wide as it.
+# Fraction of the relief's shades that deposits carry; narrower courses are painted as wide as this many samples.
 DEPOSIT_SHADE, LEAST_SAMPLES = 0.6, 1.5
 
 # Strength of the faint banding in time that the shades of age carry, so that scroll bars read as arcs.
@@ -446,8 +446,8 @@ class BeltPainter:
         lines, widths = select_inside(lines, widths, self._window)
         if not lines:
             return
-        least = LEAST_SAMPLES / self._scale
-        widths = [np.maximum(width, least) for width in widths]
+        smallest = LEAST_SAMPLES / self._scale
+        widths = [np.maximum(width, smallest) for width in widths]
         vertices, codes, _ = band_outlines(*refine_lines(lines, widths, step=6.0 / self._scale))
         transform = Affine2D().translate(-self._window[0], -self._window[1]).scale(self._scale)
         rgb = tuple(((code >> shift) & 255) / 255.0 for shift in (0, 8, 16))
@@ -466,7 +466,7 @@ class BeltPainter:
             record: Index of the present record.
 
         Yields:
-            Line (n, 2) in m, width in m, age as a part of the age span, and an (n,) mask of the points in
+            Line (n, 2) in m, width in m, age as a fraction of the age span, and an (n,) mask of the points in
             sight.
         """
         cover = self.cover()

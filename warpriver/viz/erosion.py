@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_drainage", "draw_elevation", "draw_ordered_network", "erosion_movie"]
 
-# Canyon floors to summits; and from the least river to the largest, on pale ground.
+# Canyon floors to summits; and from the smallest river to the largest, on pale ground.
 ELEVATION_RAMP = (
     (0.0, "#16324f"),
     (0.2, "#2f6f73"),
@@ -48,7 +48,7 @@ RIVER_RAMP = ((0.0, "#9fc6d6"), (0.35, "#4f92b8"), (0.7, "#1f568a"), (1.0, "#0a1
 LOWEST_PERCENTILE, SHADE = 0.5, 0.45
 # Under rivers the ground is this much white: canyon floors are as dark as they are.
 PALE = 0.45
-# Height that steepens slopes for shading, as a part of the map's shorter side per range of heights.
+# Height that steepens slopes for shading, as a fraction of the map's shorter side per range of heights.
 SHADED_RELIEF = 0.25
 
 
@@ -108,7 +108,7 @@ def draw_drainage(
     Args:
         flow: From :func:`warpriver.hydrology.route`, or ``ErodedTerrain.flow()``.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
-        min_drainage_area: Least drainage area of a river cell, m2; by default ten cells.
+        min_drainage_area: Minimum drainage area of a river cell, m2; by default ten cells.
         title: Title at the upper left, or None.
         size: Width and height of the picture in pixels; by default fitted to the terrain.
         dpi: Pixels per inch.
@@ -126,15 +126,15 @@ def draw_drainage(
     """
     from matplotlib.colors import LogNorm
 
-    area, least = _areas(flow, min_drainage_area)
+    area, minimum = _areas(flow, min_drainage_area)
     sheet = _page(flow.terrain, title, size, dpi, frame, ax)
     factor, largest = _cells_per_pixel(sheet, flow.terrain), float(np.nanmax(area))
     known = np.isfinite(area)
     ground = np.where(known[..., None], color_ramp(((0.0, GROUND),), np.zeros(area.shape)), 1.0)
-    _lay(sheet, flow.terrain, _with_rivers(ground, area, least, largest, factor), factor)
+    _lay(sheet, flow.terrain, _with_rivers(ground, area, minimum, largest, factor), factor)
     # In cells where cells are counted, in km2 on a real map.
     unit, label = (1e6, "drainage area, km²") if largest > 1e6 else (1.0, "drainage area, m²")
-    add_value_bar(sheet, LogNorm(least / unit, max(largest, 1.01 * least) / unit), label, RIVER_RAMP)
+    add_value_bar(sheet, LogNorm(minimum / unit, max(largest, 1.01 * minimum) / unit), label, RIVER_RAMP)
     return finished(sheet, path, ax)
 
 
@@ -152,7 +152,7 @@ def draw_ordered_network(
 
     Args:
         terrain: Terrain; its canyons may be steeper than the relief of :func:`draw_network` can show.
-        network: RiverNetwork; parts beyond the terrain are left out.
+        network: RiverNetwork; what lies beyond the terrain is left out.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
         title: Title at the upper left, or None.
         dpi: Pixels per inch.
@@ -204,7 +204,7 @@ def erosion_movie(
     Args:
         eroded: ErodedTerrain with snapshots: ``erode(..., record_every=...)``.
         path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
-        min_drainage_area: Least drainage area of a river cell, m2; by default ten cells.
+        min_drainage_area: Minimum drainage area of a river cell, m2; by default ten cells.
         fps: Frames a second, above 0 and at most 60.
         size: Width and height in pixels; both even for .mp4.
         title: Title at the upper left, or None.
@@ -224,8 +224,8 @@ def erosion_movie(
         raise InputError("there are no snapshots to make a movie of; erode with record_every=")
     if pathlib.Path(path).suffix.lower() == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise InputError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
-    least = _areas(eroded.flow(), min_drainage_area)[1]
-    pages: list[Any] = [eroded.snapshots, least, title, size, dpi]
+    minimum = _areas(eroded.flow(), min_drainage_area)[1]
+    pages: list[Any] = [eroded.snapshots, minimum, title, size, dpi]
     *_, sample = _frames(*pages, only_last=True, progress=None)
     frames = _frames(*pages, only_last=False, progress=progress)
     write_frames(path, frames, sample, fps=fps, hold=hold, ramps=(ELEVATION_RAMP, RIVER_RAMP))
@@ -233,7 +233,7 @@ def erosion_movie(
 
 def _frames(
     snapshots: Sequence[ErodedTerrain],
-    least: float,
+    minimum: float,
     title: str | None,
     size: tuple[int, int],
     dpi: float,
@@ -253,7 +253,7 @@ def _frames(
     for done, snapshot in enumerate(snapshots[-1:] if only_last else snapshots, start=1):
         ground = _elevation_picture(snapshot, low, high)
         ground = PALE + (1.0 - PALE) * ground
-        picture = _with_rivers(ground, host_areas(snapshot.flow()), least, largest, factor)
+        picture = _with_rivers(ground, host_areas(snapshot.flow()), minimum, largest, factor)
         if shown is None:
             shown = _lay(sheet, snapshot, picture, factor)
         shown.set_data(picture)
@@ -274,15 +274,15 @@ def _height_span(terrain: Terrain) -> tuple[float, float]:
 def _elevation_picture(terrain: Terrain, low: float, high: float) -> np.ndarray:
     """Colours of elevation with shades, (rows, columns, 3) in 0..1; white without data."""
     height = terrain.to_numpy()
-    part = np.clip((np.nan_to_num(height, nan=high) - low) / (high - low), 0.0, 1.0)
-    color = color_ramp(ELEVATION_RAMP, part)
+    fraction = np.clip((np.nan_to_num(height, nan=high) - low) / (high - low), 0.0, 1.0)
+    color = color_ramp(ELEVATION_RAMP, fraction)
     steepen = SHADED_RELIEF * min(terrain.shape) * terrain.cell_size / (high - low)
     light = hillshade(terrain, exaggeration=steepen) / np.sin(np.radians(45.0))
     shade = np.clip(1.0 + SHADE * (np.nan_to_num(light, nan=1.0) - 1.0), 0.0, 1.15)
     return np.where(np.isnan(height)[..., None], 1.0, np.clip(color * shade[..., None], 0.0, 1.0))
 
 
-def _with_rivers(ground: np.ndarray, area: np.ndarray, least: float, largest: float, factor: int) -> np.ndarray:
+def _with_rivers(ground: np.ndarray, area: np.ndarray, minimum: float, largest: float, factor: int) -> np.ndarray:
     """Ground with the cells that drain enough in the colour of what they drain, (rows, columns, 3).
 
     Blocks of ``factor`` cells a side become one, of the ground's mean colour and the cells' largest area.
@@ -293,9 +293,9 @@ def _with_rivers(ground: np.ndarray, area: np.ndarray, least: float, largest: fl
     drained = np.pad(np.nan_to_num(area, nan=0.0), ((0, below), (0, aside)))
     picture = picture.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
     drained = drained.reshape(rows, factor, columns, factor).max(axis=(1, 3))
-    river = drained >= least * (1.0 - 1e-9)
-    span = np.log(max(largest, 1.01 * least) / least)
-    picture[river] = color_ramp(RIVER_RAMP, np.clip(np.log(drained[river] / least) / span, 0.0, 1.0))
+    river = drained >= minimum * (1.0 - 1e-9)
+    span = np.log(max(largest, 1.01 * minimum) / minimum)
+    picture[river] = color_ramp(RIVER_RAMP, np.clip(np.log(drained[river] / minimum) / span, 0.0, 1.0))
     return picture
 
 
@@ -304,10 +304,10 @@ def _cells_per_pixel(sheet: Sheet, terrain: Terrain) -> int:
     return max(1, math.ceil(sheet.metres_per_pixel / float(terrain.cell_size) - 1e-9))
 
 
-def _areas(flow: Flow, least: float | None) -> tuple[np.ndarray, float]:
-    """Drainage areas and the least of a river cell, m2."""
+def _areas(flow: Flow, minimum: float | None) -> tuple[np.ndarray, float]:
+    """Drainage areas and the minimum of a river cell, m2."""
     area = host_areas(flow)
-    threshold = positive(10.0 * flow.terrain.cell_size**2 if least is None else least, "min_drainage_area", "m2")
+    threshold = positive(10.0 * flow.terrain.cell_size**2 if minimum is None else minimum, "min_drainage_area", "m2")
     if threshold > np.nanmax(area):
         raise InputError(
             f"no cell drains {threshold:g} m2 (min_drainage_area); the largest area is {np.nanmax(area):g}"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["add_channels", "add_value_bar", "channel_values", "draw_network", "finished", "value_colors", "value_norm"]
 
 FLOW_RAMP = ((0.0, "#8fc1d4"), (0.5, "#3d7ea6"), (1.0, "#12304e"))
-# On a relief, whose own shades are as dark, even the least flow is a strong blue.
+# On a relief, whose own shades are as dark, even the smallest flow is a strong blue.
 RELIEF_RAMP = ((0.0, "#3f9cc4"), (0.45, "#1f6c9e"), (0.8, "#124377"), (1.0, "#0d2450"))
 
 VALUE_LABELS = {
@@ -49,7 +49,7 @@ VALUE_LABELS = {
     "order": "stream order",
 }
 
-# Least width of a line that stands for a channel, in points: for the narrowest channel, and what the widest adds.
+# Minimum width of a line that stands for a channel, in points: for the narrowest channel, and what the widest adds.
 LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
 
 
@@ -233,10 +233,10 @@ def _add_valued_channels(sheet: Sheet, network: RiverNetwork, values: np.ndarray
 
 def value_colors(values: np.ndarray, norm: Any, ramp: Any) -> np.ndarray:
     """Colours of values on the scale of :func:`value_norm`, (C, 3)."""
-    part = np.asarray(norm(values), np.float64)
+    fraction = np.asarray(norm(values), np.float64)
     if hasattr(norm, "boundaries"):
-        part = (values - norm.boundaries[0] - 0.5) / max(len(norm.boundaries) - 2, 1)
-    return color_ramp(ramp, np.clip(part, 0.0, 1.0))
+        fraction = (values - norm.boundaries[0] - 0.5) / max(len(norm.boundaries) - 2, 1)
+    return color_ramp(ramp, np.clip(fraction, 0.0, 1.0))
 
 
 def _add_background(sheet: Sheet, image: Any, extent: Sequence[float]) -> None:
@@ -286,7 +286,7 @@ def add_value_bar(sheet: Sheet, norm: Any, label: str, ramp: Any, right: float =
 
 
 def _add_flow_arrow(sheet: Sheet, network: RiverNetwork) -> None:
-    """Put an arrow beside the longest channel, where most room is, along the general direction of flow."""
+    """Put an arrow beside the longest channel, where most space is, along the general direction of flow."""
     from matplotlib import patheffects
 
     length = 0.45 * sheet.dpi * sheet.metres_per_pixel
@@ -308,7 +308,7 @@ def _add_flow_arrow(sheet: Sheet, network: RiverNetwork) -> None:
 def _arrow_place(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window, length: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the middle (2,) and direction (2,) of an arrow beside the longest line; None where there is no room."""
+    """Return the middle (2,) and direction (2,) of an arrow beside the longest line; None where there is no space."""
     from scipy.spatial import cKDTree
 
     west, south, east, north = window
@@ -320,8 +320,8 @@ def _arrow_place(
     tree = cKDTree(np.concatenate(refine_lines(lines, widths, step=0.3 * length)[0]))
     margin = 0.7 * length
     best: tuple[float, np.ndarray, np.ndarray] | None = None
-    for part in np.linspace(0.08, 0.92, 15):
-        k = round(part * (len(longest) - 1))
+    for fraction in np.linspace(0.08, 0.92, 15):
+        k = round(fraction * (len(longest) - 1))
         reach = max(1, len(longest) // 12)
         chord = longest[min(k + reach, len(longest) - 1)] - longest[max(k - reach, 0)]
         if not np.hypot(*chord) > 0.0:
@@ -332,11 +332,11 @@ def _arrow_place(
             if not (west + margin < middle[0] < east - margin and south + margin < middle[1] < north - margin):
                 continue
             samples = middle + along * length * np.linspace(-0.6, 0.6, 7)[:, None]
-            room = float(tree.query(samples)[0].min()) - half
-            if room < 0.3 * length:
+            space = float(tree.query(samples)[0].min()) - half
+            if space < 0.3 * length:
                 continue
-            # Close to the channel is best, once there is room for the arrow and its label.
-            score = min(room, 0.5 * length) - 0.1 * away * length
+            # Close to the channel is best, once there is space for the arrow and its label.
+            score = min(space, 0.5 * length) - 0.1 * away * length
             if best is None or score > best[0]:
                 best = score, middle, along
     return None if best is None else best[1:]
@@ -382,18 +382,18 @@ def add_channels(
     if not len(index):
         return []
     points = width / sheet.metres_per_pixel * 72.0 / sheet.dpi
-    least = _least_lines(width)
+    minimum = _least_lines(width)
     shades = None if isinstance(colors, str) else np.asarray(colors)
     added: list[Any] = []
-    narrow = index[points[index] < least[index]]
+    narrow = index[points[index] < minimum[index]]
     if len(narrow):
         thin = [_thin_out(lines[c], 0.5 * sheet.metres_per_pixel) for c in narrow]
         style = {"capstyle": "round", "joinstyle": "round"}
         rim = np.minimum(0.35, bank)
-        added.append(LineCollection(thin, colors=BANK, alpha=0.35, linewidths=least[narrow] + rim, zorder=5, **style))
+        added.append(LineCollection(thin, colors=BANK, alpha=0.35, linewidths=minimum[narrow] + rim, zorder=5, **style))
         color = colors if shades is None else shades[narrow]
-        added.append(LineCollection(thin, colors=color, linewidths=least[narrow], zorder=6, **style))
-    wide = index[points[index] >= least[index]]
+        added.append(LineCollection(thin, colors=color, linewidths=minimum[narrow], zorder=6, **style))
+    wide = index[points[index] >= minimum[index]]
     if len(wide):
         step = 4.0 * sheet.metres_per_pixel
         vertices, codes, offset = band_outlines(
@@ -413,10 +413,10 @@ def add_channels(
 
 
 def _least_lines(width: np.ndarray) -> np.ndarray:
-    """Return the least width of the line that stands for each channel, points."""
+    """Return the minimum width of the line that stands for each channel, points."""
     low, high = float(width.min()), float(width.max())
-    part = np.log(width / low) / np.log(high / low) if high > 1.01 * low else np.zeros_like(width)
-    return LEAST_LINE + LEAST_GROWTH * part
+    fraction = np.log(width / low) / np.log(high / low) if high > 1.01 * low else np.zeros_like(width)
+    return LEAST_LINE + LEAST_GROWTH * fraction
 
 
 def _thin_out(xy: np.ndarray, step: float) -> np.ndarray:

@@ -78,7 +78,7 @@ def relief_picture(terrain: Terrain, window: Window, shape: tuple[int, int], *, 
 
     Args:
         terrain: The ground.
-        window: (west, south, east, north) in m; parts off the terrain have no data.
+        window: (west, south, east, north) in m; what lies off the terrain has no data.
         shape: Rows and columns of the picture.
         strength: Strength of the shades; 0 leaves the tints.
 
@@ -104,9 +104,9 @@ def relief_picture(terrain: Terrain, window: Window, shape: tuple[int, int], *, 
         tone += np.float32(weight / level) * _lit(east, north, azimuth, altitude).astype(np.float32)
     shade = np.clip(1.0 + np.float32(strength) * (0.85 * (tone - 1.0)), 0.3, 1.16)
     low, high = np.percentile(seen, TINT_SPAN) if len(seen) else (0.0, 1.0)
-    # Even a terrain of a few metres' relief gets a part of the tints, a level one the lowest.
-    part = np.clip((height - low) / max(high - low, 1e-9), 0.0, 1.0)
-    index = np.round(255.0 * part).astype(np.uint8)
+    # Even a terrain of a few metres' relief gets a fraction of the tints, a level one the lowest.
+    fraction = np.clip((height - low) / max(high - low, 1e-9), 0.0, 1.0)
+    index = np.round(255.0 * fraction).astype(np.uint8)
     color = _tints()[index]
     # Shadows are cool.
     dark = np.minimum(shade, 1.0)[..., None]
@@ -184,7 +184,7 @@ def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _C
     west, south, east, north = window
     size, (left, top) = float(terrain.cell_size), terrain.origin
     step = np.array([(north - south) / shape[0], (east - west) / shape[1]]) / size
-    # The part of the raster under the window, with a rim for the spline.
+    # The window of the raster under the window, with a rim for the spline.
     factor = max(1, int(min(step)))
     rim = 8 * factor
     first = np.floor([(top - north) / size, (west - left) / size]).astype(int) - rim
@@ -267,10 +267,10 @@ def _block_mean(height: np.ndarray, factor: int) -> np.ndarray:
     total, count = np.zeros((rows, columns)), np.zeros((rows, columns))
     for i in range(factor):
         for j in range(factor):
-            part = height[i::factor, j::factor]
-            known = np.isfinite(part)
-            total[: part.shape[0], : part.shape[1]] += np.where(known, part, 0.0)
-            count[: part.shape[0], : part.shape[1]] += known
+            block = height[i::factor, j::factor]
+            known = np.isfinite(block)
+            total[: block.shape[0], : block.shape[1]] += np.where(known, block, 0.0)
+            count[: block.shape[0], : block.shape[1]] += known
     return np.where(2.0 * count >= 1.0 * _block_cells(height.shape, factor), total / np.maximum(count, 1.0), np.nan)
 
 
@@ -284,5 +284,5 @@ def _tints() -> np.ndarray:
     """Return the tints of 256 heights, (256, 3) float32 in 0..255."""
     at = [p for p, _ in TINT]
     rgb = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for _, c in TINT], np.float64)
-    part = np.linspace(0.0, 1.0, 256)
-    return np.stack([np.interp(part, at, rgb[:, k]) for k in range(3)], axis=1).astype(np.float32)
+    fraction = np.linspace(0.0, 1.0, 256)
+    return np.stack([np.interp(fraction, at, rgb[:, k]) for k in range(3)], axis=1).astype(np.float32)

@@ -30,7 +30,7 @@ SKY = ("#f4f6f5", "#c9dbe6")
 # Longest side of the ground's picture in pixels, and of its height grid in cells.
 TEXTURE_PIXELS = 3072
 GRID_CELLS = 720
-# Parts of the channel depth: how far the water lies below the floodplain, and how high the levees stand above
+# Fractions of the channel depth: how far the water lies below the floodplain, and how high the levees stand above
 # it.
 WATER_DROP = 0.5
 LEVEE_RISE = 0.3
@@ -53,7 +53,7 @@ def render_scene(
 
     Channels and oxbow lakes are ribbons at true width; on a terrain those that would be narrower than two pixels are
     made as wide as that. The ground carries the channel belt of a history as its colour. Without a terrain it is a
-    floodplain whose levees and banks are drawn, not simulated: their height is a fixed part of the channel depth. A
+    floodplain whose levees and banks are drawn, not simulated: their height is a fixed fraction of the channel depth. A
     terrain is drawn with at most a million cells, level across each channel.
 
     Args:

@@ -207,7 +207,7 @@ class Sheet:
         return axes
 
     def _box(self, x: float, y: float, width: float, height: float) -> tuple[float, float, float, float]:
-        """Turn a rectangle in pixels from the lower left into parts of the page."""
+        """Turn a rectangle in pixels from the lower left into fractions of the page."""
         return x / self._page[0], y / self._page[1], width / self._page[0], height / self._page[1]
 
     @property
@@ -235,17 +235,17 @@ class Sheet:
         free = self.across - self.legend_width - 1.0 - 0.8 - (0.75 if flow is not None else 0.0)
         if flow is not None and free < 0.8:
             flow, free = None, free + 0.75
-        room = float(np.clip(free, 0.4, 2.0)) * self.dpi * self.metres_per_pixel
-        power = 10.0 ** np.floor(np.log10(room))
-        length = next(k * power for k in (5.0, 2.0, 1.0) if k * power <= room)
+        space = float(np.clip(free, 0.4, 2.0)) * self.dpi * self.metres_per_pixel
+        power = 10.0 ** np.floor(np.log10(space))
+        length = next(k * power for k in (5.0, 2.0, 1.0) if k * power <= space)
         width = length / self.metres_per_pixel / self.dpi
         span = width + 1.6
         box = self.strip(0.0, 0.3, span, 0.5)
         box.set(xlim=(0.0, span), ylim=(0.0, 0.5))
         box.axis("off")
         for k, shade in enumerate((INK, "white")):
-            corner, part = (0.36 + 0.5 * k * width, 0.16), 0.5 * width
-            box.add_patch(Rectangle(corner, part, 0.055, facecolor=shade, edgecolor=INK, linewidth=0.7))
+            corner, side = (0.36 + 0.5 * k * width, 0.16), 0.5 * width
+            box.add_patch(Rectangle(corner, side, 0.055, facecolor=shade, edgecolor=INK, linewidth=0.7))
         label = f"{length / 1e3:g} km" if length >= 1000.0 else f"{length:g} m"
         for x, text in ((0.36, "0"), (0.36 + width, label)):
             box.text(x, 0.3, text, fontsize=8.5, color=INK, ha="center")
@@ -424,12 +424,12 @@ def style_bar(box: Any) -> None:
 
 
 def checked_window(window: Sequence[float] | None, bounds: Window, margin: float) -> Window:
-    """Return the window in m: the one that was asked for, or ``bounds`` with a margin.
+    """Return the window in m: the requested one, or ``bounds`` with a margin.
 
     Args:
         window: (west, south, east, north) in m, or None.
         bounds: What there is to show, in m.
-        margin: Least margin around it, m.
+        margin: Minimum margin around it, m.
 
     Raises:
         ValueError: The window is not four finite numbers, is empty, or shows none of ``bounds``.

@@ -15,18 +15,18 @@ from warpriver.viz.sheet import GROUND, color_ramp
 
 __all__ = ["LIT_STRENGTH", "TerrainGround", "clip_window"]
 
-# Most cells that are drawn, and most to which a coarser terrain is refined, for so many across the narrowest channel.
+# Maximum of cells that are drawn, and to which a coarser terrain is refined, for so many across the narrowest channel.
 MOST_CELLS, REFINED_CELLS, CELLS_ACROSS = 1_000_000, 300_000, 4.0
-# Strength of the shades in the picture on a surface that lamps shade as well, and the part of light from everywhere.
+# Strength of the shades in the picture on a surface that lamps shade as well; fraction of the light from everywhere.
 LIT_STRENGTH, AMBIENT = 0.45, 0.3
-# Ribbons lie above the surface by this part of a cell.
+# Ribbons lie above the surface by this fraction of a cell.
 LIFT = 0.25
 # Relief over the block's length that the heights are exaggerated to, and the limits of that.
 RELIEF_PART, EXAGGERATION = 0.08, (1.0, 8.0)
 
 
 def clip_window(window: Window, bounds: Window) -> Window:
-    """Return the part of a window that lies within bounds, (west, south, east, north) in m; they overlap."""
+    """Return the piece of a window that lies within bounds, (west, south, east, north) in m; they overlap."""
     west, south = (max(window[k], bounds[k]) for k in (0, 1))
     east, north = (min(window[k], bounds[k]) for k in (2, 3))
     if not (west < east and south < north):
@@ -43,7 +43,7 @@ class TerrainGround:
         exaggeration: Factor on heights.
         depth: Greatest depth of a channel in m.
         drop: How far the drawn surface reaches below the lowest ground, 0.
-        ambient: Part of the light that comes from everywhere.
+        ambient: Fraction of the light that comes from everywhere.
         top: Height of the highest ground above the lowest in m, exaggerated.
     """
 
@@ -96,10 +96,10 @@ class TerrainGround:
         distance, nearest = cKDTree(middle).query(xy, distance_upper_bound=reach)
         near = np.flatnonzero(np.isfinite(distance))
         level, half = self.height(middle)[nearest[near]], half[nearest[near]]
-        part = np.clip((distance[near] - half - cell) / half, 0.0, 1.0)
-        part = part * part * (3.0 - 2.0 * part)
+        fraction = np.clip((distance[near] - half - cell) / half, 0.0, 1.0)
+        fraction = fraction * fraction * (3.0 - 2.0 * fraction)
         flat = self._height.ravel()
-        flat[near] = level + part * (flat[near] - level)
+        flat[near] = level + fraction * (flat[near] - level)
 
     def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x (nx,), y (ny,) in absolute m and the height (ny, nx) in m, row 0 in the south."""
@@ -119,10 +119,10 @@ class TerrainGround:
         return self.height(xy) + LIFT * float(self._cell.min())
 
     def drape(
-        self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], least: float
+        self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], smallest: float
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Refine lines so that ribbons along them follow the surface, and widen those below ``least`` m."""
-        wide = [np.maximum(width, least) for width in widths]
+        """Refine lines so that ribbons along them follow the surface, and widen those below ``smallest`` m."""
+        wide = [np.maximum(width, smallest) for width in widths]
         return refine_lines(lines, wide, step=0.5 * float(self._cell.min()))
 
     def picture(self, shape: tuple[int, int]) -> np.ndarray:

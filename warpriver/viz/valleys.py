@@ -16,17 +16,7 @@ from warpriver.terrain import Terrain
 from warpriver.validate import positive
 from warpriver.valley.valley import Valley
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import (
-    BANK,
-    FAINT,
-    INK,
-    PICTURES,
-    WATER,
-    checked_axes,
-    need_matplotlib,
-    replacing,
-    save_figure,
-)
+from warpriver.viz.sheet import BANK, FAINT, INK, PICTURES, WATER, checked_axes, need_matplotlib, replacing, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +30,7 @@ INTERVALS = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 CONTOURS, STRONG = 14, 5
 # Cells along the longer side of the map.
 CELLS = 1000
-# Part of the reach at each end that the sections shown keep away from: there the ground may end beside the channel.
+# Fraction of the reach at each end that the sections shown keep away from: there the ground may end beside the channel.
 END = 0.06
 # Largest ratio of the map's sides, either way.
 MAX_ASPECT = 6.0
@@ -141,8 +131,8 @@ def draw_valley_sections(
         raise InputError(f"positions are {list(places.values())}; give fractions of the reach, 0 to 1")
     if ax is not None:
         panels = checked_axes(ax, len(places) + 1)
-        for panel, (name, part) in zip(panels, places.items(), strict=False):
-            _draw_section(panel, valley, name, part)
+        for panel, (name, fraction) in zip(panels, places.items(), strict=False):
+            _draw_section(panel, valley, name, fraction)
         _draw_profile(panels[-1], valley)
         if path is not None:
             _save(panels[0].figure, path, dpi)
@@ -150,8 +140,8 @@ def draw_valley_sections(
     rows = (len(places) + 1) // 2
     figure = Figure(figsize=(10.0, 2.3 * rows + 3.4), dpi=dpi, facecolor="white", layout="constrained")
     layout = figure.add_gridspec(rows + 1, 2, height_ratios=[1.0] * rows + [1.35])
-    for k, (name, part) in enumerate(places.items()):
-        _draw_section(figure.add_subplot(layout[k // 2, k % 2]), valley, name, part)
+    for k, (name, fraction) in enumerate(places.items()):
+        _draw_section(figure.add_subplot(layout[k // 2, k % 2]), valley, name, fraction)
     _draw_profile(figure.add_subplot(layout[rows, :]), valley)
     figure.suptitle(f"{valley.params.name}: sections seen downstream, and long profile", fontsize=12, color=INK)
     _save(figure, path, dpi)
@@ -248,19 +238,23 @@ def _draw_covariance(axes: Axes, valley: Valley) -> None:
 def _section_places(valley: Valley) -> dict[str, float]:
     """Where the thalweg is highest and lowest, and where the channel turns most; fractions of the reach."""
     stations, reach = valley.stations, valley.stations.reach
-    part = stations.line.s[reach] / stations.length
-    inside = (part >= END) & (part <= 1.0 - END)
-    part, residual, bend = part[inside], stations.residual[reach][inside], stations.line.curvature[reach][inside]
+    fraction = stations.line.s[reach] / stations.length
+    inside = (fraction >= END) & (fraction <= 1.0 - END)
+    fraction, residual, bend = (
+        fraction[inside],
+        stations.residual[reach][inside],
+        stations.line.curvature[reach][inside],
+    )
     places = {"riffle": int(residual.argmax()), "pool": int(residual.argmin())}
     if np.abs(bend).max() * stations.length > 1e-6:
         places |= {"sharpest left turn": int(bend.argmax()), "sharpest right turn": int(bend.argmin())}
-    return {name: float(part[k]) for name, k in places.items()}
+    return {name: float(fraction[k]) for name, k in places.items()}
 
 
-def _draw_section(axes: Axes, valley: Valley, name: str, part: float) -> None:
+def _draw_section(axes: Axes, valley: Valley, name: str, fraction: float) -> None:
     """Ground across the channel and some of the floor at one station, with the water at top of bank."""
     stations, reach = valley.stations, valley.stations.reach
-    k = reach.start + round(part * valley.params.increments)
+    k = reach.start + round(fraction * valley.params.increments)
     half, tangent = stations.half[k], stations.line.tangent[k]
     n = np.linspace(-2.2 * half.max(), 2.2 * half.max(), 601)
     place = stations.line.xy[k] + n[:, None] * np.array([-tangent[1], tangent[0]])
@@ -270,7 +264,7 @@ def _draw_section(axes: Axes, valley: Valley, name: str, part: float) -> None:
     inside = (n <= half[0]) & (n >= -half[1])
     axes.fill_between(across, height, bank, where=inside & (bank > height), color=WATER, alpha=0.35, linewidth=0.0)
     axes.plot(across, height, color=INK, linewidth=1.3)
-    axes.set_title(f"{name}, {part * stations.length:.0f} m", fontsize=9, color=INK, loc="left", pad=3)
+    axes.set_title(f"{name}, {fraction * stations.length:.0f} m", fontsize=9, color=INK, loc="left", pad=3)
     axes.set_xlabel("left bank (-)  ·  m from the centreline  ·  right bank (+)", fontsize=7.5, color=FAINT, labelpad=1)
     axes.set_ylabel("height, m", fontsize=8, color=FAINT)
     _plain(axes)

@@ -21,7 +21,7 @@ from warpriver.io.files import plain_path
 from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["READABLE", "TIFF", "check_geotiff", "read_gdal", "write_gdal", "write_geotiff"]
+__all__ = ["READABLE", "TIFF", "check_raster", "read_gdal", "write_gdal", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
 # Formats that are read beside GeoTIFF, by the driver of GDAL. No other driver ever opens a file: some, such as VRT,
@@ -34,10 +34,8 @@ NAMES = {
     "GTiff": "a GeoTIFF", "USGSDEM": "a USGS DEM", "HFA": "an Erdas Imagine file", "EHdr": "an ESRI .bil or .flt",
     "SAGA": "a SAGA grid", "SRTMHGT": "an SRTM .hgt",
 }  # fmt: skip
-# Rows that are read back at a time, two rows of tiles.
-CHECK_ROWS = 512
-# Cells a side of the tiles of a GeoTIFF that is written.
-BLOCK = 512
+# Cells a side of the tiles of a GeoTIFF that is written, and rows that are read back at a time.
+BLOCK = CHECK_ROWS = 512
 
 
 def read_gdal(path: Path, band: int, nodata: float | None, *, heights: bool) -> RasterSource:
@@ -156,15 +154,22 @@ def write_gdal(
         raise PathError(f"GDAL cannot write it ({error})") from error
 
 
-def check_geotiff(path: Path, raster: Raster) -> None:
-    """Raise ``ValueError`` unless a file holds that raster: GDAL does not tell when its last bytes find no room."""
+def check_raster(path: Path, raster: Raster) -> None:
+    """Raise ``ValueError`` unless a file holds that raster: GDAL does not tell when its last bytes find no room.
+
+    Formats of 32 bits hold it rounded.
+    """
     rasterio, windows = need(f"reading {path.suffix}", "rasterio", "rasterio.windows")
     values = raster.numpy()
-    with rasterio.open(path) as dataset:
+    with rasterio.open(path.absolute()) as dataset:
         if dataset.shape != values.shape or (dataset.crs is None) != (raster.crs is None):
             raise InputError(f"it has {dataset.shape} cells in place of {values.shape}, or no CRS")
         for row in range(0, values.shape[0], CHECK_ROWS):
             rows = values[row : row + CHECK_ROWS]
-            found = dataset.read(1, window=windows.Window(0, row, rows.shape[1], len(rows)))
-            if not np.array_equal(found.astype(values.dtype, copy=False), rows, equal_nan=values.dtype.kind == "f"):
+            window = windows.Window(0, row, rows.shape[1], len(rows))
+            found = dataset.read(1, window=window, masked=not raster.is_integer)
+            if not raster.is_integer:
+                exact = rows if found.dtype == np.float64 else rows.astype(found.dtype)
+                found, rows = found.astype(np.float64).filled(np.nan), exact.astype(np.float64)
+            if not np.array_equal(found, rows, equal_nan=not raster.is_integer):
                 raise InputError(f"rows {row} to {row + len(rows) - 1} differ")

@@ -18,7 +18,7 @@ from warpriver.errors import InputError
 from warpriver.files import beside
 from warpriver.io.files import check_readable
 from warpriver.io.raster.foreign import FOREIGN, write_foreign
-from warpriver.io.raster.geotiff import READABLE, TIFF, check_geotiff, read_gdal, write_geotiff
+from warpriver.io.raster.geotiff import READABLE, TIFF, check_raster, read_gdal, write_geotiff
 from warpriver.io.raster.grids import (
     ASCII,
     HEIGHTS,
@@ -269,12 +269,12 @@ def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
 
 def _replaced(path: Path, suffix: str, raster: Raster) -> contextlib.AbstractContextManager[Path]:
     """Give the path to write a file at that takes the place of an old one, and of what lies beside that."""
+    if suffix in TIFF:
+        return beside(path, check=lambda written: check_raster(written, raster))
+    if suffix in FOREIGN:
+        return beside(path, FOREIGN[suffix].parts, lambda written: check_raster(written, raster))
     if suffix in ASCII:
         return beside(path, (PROJECTION, label_suffix(path)))
-    if suffix in FOREIGN:
-        return beside(path, FOREIGN[suffix].parts)
-    if suffix in TIFF:
-        return beside(path, (), lambda written: check_geotiff(written, raster))
     return beside(path, parts_of(path) if suffix in HEIGHT_MAPS else ())
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -18,6 +18,9 @@ from warpriver.raster import Raster
 from warpriver.sentinels import equal_cells
 from warpriver.terrain import Terrain
 
+if TYPE_CHECKING:
+    import xarray
+
 __all__ = ["from_xarray", "raster_from_xarray", "to_xarray"]
 
 X_NAMES = ("x", "easting", "lon", "longitude")
@@ -27,13 +30,13 @@ DEGREES = ("lon", "longitude", "lat", "latitude")
 UNEVEN = 0.02
 
 
-def to_xarray(terrain: Terrain | Raster) -> Any:
+def to_xarray(terrain: Terrain | Raster) -> xarray.DataArray:
     """Return a terrain or a raster as ``xarray.DataArray``, see :meth:`warpriver.raster.Raster.to_xarray`."""
     return (terrain.raster if isinstance(terrain, Terrain) else terrain).to_xarray()
 
 
 def from_xarray(
-    array: Any,
+    array: xarray.DataArray,
     *,
     cell_size: float | None = None,
     crs: CRSLike | None = None,
@@ -67,7 +70,7 @@ def from_xarray(
 
 
 def raster_from_xarray(
-    array: Any,
+    array: xarray.DataArray,
     *,
     cell_size: float | None = None,
     crs: CRSLike | None = None,

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from warpriver.errors import PathError
-from warpriver.files import beside
+from warpriver.files import STAGING, beside
 from warpriver.io.gdal import is_address, name_to_write
 from warpriver.io.vector.styles import STYLES
 
@@ -54,7 +54,7 @@ def edited_geopackage(path: Path) -> Iterator[Path]:
         return
     # Beside the file there is room for it, but its folder may have a name that GDAL takes for an address.
     place = None if is_address(path) else path.parent
-    with _open(path) as live, tempfile.TemporaryDirectory(prefix=".writing-", dir=place) as folder:
+    with _open(path) as live, tempfile.TemporaryDirectory(prefix=STAGING, dir=place) as folder:
         copy = Path(folder) / "layers.gpkg"
         before = _version(live)
         with contextlib.closing(sqlite3.connect(copy)) as target:

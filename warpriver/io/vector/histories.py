@@ -9,7 +9,6 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.files import beside
 from warpriver.history import History
 from warpriver.history.tables import FEATURES, Features, features_of, geometry_of
 from warpriver.io.vector.attributes import SHORT_NAMES
@@ -19,6 +18,7 @@ from warpriver.io.vector.layers import (
     NEEDS,
     SHAPEFILE_PARTS,
     Layer,
+    replaced_layer,
     write_geopackage,
     write_layer,
     write_layer_geojson,
@@ -76,8 +76,8 @@ def write_history(history: History, path: str | os.PathLike[str], *, every: int 
         if not len(made[name].owner):
             _remove(file)
             continue
-        with beside(file, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
-            layer = _layer(name, made[name], suffix)
+        layer = _layer(name, made[name], suffix)
+        with replaced_layer(file, layer, history.crs) as temporary:
             if suffix in JSON:
                 write_layer_geojson(layer, temporary, history.crs)
             else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -15,6 +16,8 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import need
+from warpriver.files import beside
+from warpriver.io.files import plain_path
 from warpriver.io.gdal import name_to_write
 from warpriver.io.vector.geopackage import add_styles, drop_layers, edited_geopackage, is_database
 
@@ -32,6 +35,7 @@ __all__ = [
     "plain_values",
     "reason",
     "refuse_others",
+    "replaced_layer",
     "write_geopackage",
     "write_layer",
     "write_layer_geojson",
@@ -46,7 +50,7 @@ NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopand
 SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
 # How files of a format begin.
 BEGINNINGS = {GEOPACKAGE: b"SQLite format 3\0", ".shp": (9994).to_bytes(4, "big"), ".fgb": b"fgb\x03"}
-# The most decimals of a number in a shapefile.
+# The maximum of decimals of a number in a shapefile.
 DECIMALS = 15
 
 
@@ -93,9 +97,16 @@ def write_geopackage(path: Path, layers: Sequence[Layer], crs: str | None, stale
         for layer in layers:
             _write_ogr(layer, temporary, path, crs, **made)
             made = {}
-        add_styles(temporary, {layer.name: layer.style for layer in layers})
         for layer in layers:
             check_layer(layer, temporary, crs)
+        add_styles(temporary, {layer.name: layer.style for layer in layers})
+
+
+def replaced_layer(path: Path, layer: Layer, crs: str | None) -> contextlib.AbstractContextManager[Path]:
+    """Give the path to write a file of one layer at, which takes the place of an old one once it was read back."""
+    suffix = path.suffix.lower()
+    check = (lambda written: check_layer(layer, written, crs)) if suffix in OGR else None
+    return beside(path, SHAPEFILE_PARTS if suffix == ".shp" else (), check)
 
 
 def write_layer(layer: Layer, temporary: Path, path: Path, crs: str | None) -> None:
@@ -243,22 +254,19 @@ def fit_numbers(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def check_layer(layer: Layer, path: Path, crs: str | None) -> None:
-    """Raise ``ValueError`` unless a file holds a layer: GDAL does not tell when its last bytes find no room.
-
-    Args:
-        layer: What was written.
-        path: The file.
-        crs: Coordinate reference system that it was written with.
-    """
+    """Raise ``ValueError`` unless a file holds a layer: GDAL does not tell when its last bytes find no room."""
     suffix = path.suffix.lower()
     _, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
     if suffix == ".shp":
         refuse_others(path, suffix)
         _refuse_cut_table(path.with_suffix(".dbf"))
-    meta, _, wkb, _ = raw.read(path, layer=layer.name if suffix == GEOPACKAGE else None)
+    with plain_path(path) as plain:
+        meta, _, wkb, _ = raw.read(plain, layer=layer.name if suffix == GEOPACKAGE else None)
     if (meta["crs"] is None) != (crs is None):
         raise InputError("it states no CRS")
-    if not np.array_equal(shapely.from_wkb(wkb), layer.geometry):
+    # A shapefile has its polygons wound the other way.
+    found, written = (shapely.normalize(g) for g in (shapely.from_wkb(wkb), layer.geometry))
+    if not np.array_equal(found, written):
         raise InputError(f"the features of {layer.name} differ")
 
 
@@ -266,7 +274,7 @@ def refuse_others(path: Path, suffix: str) -> None:
     """Raise ``ValueError`` for what is no file of this format, or is shorter than its header says.
 
     GDAL would open by its content what has another format's name, and some of its formats read whatever other files or
-    addresses they name; of a file that is cut short it may read some features without a word.
+    addresses they name; of a file that is cut short it may read a part without a word.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -286,11 +294,9 @@ def refuse_others(path: Path, suffix: str) -> None:
 def _refuse_cut_table(path: Path) -> None:
     """Raise ``ValueError`` for the table of a shapefile that is shorter than its header says."""
     head = path.read_bytes()[:12]
-    needed = int.from_bytes(head[8:10], "little") + int.from_bytes(head[4:8], "little") * int.from_bytes(
-        head[10:12], "little"
-    )
-    if len(head) < 12 or path.stat().st_size < needed:
-        raise InputError(f"{path.name} has {path.stat().st_size} of {needed} bytes")
+    count, begin, size = (int.from_bytes(head[a:b], "little") for a, b in ((4, 8), (8, 10), (10, 12)))
+    if len(head) < 12 or path.stat().st_size < begin + count * size:
+        raise InputError(f"{path.name} has {path.stat().st_size} of {begin + count * size} bytes")
 
 
 def reason(error: Exception) -> str:

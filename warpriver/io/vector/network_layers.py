@@ -11,19 +11,16 @@ from typing import Any
 import numpy as np
 
 from warpriver.extras import need
-from warpriver.files import beside
 from warpriver.io.vector.attributes import LISTS, SHORT_NAMES, list_names, write_columns
 from warpriver.io.vector.extras import EXTRA, extra_kinds
 from warpriver.io.vector.layers import (
     GEOPACKAGE,
     NEEDS,
-    OGR,
-    SHAPEFILE_PARTS,
     Layer,
-    check_layer,
     crs_member,
     geojson_text,
     plain_values,
+    replaced_layer,
     write_geopackage,
     write_layer,
 )
@@ -71,8 +68,7 @@ def write_features(network: RiverNetwork, path: Path, layer: str) -> None:
             stacklevel=3,
         )
     channels = _channel_layer(network, layer, suffix)
-    check = (lambda written: check_layer(channels, written, network.crs)) if suffix in OGR else None
-    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else (), check) as temporary:
+    with replaced_layer(path, channels, network.crs) as temporary:
         write_layer(channels, temporary, path, network.crs)
 
 

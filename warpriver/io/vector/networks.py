@@ -162,10 +162,9 @@ def read_network(
     *GIS files.* LineString and MultiLineString; m is dropped, other geometries passed over. Parts of a MultiLineString
     that follow end to start become one channel, each other part is a channel of its own. Widths are in metres, whatever
     the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (or JSON text), a number a point, as
-    ``write_network`` writes them where the section varies; in a GeoPackage the layer "<layer>_points" has them. Of
-    several layers of lines the one with a layer "<layer>_nodes" is read. Where an edit in a GIS has changed the points
-    the lists are interpolated along the line; where the line was cut the width of the whole channel counts. Both is
-    told.
+    ``write_network`` writes them where the section varies; in a GeoPackage the layer "<layer>_points" has them. Where
+    an edit in a GIS has changed the points they are interpolated along the line; where the line was cut the width of
+    the whole channel counts. Both is told. Of several layers of lines the one with a layer "<layer>_nodes" is read.
 
     *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
     lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on

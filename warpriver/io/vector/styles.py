@@ -13,8 +13,8 @@ __all__ = ["STYLES"]
 
 # Colours as QGIS has them: red, green, blue, opacity.
 WATER, LAKE, DRY, NODE = "61,126,166,255", "134,174,174,255", "185,138,102,255", "29,69,96,255"
-# Least width of a line or point that stands for water, mm on the screen.
-LEAST = 0.25
+# Minimum width of a line or point that stands for water, mm on the screen.
+MINIMUM = 0.25
 
 
 def _symbol(kind: str, properties: Mapping[str, str], defined: Mapping[str, str]) -> str:
@@ -51,7 +51,7 @@ def _line(color: str, style: str = "solid", defined: Mapping[str, str] | None = 
     """Return a line as wide on the map as its attribute ``width_m`` says."""
     properties = {
         "line_color": color, "line_style": style, "line_width": "0.4", "line_width_unit": "MapUnit",
-        "width_map_unit_scale": f"3x:0,0,1,{LEAST},0,0", "capstyle": "round", "joinstyle": "round",
+        "width_map_unit_scale": f"3x:0,0,1,{MINIMUM},0,0", "capstyle": "round", "joinstyle": "round",
     }  # fmt: skip
     return _symbol("line", properties, {"outlineWidth": '"width_m"', **(defined or {})})
 
@@ -60,7 +60,7 @@ def _points(size: str, unit: str, defined: Mapping[str, str]) -> str:
     """Return discs."""
     properties = {
         "name": "circle", "color": NODE, "outline_style": "no", "size": size, "size_unit": unit,
-        "size_map_unit_scale": f"3x:0,0,1,{LEAST},0,0",
+        "size_map_unit_scale": f"3x:0,0,1,{MINIMUM},0,0",
     }  # fmt: skip
     return _symbol("marker", properties, defined)
 
