@@ -25,9 +25,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.cells_{scalar.__name__}"
-    vec2 = wp.types.vector(2, scalar)
-    ZERO, ONE = scalar(0.0), scalar(1.0)
-    DIAGONAL, INVERSE_DIAGONAL = scalar(math.sqrt(2.0)), scalar(math.sqrt(0.5))
+    ONE, DIAGONAL, INVERSE_DIAGONAL = scalar(1.0), scalar(math.sqrt(2.0)), scalar(math.sqrt(0.5))
     IS_OPEN, IS_DONE, IS_GHOST, IS_OUTLET = (wp.uint8(v) for v in (OPEN, DONE, GHOST, OUTLET))
 
     @wp.func(module=name)
@@ -81,27 +79,6 @@ def build(scalar):
         if (k & 1) == 1:
             return INVERSE_DIAGONAL
         return ONE
-
-    @wp.func(module=name)
-    def end_of_side(drift: scalar, crossing: scalar, side: int) -> vec2:
-        """Neighbour that a course goes to which crosses the side between two, and its deviation from the way there.
-
-        Of the two ends it is the one that leaves the smaller deviation, transverse and positive clockwise, in cells
-        [Orlandini2003].
-
-        Args:
-            drift: Deviation so far.
-            crossing: Where the way crosses the side: 0 is the straight neighbour, 1 the diagonal one.
-            side: The straight neighbour times two, plus one if the diagonal one follows clockwise.
-        """
-        clockwise = 2 * (side & 1) - 1
-        straight = side // 2
-        rise = scalar(clockwise) / wp.sqrt(ONE + crossing * crossing)
-        at_straight = drift - rise * crossing
-        at_diagonal = drift + rise * (ONE - crossing)
-        if crossing == ONE or (crossing > ZERO and wp.abs(at_diagonal) < wp.abs(at_straight)):
-            return vec2(scalar((straight + clockwise + 8) % 8), at_diagonal)
-        return vec2(scalar(straight), at_straight)
 
     @wp.func(module=name)
     def spread_from(
@@ -169,6 +146,5 @@ def build(scalar):
         own_cell=own_cell,
         distance=distance,
         nearness=nearness,
-        end_of_side=end_of_side,
         drain_landlocked=drain_landlocked,
     )

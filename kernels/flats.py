@@ -28,7 +28,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.flats_{scalar.__name__}"
     raster = cells.build(scalar)
-    neighbor, own_cell, end_of_side = raster.neighbor, raster.own_cell, raster.end_of_side
+    neighbor, own_cell = raster.neighbor, raster.own_cell
     vec2 = wp.types.vector(2, scalar)
     ZERO, ONE, DIAGONAL, HALF_DIAGONAL = (scalar(v) for v in (0.0, 1.0, math.sqrt(2.0), math.sqrt(0.5)))
     FAR = scalar(math.inf)
@@ -358,8 +358,20 @@ def build(scalar):
         for i in range(end - first):
             member = member_order[end - 1 - i]
             cell = flats.member_cell[member]
-            reached = end_of_side(member_drift_io[member], member_crossing[member], int(member_side[member]))
-            n = own_cell(neighbor(cell, flats.stride, int(reached[0])), flats.rows, flats.stride, flats.state)
+            crossing = member_crossing[member]
+            code = int(member_side[member])
+            clockwise = 2 * (code & 1) - 1
+            k = code // 2
+            n = own_cell(neighbor(cell, flats.stride, k), flats.rows, flats.stride, flats.state)
+            rise = scalar(clockwise) / wp.sqrt(ONE + crossing * crossing)
+            drift = member_drift_io[member] - rise * crossing
+            if crossing > ZERO:
+                k = (k + clockwise + 8) % 8
+                other = own_cell(neighbor(cell, flats.stride, k), flats.rows, flats.stride, flats.state)
+                other_drift = member_drift_io[member] + rise * (ONE - crossing)
+                if crossing == ONE or wp.abs(other_drift) < wp.abs(drift):
+                    n = other
+                    drift = other_drift
             cell_receiver_out[cell // flats.stride - 1, cell % flats.stride - 1] = interior_index(n, flats.stride)
             to = flats.cell_member[n]
             if to >= 0:
@@ -367,6 +379,6 @@ def build(scalar):
                 member_gathered_io[to] = member_gathered_io[to] + gathered
                 if gathered > member_largest_io[to]:
                     member_largest_io[to] = gathered
-                    member_drift_io[to] = reached[1]
+                    member_drift_io[to] = drift
 
     return SimpleNamespace(Flats=Flats, list_flats=list_flats, march_flats=march_flats, lead_flats=lead_flats)

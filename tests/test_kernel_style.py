@@ -27,7 +27,6 @@ LAUNCHERS = {
     "collisions": ["meander/collisions.py"],
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
     "depressions": ["hydrology/depressions.py"],
-    "descent": ["hydrology/draining.py"],
     "flats": ["hydrology/lakes.py"],
     "junctions": ["meander/junctions.py"],
     "leheny": ["erosion/leheny.py"],

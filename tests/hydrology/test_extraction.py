@@ -6,7 +6,7 @@ from trees import assert_forest
 
 from warpriver import Terrain, generate
 from warpriver.hydraulic_geometry import bankfull_depth
-from warpriver.hydrology import carve_depressions, discharge, drain, drainage_area, route
+from warpriver.hydrology import carve_depressions, discharge, drainage_area, route
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.orders import shreve_magnitude, strahler_order
 
@@ -27,7 +27,7 @@ def outlets(network):
 
 def river_cells(terrain, threshold):
     """Centres of the cells above the threshold, m; their drainage area at outlets, m2."""
-    flow = drain(terrain)
+    flow = route(terrain, depressions="carve")
     area = drainage_area(flow).numpy()
     row, column = np.nonzero(area >= threshold)
     west, north = terrain.origin
@@ -71,7 +71,7 @@ def test_slopes_are_those_of_the_surface_that_water_was_routed_on(carve):
     assert network.channel_count > 10
     slope, length = network.channel_slope, network.channel_lengths()
     assert np.isfinite(slope).all() and (slope >= 0.0).all()
-    surface = drain(terrain, depressions="carve" if carve else "fill").terrain.to_numpy()
+    surface = route(terrain, depressions="carve" if carve else "fill").terrain.to_numpy()
 
     def height(node):
         x, y = network.node_xy[node].T
@@ -297,7 +297,7 @@ def test_a_river_crosses_a_lake_as_one_smooth_line(kind, carve):
 
 def drains(terrain, carve):
     """Largest drainage area on a terrain."""
-    return np.nanmax(drainage_area(drain(terrain, depressions="carve" if carve else "fill")))
+    return np.nanmax(drainage_area(route(terrain, depressions="carve" if carve else "fill")))
 
 
 def test_rivers_end_at_a_lake_without_data_or_run_round_it():
@@ -336,7 +336,7 @@ def test_a_river_along_the_edge_leaves_there_unless_the_side_is_closed():
 def test_flow_and_area_are_used_again():
     terrain = generate.fractal_terrain((80, 80), 30.0, 300.0, 5)
     whole = extract_network(terrain, min_drainage_area=1e5)
-    flow = drain(terrain)
+    flow = route(terrain, depressions="carve")
     again = extract_network(terrain, min_drainage_area=1e5, flow=flow, area=drainage_area(flow))
     assert (whole.points() == again.points()).all() and (whole.channel_to == again.channel_to).all()
     filled = extract_network(terrain, min_drainage_area=1e5, carve=False)

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 from trees import assert_forest
 
 from warpriver import Terrain
-from warpriver.hydrology import Flow, drain, drainage_area, extract_network, fill_depressions, route
+from warpriver.hydrology import Flow, drainage_area, extract_network, fill_depressions, route
 
 CELL = 30.0
 
@@ -93,7 +93,7 @@ def test_a_filled_depression_is_crossed_along_its_bed():
     height = 20.0 - 0.1 * row + 0.3 * np.minimum(np.abs(column - bed), 6.0) + 0.0025 * (column - 50.0) ** 2
     height[:2] = 30.0
     height[95:105] = 16.3 + 0.0025 * (column[95:105] - 50.0) ** 2
-    flow = drain(land(height), depressions="fill")
+    flow = route(land(height), depressions="fill")
     lake = flow.water.numpy() == 1
     assert lake[85].sum() > 50, "it is wide"
     network = extract_network(land(height), min_drainage_area=300 * CELL**2, flow=flow, smoothing=0)
@@ -115,9 +115,9 @@ def test_banks_are_cut_through_and_hills_are_not(thick, cut):
     height[50 : 50 + thick] = 66.0 + 0.2 * np.abs(column[50 : 50 + thick] - 40.0)
     height[50 : 50 + thick, 5] = 62.0
     terrain = land(height)
-    surface = drain(terrain).terrain.to_numpy()
+    surface = route(terrain, depressions="carve").terrain.to_numpy()
     assert (surface < height).any() == cut and (surface > height).any() != cut
-    anyhow = drain(terrain, depressions="carve", max_cut=math.inf).terrain.to_numpy()
+    anyhow = route(terrain, depressions="carve", max_cut=math.inf).terrain.to_numpy()
     assert (anyhow < height).any()
     network = extract_network(terrain, min_drainage_area=1500 * CELL**2)
     crossing = np.concatenate([cells_of(line) for line in network.polylines()])
@@ -150,7 +150,7 @@ def test_a_lake_with_two_inlets_has_one_outlet_that_carries_all(carve):
     assert_forest(network)
     assert network.channel_count == 3 and len(mouths(network)) == 1
     assert not at(lake, sources(network)).any()
-    flow = drain(terrain, depressions="carve" if carve else "fill")
+    flow = route(terrain, depressions="carve" if carve else "fill")
     assert (flow.water.numpy()[lake] == 1).all() or (flow.water.numpy()[lake] == 1).mean() > 0.99
     assert network.channel_drainage_area.max() == drainage_area(flow).numpy()[159, 70]
     # The inlets meet on the lake, and neither course runs along its shore.
@@ -230,7 +230,7 @@ def test_rivers_of_a_closed_basin_end_at_the_shore_of_its_lake_and_lose_no_water
     off = at(distance_transform_edt(~lake), ends)
     assert len(ends) >= 6 and (off < 1.5).all() and not at(lake, sources(network)).any()
     last = ~np.isin(network.channel_to, network.channel_from)
-    flow = drain(terrain, depressions="carve", edges="closed")
+    flow = route(terrain, depressions="carve", edges="closed")
     area = drainage_area(flow).numpy()
     # All water comes to the lake's cell that the basin drains to; what the rivers bring is a part of it.
     assert area.max() == pytest.approx(121**2 * CELL**2)
@@ -284,7 +284,7 @@ def test_flats_of_whole_metres_are_not_left_along_the_edge():
     assert len(points) > 200 and max(longest_raster_run(line) for line in network.polylines()) < 25.0
 
 
-# ---- draining
+# ---- route
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -294,7 +294,7 @@ def test_all_water_gets_out_under_any_rules(seed, depressions):
     rng = np.random.default_rng(seed)
     height, edges = reference.random_heights(rng, 25), reference.random_rules(rng)
     nodata = "wall" if seed % 2 else "outlet"
-    flow = drain(Terrain(height, 5.0), depressions=depressions, edges=edges, nodata=nodata)
+    flow = route(Terrain(height, 5.0), depressions=depressions, edges=edges, nodata=nodata)
     surface, receiver = flow.terrain.to_numpy(), flow.receiver.numpy().ravel()
     known = np.flatnonzero(receiver >= 0)
     assert len(flow.order) == len(known), "no cycles"
@@ -316,13 +316,13 @@ def test_a_lake_is_five_cells_wide_or_wider():
         height = 50.0 - 0.5 * row + np.abs(column - 30.0)
         pond = (row > 8.0) & (row < 30.0) & (np.abs(column - 30.0) <= (width - 1) / 2)
         height[pond | ((row == 30.0) & (column == 30.0))] = 35.0
-        water = drain(land(height), depressions="fill").water.numpy()
+        water = route(land(height), depressions="fill").water.numpy()
         assert water[20, 30] == kind and water[2, 30] == 0
 
 
 def test_flows_keep_their_lakes():
     height, _ = lake_with_two_inlets()
-    flow = drain(land(height), depressions="fill")
+    flow = route(land(height), depressions="fill")
     again = pickle.loads(pickle.dumps(flow))
     made = Flow(flow.terrain, flow.receiver, water=flow.water)
     for other in (again, made):
@@ -337,12 +337,14 @@ def test_flows_keep_their_lakes():
 def test_bad_input_says_what_is_wrong():
     terrain = land(lake_with_two_inlets()[0])
     with pytest.raises(ValueError, match="depressions is 'breach'"):
-        drain(terrain, depressions="breach")
+        route(terrain, depressions="breach")
     with pytest.raises(ValueError, match="max_cut is for depressions"):
-        drain(terrain, depressions="fill", max_cut=10.0)
+        route(terrain, depressions="fill", max_cut=10.0)
     with pytest.raises(ValueError, match="max_cut is -1"):
-        drain(terrain, depressions="carve", max_cut=-1.0)
+        route(terrain, depressions="carve", max_cut=-1.0)
+    with pytest.raises(ValueError, match="drains among 8 neighbours"):
+        route(terrain, depressions="carve", neighbors=4)
     with pytest.raises(ValueError, match="stays on level lakes"):
-        drainage_area(drain(terrain, depressions="fill"), method="mfd")
+        drainage_area(route(terrain, depressions="fill"), method="mfd")
     with pytest.raises(ValueError, match="max_cut is for carve=True"):
         extract_network(terrain, min_drainage_area=1e6, carve=False, max_cut=10.0)

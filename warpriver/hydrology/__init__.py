@@ -6,7 +6,6 @@ network. It is not for water depth and velocity, ground water, or rain that vari
 
 from warpriver.hydraulic_geometry import channel_width, discharge, width_of_discharge
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
-from warpriver.hydrology.draining import drain
 from warpriver.hydrology.drape import drape
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.laws import NetworkLaws, network_laws
@@ -29,7 +28,6 @@ __all__ = [
     "carve_depressions",
     "channel_width",
     "discharge",
-    "drain",
     "drainage_area",
     "drape",
     "exceedance",

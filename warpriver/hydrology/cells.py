@@ -63,11 +63,6 @@ class PaddedCells:
         """Copy the terrain's own cells out of a padded array."""
         return padded.reshape(self.height.shape)[1:-1, 1:-1].copy()
 
-    def inside(self, index: np.ndarray) -> np.ndarray:
-        """Indices in the raster without padding of padded cells."""
-        row, column = np.divmod(index, self.stride)
-        return (row - 1) * self.columns + column - 1
-
     def around(self, index: np.ndarray) -> np.ndarray:
         """Flat indices of the padded cells around some, (8 n,); across periodic sides those at the far side."""
         step = np.array([-1, 0, 1])
@@ -80,10 +75,6 @@ class PaddedCells:
     def outlets(self) -> np.ndarray:
         """Which of the terrain's own cells water leaves at, (rows, columns) bool."""
         return self.interior(self.state) == kernels.OUTLET
-
-    def outlet_index(self) -> np.ndarray:
-        """Flat indices of the padded cells that water leaves at."""
-        return np.flatnonzero(self.state.reshape(-1) == kernels.OUTLET)
 
 
 def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: int) -> PaddedCells:

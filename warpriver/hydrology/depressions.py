@@ -43,7 +43,7 @@ def fill_depressions(
     The result is the lowest surface W >= z with W = max(z, s(lowest W among the eight neighbours)) in every cell but
     the outlets, which keep their height. With ``epsilon`` s(h) is the next float64 number above h, at least
     h + 2^-52 m: every cell then has a lower neighbour, flats included, and water drains over it, straight towards the
-    outlet (:func:`warpriver.hydrology.drain` leads it through the deepest ground instead). Without it
+    outlet (:func:`warpriver.hydrology.route` fills and leads it through the deepest ground instead). Without it
     s(h) = h: depressions become flats. That surface is unique, so the order in which cells of equal height are dealt
     with does not matter; nothing is lowered, and filling a filled terrain changes nothing.
 

@@ -13,8 +13,7 @@ from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.channel_cells import find_channel_cells
 from warpriver.hydrology.courses import make_courses, sample_channels
-from warpriver.hydrology.draining import Depressions, drain
-from warpriver.hydrology.routing import Flow, checked_areas, host_areas
+from warpriver.hydrology.routing import Depressions, Flow, checked_areas, host_areas, route
 from warpriver.hydrology.side_by_side import join_side_by_side
 from warpriver.hydrology.stems import drop_dead, place_junctions, space_junctions, split_into_stems
 from warpriver.network import RiverNetwork
@@ -50,15 +49,15 @@ def extract_network(
 ) -> RiverNetwork:
     """Find the rivers of a terrain: a forest of binary trees, one for every basin that is large enough.
 
-    A cell is channel if it drains ``min_drainage_area`` or more by steepest descent, in any direction. Nodes lie at
-    sources, junctions and outlets (the edge of the map, no data, the sea, a place that water does not leave). Courses
-    run through the cells' centres, are smoothed by passes of the filter 1/4, 1/2, 1/4 in which sources and outlets stay
-    where they are, and are sampled evenly along a cubic that passes through the smoothed points and goes on smoothly
-    through junctions down the larger stream.
+    A cell is channel if it drains ``min_drainage_area`` or more by steepest descent. Nodes lie at sources, junctions
+    and outlets (the edge of the map, no data, the sea, a place that water does not leave). Courses run through the
+    cells' centres, are smoothed by passes of the filter 1/4, 1/2, 1/4 in which sources and outlets stay where they
+    are, and are sampled evenly along a cubic that passes through the smoothed points and goes on smoothly through
+    junctions down the larger stream.
 
     Depressions and flats:
         Short obstacles, such as noise, bridges and banks, are cut through; every other depression is filled to where
-        it spills (:func:`warpriver.hydrology.drain`). Over level and filled ground rivers follow its deepest part and
+        it spills (:func:`warpriver.hydrology.route`). Over level and filled ground rivers follow its deepest part and
         keep away from the shores. Their slope is 0 there.
 
     Lakes:
@@ -101,7 +100,7 @@ def extract_network(
         unroll: Whether rivers run on across periodic sides.
         area: (rows, columns) drainage area by "d8" in m2, if it is known.
         flow: The terrain's flow, if it is known. It has its own edges and depressions; ``edges``, ``nodata``
-            and ``carve`` are not used. Lakes are known to one from :func:`warpriver.hydrology.drain`.
+            and ``carve`` are not used. Lakes are known to it where it was routed with ``depressions``.
         dtype: Precision of the network on the device.
         device: Warp device of the network.
 
@@ -129,7 +128,7 @@ def extract_network(
     if flow is None:
         _refuse_level_ground(ground)
         opened: Depressions = "carve" if carve else "fill"
-        flow = drain(ground, depressions=opened, max_cut=max_cut, edges=edges, nodata=nodata)
+        flow = route(ground, depressions=opened, max_cut=max_cut, edges=edges, nodata=nodata)
     elif flow.terrain.shape != ground.shape or flow.terrain.cell_size != ground.cell_size:
         raise InputError(f"flow is that of another terrain: {flow!r} beside {ground.shape[0]} x {ground.shape[1]}")
     cell_area = ground.cell_size**2

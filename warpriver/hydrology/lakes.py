@@ -53,14 +53,11 @@ def lead_over_flats(cells: PaddedCells, bed: FloatArray, receiver: NDArray[np.in
     shore, *_ = flats.march(kernels.SHORES, np.ones(count))
     # On a table mountain there is no shore.
     shore[np.isinf(shore)] = 1.0
-    place = cells.inside(flats.cell)
+    place = flats.interior()
     cost = _costs(shore, flats.heights() - bed.reshape(-1)[place], flats.start)
     _, side, crossing, order = flats.march(kernels.EXITS, cost)
     flats.lead(side, crossing, order, receiver)
-    kind = np.repeat(flats.kinds(shore), np.diff(flats.start))
-    water.reshape(-1)[place] = kind
-    outlet, at_outlet = flats.outlets(kind)
-    water.reshape(-1)[cells.inside(outlet)] = at_outlet
+    water.reshape(-1)[place] = np.repeat(flats.kinds(shore), np.diff(flats.start))
     return water
 
 
@@ -102,6 +99,11 @@ class _Flats:
         """Height of each member in m."""
         return self.cells.height.reshape(-1)[self.cell]
 
+    def interior(self) -> IndexArray:
+        """Index of each member in the raster without padding."""
+        row, column = np.divmod(self.cell, self.cells.stride)
+        return (row - 1) * self.cells.columns + column - 1
+
     def march(self, begin: int, cost: FloatArray) -> tuple[FloatArray, NDArray[np.uint8], FloatArray, IndexArray]:
         """Length of each member's way to the shores or exits; side that it crosses, and where; order of arrival."""
         length, crossing, side = np.empty_like(cost), np.empty_like(cost), np.empty(len(cost), np.uint8)
@@ -126,14 +128,6 @@ class _Flats:
         ends[self._terminal()] = True
         kind[(kind == LAKE) & (self.inner == 0) & ends] = SEA
         return kind
-
-    def outlets(self, kind: NDArray[np.uint8]) -> tuple[IndexArray, NDArray[np.uint8]]:
-        """All outlets as padded cells, and the kind of the flats that they are exits of, from that of the members."""
-        cells = self.cells
-        outlet = cells.outlet_index()
-        member = self.member[cells.around(outlet)].reshape(len(outlet), -1)
-        level = self.heights()[member] == cells.height.reshape(-1)[outlet][:, None]
-        return outlet, np.where(level & (member >= 0), kind[member], LAND).max(axis=1, initial=LAND)
 
     def _terminal(self) -> IndexArray:
         """Flats beside an outlet that was made for ground without any."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -11,8 +12,9 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
-from warpriver.hydrology.cells import Edges, NoData, flat, pad_terrain, table
-from warpriver.hydrology.lakes import SEA
+from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
+from warpriver.hydrology.depressions import carve_cells, fill_cells, limit_in_m, with_heights
+from warpriver.hydrology.lakes import SEA, lead_over_flats
 from warpriver.kernels import routing as kernels
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
@@ -36,9 +38,13 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 Surface = Terrain | Raster
+Depressions = Literal["keep", "fill", "carve"]
 
 # Scratch and results in bytes a cell, besides the padded copy.
-D8_BYTES, MFD_BYTES = 17, 21
+D8_BYTES, MFD_BYTES, OPEN_BYTES = 17, 21, 110
+# Longest cut that opens a depression by default: the longer one of some cells and a length in m. A bank of noise or a
+# bridge is as wide as a few cells, a road's embankment wider than some cells of fine rasters.
+CUT_CELLS, CUT_LENGTH = 4.0, 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +72,7 @@ class Flow:
     water: Raster | None = None
 
     @classmethod
-    def of(
+    def _of(
         cls, terrain: Terrain, receiver: np.ndarray, edges: Edges, nodata: NoData, water: np.ndarray | None = None
     ) -> Flow:
         """Wrap results on the host that are known to be sound, without the checks."""
@@ -130,6 +136,8 @@ class Flow:
 def route(
     terrain: Surface,
     *,
+    depressions: Depressions = "keep",
+    max_cut: float | None = None,
     edges: Edges = "open",
     nodata: NoData = "outlet",
     neighbors: Literal[8, 4] = 8,
@@ -138,11 +146,20 @@ def route(
 ) -> Flow:
     """Lead the water of each cell to the neighbour of steepest descent, (z - z_n) / distance [OCallaghan1984].
 
-    The terrain is taken as it is: in a pit or on a flat water stays, so fill or carve it first, or use
-    :func:`warpriver.hydrology.drain`. Water that reaches an outlet leaves the terrain there.
+    Water that reaches an outlet leaves the terrain there. With ``depressions="keep"`` it stays in pits and on flats.
+    Otherwise all of it gets out:
+
+    - Depressions are filled to where they spill; by "carve" they are first cut open along the course that takes away
+      the least height, where a cut of ``max_cut`` is long enough.
+    - Over flats and filled depressions water runs to the exits along paths of minimum cost: away from the shores,
+      through the deepest ground, and in any direction rather than along those of the raster.
+    - Flats five cells wide or wider are lakes (``Flow.water``). One at an open side at a height of 0 or below is the
+      sea.
 
     Args:
-        terrain: The surface, a terrain or a raster of heights in m.
+        terrain: The surface, a terrain or a raster of heights in m; it is not changed.
+        depressions: "keep", "fill" or "carve".
+        max_cut: Longest cut by "carve" in m, ``math.inf`` for any; by default 4 cells or 30 m, whichever is longer.
         edges: What the four sides are, as in :func:`warpriver.hydrology.fill_depressions`.
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
         neighbors: 8, or 4 for no diagonals. Filled terrain may have pits among four neighbours.
@@ -150,17 +167,52 @@ def route(
             depends on seed, cell and neighbour alone. On a plane the first ones all run in parallel.
         seed: Of the hash; 0 or more.
 
+    Returns:
+        The flow. Its terrain is the surface that water runs on: the one given, or opened, with level lakes.
+
     Raises:
         ValueError: No surface, an unknown edge rule, a periodic side without its opposite, another number of
-            neighbours, rule for ties or seed, or more than 2^31 cells.
+            neighbours, rule for ties, for depressions or seed, 4 neighbours or a cut where they have no meaning, or
+            more than 2^31 cells.
         MemoryError: Too little memory, told before anything is allocated.
     """
+    one_of(depressions, "depressions", ("keep", "fill", "carve"))
     one_of(neighbors, "neighbors", (8, 4))
     one_of(ties, "ties", ("first", "hash"))
     seed = whole(seed, "seed")
     ground = surface_of(terrain)
-    cells = pad_terrain(ground, edges, nodata, D8_BYTES)
-    receiver = np.empty(ground.shape, np.int32)
+    if max_cut is not None:
+        if depressions != "carve":
+            raise InputError(f'max_cut is for depressions="carve"; they are {depressions!r}')
+        limit_in_m(max_cut, "max_cut")
+    if depressions == "keep":
+        cells = pad_terrain(ground, edges, nodata, D8_BYTES)
+        return Flow._of(ground, _receivers(cells, neighbors, ties, seed), edges, nodata)
+    if neighbors == 4:
+        raise InputError(f"neighbors is 4 and depressions {depressions!r}; opened ground drains among 8 neighbours")
+    cut = 0.0
+    if depressions == "carve":
+        cut = max(CUT_CELLS * ground.cell_size, CUT_LENGTH) if max_cut is None else float(max_cut)
+    surface, bed = _open(ground, cut, edges, nodata)
+    cells = pad_terrain(surface, edges, nodata, 0)
+    receiver = _receivers(cells, neighbors, ties, seed)
+    water = lead_over_flats(cells, bed, receiver)
+    return Flow._of(surface, receiver, edges, nodata, water)
+
+
+def _open(ground: Terrain, cut: float, edges: Edges, nodata: NoData) -> tuple[Terrain, np.ndarray]:
+    """Carve and fill a terrain, level: the surface, and the height of its ground."""
+    cells = pad_terrain(ground, edges, nodata, OPEN_BYTES)
+    if cut > 0.0:
+        carve_cells(cells, math.inf, cut / ground.cell_size)
+    bed = cells.interior(cells.height)
+    fill_cells(cells, False)
+    return with_heights(ground, cells), bed
+
+
+def _receivers(cells: PaddedCells, neighbors: int, ties: str, seed: int) -> np.ndarray:
+    """Receiver of each cell by steepest descent; its own in pits and on flats."""
+    receiver = np.empty((cells.rows, cells.columns), np.int32)
     mixed = int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
     rules = [int(neighbors == 4), int(ties == "hash"), mixed]
     wp.launch(
@@ -170,7 +222,7 @@ def route(
         outputs=[table(receiver)],
         device="cpu",
     )
-    return Flow.of(ground, receiver, edges, nodata)
+    return receiver
 
 
 def flow_directions(terrain: Surface, *, edges: Edges = "open", nodata: NoData = "outlet") -> Raster:
