@@ -1,12 +1,12 @@
 """Collisions: where channels of a network come closer to each other than they are wide."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
 from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT, Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,7 +23,7 @@ class BlockIndex:
     bucket: wp.array[int]
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the collision kernels for one precision.
 

@@ -1,6 +1,5 @@
 """Neck cutoffs: pairs of points of one channel that come close are found on a grid, and the loops between them cut."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -19,12 +18,12 @@ from warpriver.kernels.polyline import (
     Marks,
     Work,
 )
-from warpriver.kernels.variants import named
+from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the cutoff kernels for one precision.
 

@@ -1,16 +1,16 @@
 """Junctions: nodes that wander down the channel below them."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import polyline
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the junction kernels for one precision.
 

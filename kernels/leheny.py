@@ -1,16 +1,16 @@
 """Leheny's erosion: rain that walks downhill by chance, digs where it has been, and slides that follow it."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import cells
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of Leheny's model for one precision of the heights.
 

@@ -1,6 +1,5 @@
 """Meander migration: the rate from local and upstream curvature, and the move [Howard1984, Paris2023]."""
 
-import functools
 import math
 from types import SimpleNamespace
 
@@ -8,11 +7,12 @@ import warp as wp
 
 from warpriver.kernels import polyline, raster
 from warpriver.kernels.polyline import Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the migration kernels for one precision.
 

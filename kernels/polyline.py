@@ -1,9 +1,10 @@
 """Functions on packed polylines that the kernels of several processes share."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
+
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -65,7 +66,7 @@ class Links:
     link_saving: wp.array[wp.float64]
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the shared polyline functions for one precision.
 

@@ -1,17 +1,17 @@
 """The shortest path over the shortcuts of a channel, down a line or round a ring."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import polyline
 from warpriver.kernels.polyline import RING_POINTS, Links, Marks, Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of routes for one precision; arc lengths and what a shortcut saves are float64 in both.
 

@@ -1,6 +1,5 @@
 """In how many parts each channel does a time step, and which of them it takes."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -20,11 +19,12 @@ from warpriver.kernels.polyline import (
     TOUCH,
     Work,
 )
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the planning kernels for one precision.
 

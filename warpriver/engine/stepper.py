@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import time
@@ -14,7 +15,8 @@ import warp as wp
 
 from warpriver.crs import short_name
 from warpriver.engine.phase import Phase, Row
-from warpriver.engine.stages import Replay, Stage
+from warpriver.engine.replay import GPU_LOCK, Replay
+from warpriver.engine.stages import Stage
 from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
@@ -87,6 +89,8 @@ class Stepper:
         self.seconds: dict[str, float] | None = None
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
+        # Steps on GPUs are taken in turn by the threads of a process.
+        self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
         self.state = State(network, params, terrain, self.phases, limits)
@@ -98,6 +102,11 @@ class Stepper:
         self._events: list[Event] = []
         self._replays: dict[int, Any] = {}
         self._edition = -1
+        with self._turn:
+            self._begin(saved)
+
+    def _begin(self, saved: dict[str, np.ndarray] | None) -> None:
+        """Bring the network to the even spacing, or go on from what was saved."""
         self.state.begin(saved)
         if saved is None:
             self.state.resample_start()
@@ -126,7 +135,11 @@ class Stepper:
         Raises:
             FloatingPointError: A point is no longer finite; the state before that sub-step is kept.
         """
-        goal, state = self.step_count + count, self.state
+        with self._turn:
+            self._step(self.step_count + count)
+
+    def _step(self, goal: int) -> None:
+        state = self.state
         while self.step_count < goal:
             steps = goal - self.step_count
             length = 1

@@ -15,7 +15,7 @@ import numpy as np
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.graph.edits import check_forest
@@ -213,7 +213,7 @@ class DriftJunctions(Phase):
         kernel, device, params = kernels.build(state.scalar), state.device, state.params
 
         def drift(_: Share) -> None:
-            self.awake.zero_()
+            clear(self.awake)
             launch(
                 kernel.count_awake,
                 dim=state.channel_capacity,

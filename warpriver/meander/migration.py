@@ -9,7 +9,7 @@ import warp as wp
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
 from warpriver.params import MeanderParams
@@ -115,8 +115,8 @@ def measure_rings(state: State, area: wp.array | None) -> list[Stage]:
     if area is None:
         return []
 
-    def clear(_: Share) -> None:
-        area.zero_()
+    def forget(_: Share) -> None:
+        clear(area)
 
     def measure(share: Share) -> None:
         launch(
@@ -127,7 +127,7 @@ def measure_rings(state: State, area: wp.array | None) -> list[Stage]:
             device=state.device,
         )
 
-    return [Stage("migrate", clear, shared=False), Stage("migrate", measure)]
+    return [Stage("migrate", forget, shared=False), Stage("migrate", measure)]
 
 
 class Migrate(Phase):

@@ -6,19 +6,22 @@ import math
 
 import numpy as np
 import warp as wp
-from scipy.interpolate import CubicSpline
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch
 from warpriver.engine.state import CUDA_CHUNK
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
+from warpriver.extras import IMPORTING
 from warpriver.kernels import migration as kernels
 from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.meander.migration import migration_law
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
+
+with IMPORTING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["migration_rate"]
 
