@@ -1,10 +1,16 @@
-"""Devices: the one that a name means, the precisions there are, and whether something fits into its memory."""
+"""Devices: a quiet start of Warp, the device that a name means, precisions, and whether something fits into memory."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import math
+import os
+import sys
+import tempfile
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +19,67 @@ import warp as wp
 
 from warpriver.errors import InputError, OutOfMemoryError
 
-__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device"]
+__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device", "start_warp"]
 
 # Warp's types of a real number and a point, and NumPy's type, by the name of the precision.
 PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
 
+# Warp's own start is not safe where two threads come to it at once.
+_starting = threading.Lock()
+_started = False
+
+
+def start_warp() -> None:
+    """Start Warp, once in a process, without its greeting.
+
+    From then on Warp tells of warnings and errors only, unless ``wp.config.log_level`` had been set before or is set
+    again afterwards. On a machine without a CUDA driver its native line about that is left out as well.
+    """
+    global _started
+    if _started:
+        return
+    with _starting:
+        if not _started:
+            if wp.config.log_level == wp.LOG_INFO:  # as Warp comes
+                wp.config.log_level = wp.LOG_WARNING
+            with contextlib.nullcontext() if _has_driver() else _without_driver_lines():
+                wp.init()
+            _started = True
+
+
+def _has_driver() -> bool:
+    try:
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _without_driver_lines() -> Iterator[None]:
+    """Hold back what native code says to standard error, and let through what is not about the missing driver."""
+    try:
+        sys.stderr.flush()
+        kept = os.dup(2)
+    except (AttributeError, OSError):  # there is no standard error
+        yield
+        return
+    with tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            said.seek(0)
+            for line in said.read().decode(errors="replace").splitlines():
+                if "CUDA driver" not in line:
+                    print(line, file=sys.stderr)
+
 
 def resolve_device(device: Any) -> Any:
     """Return the Warp device of that name, or raise ``ValueError`` that lists the devices of this machine."""
+    start_warp()
     try:
         return wp.get_device(device)
     except Exception as error:
@@ -30,6 +89,7 @@ def resolve_device(device: Any) -> Any:
 
 def present_device(alias: str, what: str) -> Any:
     """Return the device that something lay on when it was pickled, or the CPU with a ``UserWarning``."""
+    start_warp()
     if alias in [device.alias for device in wp.get_devices()]:
         return wp.get_device(alias)
     text = f"{what} was pickled on {alias!r}, which this machine does not have; it lies on the CPU now"

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import os
-import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -138,20 +135,10 @@ def fresh_folder(path: str) -> Path:
 
 
 def quiet_warp() -> None:
-    """Start Warp without its greeting, and without its native warning where a machine has no CUDA driver."""
+    """Start Warp, and let it tell of errors only."""
     import warp as wp
 
+    from warpriver.device import start_warp
+
     wp.config.log_level = wp.LOG_ERROR
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
-        try:
-            wp.init()
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-        said.seek(0)
-        for line in said.read().decode(errors="replace").splitlines():
-            if "CUDA driver" not in line:
-                print(line, file=sys.stderr)
+    start_warp()

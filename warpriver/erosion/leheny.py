@@ -19,6 +19,7 @@ from warpriver import progress as progress_bar
 from warpriver.device import PRECISIONS, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.errors import InputError, InternalError
+from warpriver.extras import IMPORTING
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
@@ -497,8 +498,9 @@ def _ways_out(
     The ways are those of a minimum spanning tree of the cells and a sea behind the outlets, whose edges weigh as much
     as their higher end is high: in such a tree every way goes over the lowest pass there is.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     cells = height.size
     index = np.arange(cells, dtype=np.int32).reshape(height.shape)

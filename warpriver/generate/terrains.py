@@ -13,8 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.device import require_memory
+from warpriver.device import require_memory, start_warp
 from warpriver.errors import InputError, MissingExtraError
+from warpriver.extras import IMPORTING
 from warpriver.kernels import terrains as kernels
 from warpriver.terrain import Terrain, square_cells
 from warpriver.validate import not_negative, positive, whole
@@ -183,7 +184,8 @@ def intermontane_basin(
         relief: Height of the highest summit above the ground it would stand on, m.
         device: Warp device name.
     """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter
+    with IMPORTING:
+        from scipy.ndimage import distance_transform_edt, gaussian_filter
 
     if positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
@@ -368,8 +370,9 @@ def _cheapest_heights(
     floor: FloatArray, base: NDArray[np.bool_], cell_size: float, seed: int, patches: FloatArray
 ) -> FloatArray:
     """First heights of land that drains into its base cells: those rise along the cheapest path over random ground."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import dijkstra
 
     rng = np.random.default_rng(seed)
     cost = 0.15 * cell_size * np.exp(SCATTER * rng.standard_normal(base.shape) + STRETCHES * patches).ravel()
@@ -401,6 +404,7 @@ def _noise(
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise InputError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
     whole(seed, "seed")
+    start_warp()
     kernel = kernels.build(wp.float64)
     law = kernel.Octaves()
     law.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)

@@ -7,13 +7,19 @@ import gzip
 import os
 import shutil
 import tempfile
+import threading
+import warnings
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 from warpriver.errors import InputError, MissingFileError, WrongPathError
 
-__all__ = ["beside", "check_readable", "decoded", "is_number"]
+__all__ = ["beside", "check_readable", "decoded", "filtered_warnings", "is_number"]
+
+# Python has one list of warning filters for all threads, so that those who change it take turns.
+_FILTERS = threading.RLock()
 
 
 def check_readable(path: Path) -> None:
@@ -52,6 +58,20 @@ def decoded(path: Path) -> str:
     if not text.strip():
         raise InputError(f"{path}: the file is empty")
     return text
+
+
+@contextlib.contextmanager
+def filtered_warnings(action: Literal["error", "ignore"], category: type[Warning], message: str = "") -> Iterator[None]:
+    """Ignore warnings of a kind within, or raise them.
+
+    Args:
+        action: What to do.
+        category: The kind.
+        message: How their text begins, as a regular expression.
+    """
+    with _FILTERS, warnings.catch_warnings():
+        warnings.filterwarnings(action, message, category)
+        yield
 
 
 @contextlib.contextmanager

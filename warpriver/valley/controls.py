@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers, whole
 
@@ -163,7 +164,8 @@ class Cnoidal(Params):
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        from scipy.special import ellipe, ellipj, ellipk
+        with IMPORTING:
+            from scipy.special import ellipe, ellipj, ellipk
 
         m, quarter = self.modulus, float(ellipk(self.modulus))
         _, cn, _, _ = ellipj(quarter * (TURN * self.frequency * u + self.phase) / math.pi, m)
@@ -189,7 +191,8 @@ class Autoregressive(Params):
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        from scipy.signal import lfilter
+        with IMPORTING:
+            from scipy.signal import lfilter
 
         count = int(self.samples)
         k = TURN * max(self.frequency, 1e-3) / count
@@ -434,7 +437,8 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
 
 def _interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "cubic") -> FloatArray:
     """Values at u of a curve through points; beyond the ends those of the ends."""
-    from scipy.interpolate import CubicSpline, PchipInterpolator
+    with IMPORTING:
+        from scipy.interpolate import CubicSpline, PchipInterpolator
 
     u = np.clip(u, at[0], at[-1])
     if kind == "linear" or len(at) < 3:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.hydrology.orders import strahler_order
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
 from warpriver.viz.maps import (
@@ -488,7 +489,8 @@ def _scroll_tone(times: np.ndarray, span: float) -> np.ndarray:
 
 def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
     """Return a mottling of the ground with mean 0 and spread 1, the same for the same shape: float32."""
-    from scipy.ndimage import gaussian_filter, zoom
+    with IMPORTING:
+        from scipy.ndimage import gaussian_filter, zoom
 
     random = np.random.default_rng(7)
     total = np.zeros(shape, np.float32)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.raster import Raster
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
@@ -284,7 +285,8 @@ def _arrow_place(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window, length: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the middle (2,) and direction (2,) of an arrow beside the longest line; None where there is no room."""
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.spatial import cKDTree
 
     west, south, east, north = window
     inside = [xy[((xy > (west, south)) & (xy < (east, north))).all(axis=1)] for xy in lines]

@@ -9,6 +9,7 @@ import numpy as np
 
 from warpriver.crs import short_name
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.raster import Raster
 from warpriver.terrain import surface_of
 from warpriver.validate import positive
@@ -124,7 +125,8 @@ def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[n
         Heights at the cells' centres, (rows, columns) float64 in m, in gaps those of the nearest data; and a mask of
         the cells with data.
     """
-    from scipy.ndimage import affine_transform, distance_transform_edt, map_coordinates
+    with IMPORTING:
+        from scipy.ndimage import affine_transform, distance_transform_edt, map_coordinates
 
     west, south, east, north = window
     size, (left, top) = float(terrain.cell_size), terrain.origin

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError, InternalError, MissingExtraError
+from warpriver.extras import IMPORTING
 from warpriver.validate import not_negative
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
@@ -169,7 +170,8 @@ class _Ground:
     """The drawn floodplain: levees beside the channel, and banks that meet the water at the true width."""
 
     def __init__(self, window: Window, network: Any, exaggeration: float):
-        from scipy.spatial import cKDTree
+        with IMPORTING:
+            from scipy.spatial import cKDTree
 
         west, south, east, north = window
         self.window, self.exaggeration = window, exaggeration

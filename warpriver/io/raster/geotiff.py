@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
+from warpriver.io.files import filtered_warnings
 from warpriver.io.raster.source import RasterSource, with_gaps
 from warpriver.raster import Raster
 
@@ -25,8 +25,7 @@ def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
     """Read one band; masked cells, and those of the value ``nodata``, become NaN; whole numbers may stay whole."""
     rasterio, errors = need(f"reading {path.suffix}", "rasterio", "rasterio.errors")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
+        with filtered_warnings("ignore", errors.NotGeoreferencedWarning):
             dataset = rasterio.open(path)
     except errors.RasterioError as error:
         raise InputError(f"{path}: not a GeoTIFF that rasterio can open ({error})") from error

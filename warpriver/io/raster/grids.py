@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text
-from warpriver.io.files import decoded, is_number
+from warpriver.io.files import decoded, filtered_warnings, is_number
 from warpriver.io.raster.source import RasterSource, north_up, with_gaps
 from warpriver.raster import Raster
 
@@ -88,9 +87,8 @@ def read_ascii(path: Path, nodata: float | None) -> RasterSource:
 
 def _numbers(path: Path, body: str, count: int) -> np.ndarray:
     """Return the numbers below a header."""
-    with warnings.catch_warnings():
-        # NumPy says of text that it cannot read that the feature is deprecated.
-        warnings.simplefilter("error", DeprecationWarning)
+    # NumPy says of text that it cannot read that the feature is deprecated.
+    with filtered_warnings("error", DeprecationWarning):
         try:
             height = np.fromstring(body, np.float64, sep=" ")
         except (DeprecationWarning, ValueError):

@@ -6,7 +6,6 @@ import json
 import logging
 import math
 import struct
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.io.files import decoded
+from warpriver.io.files import decoded, filtered_warnings
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
 
@@ -76,10 +75,8 @@ def _read_png(path: Path) -> tuple[np.ndarray, int]:
         raise InputError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
     require_memory((rows, columns), 22, what=f"{path}: a raster")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", image.DecompressionBombWarning)
-            with image.open(path) as picture:
-                return np.array(picture), 2**bits - 1
+        with filtered_warnings("ignore", image.DecompressionBombWarning), image.open(path) as picture:
+            return np.array(picture), 2**bits - 1
     except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
         raise InputError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
 

@@ -8,7 +8,6 @@ import logging
 import math
 import re
 import shutil
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.crs import crs_text, within_degrees
-from warpriver.io.files import decoded
+from warpriver.io.files import decoded, filtered_warnings
 from warpriver.io.vector.attributes import (
     LISTS,
     SHORT_NAMES,
@@ -179,8 +178,7 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
             del frame["node_xy"]  # they are a layer of their own
         options["layer_metadata"] = {FRAME: json.dumps(frame)}
     try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
+        with filtered_warnings("ignore", UserWarning, "'crs' was not provided"):
             raw.write(
                 temporary,
                 geometry=shapely.to_wkb(_line_strings(shapely, network)),
