@@ -92,7 +92,7 @@ def replay_scan(report: Report, count: int) -> None:
     wp.capture_launch(recording.graph)
     if not np.array_equal(sums.numpy(), np.cumsum(np.arange(count) % 7)):
         report.fail("a recorded kernel and scan give other sums when they are replayed")
-    seconds = bench.least_seconds(lambda: wp.capture_launch(recording.graph), 20, device=report.device)
+    seconds = bench.min_seconds(lambda: wp.capture_launch(recording.graph), 20, device=report.device)
     report.tell(scan_replay_us=1e6 * seconds)
 
 
@@ -107,7 +107,7 @@ def small_costs(device: str) -> dict[str, float]:
     with wp.ScopedCapture(device=device) as recording:
         launch()
     calls = {"launch_us": launch, "replay_us": lambda: wp.capture_launch(recording.graph), "look_us": values.numpy}
-    return {name: 1e6 * bench.least_seconds(call, 100, device=device) for name, call in calls.items()}
+    return {name: 1e6 * bench.min_seconds(call, 100, device=device) for name, call in calls.items()}
 
 
 # ---- kernel tests
@@ -317,7 +317,7 @@ def run_twice(report: Report, stages: Any, points: int, channels: int, steps: in
 
 @functools.lru_cache(maxsize=4)
 def rivers(points: int, channels: int, small: bool) -> wr.RiverNetwork:
-    """Rivers in full bend on the CPU, as ``bench.made_up`` lays them out; small ones are young, and soon made."""
+    """Rivers in full bend on the CPU, as ``bench.synthetic_network`` lays them out; small ones are young."""
     young: dict[str, Any] = {"river_points": 500, "years": 5.0} if small else {}
     lines = bench.lay_out(bench.cut_lines([points // channels] * channels, **young))
     return wr.RiverNetwork.from_polylines(lines, width=bench.WIDTH)

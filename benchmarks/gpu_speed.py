@@ -254,7 +254,7 @@ def against(report: Report, name: str, call: Callable[[Any], np.ndarray], here: 
     if row["share_beyond"] > 1e-4:
         report.fail(f"{name}: {row['share_beyond']:.3%} of the values are more than {allowed:g} from the CPU's")
     for key, each in (("seconds", here), ("cpu_seconds", cpu)):
-        row[key] = bench.least_seconds(lambda each=each: call(each), rounds=3, device=report.device)
+        row[key] = bench.min_seconds(lambda each=each: call(each), rounds=3, device=report.device)
     report.add("others", row)
 
 

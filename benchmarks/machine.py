@@ -20,7 +20,7 @@ import numpy as np
 import warp as wp
 
 import warpriver as wr
-from warpriver.bench import copy_bandwidth, least_seconds
+from warpriver.bench import copy_bandwidth, min_seconds
 
 # Loading of kernels is no news here.
 wp.config.log_level = wp.LOG_WARNING
@@ -89,7 +89,7 @@ def baseline(device: str) -> dict[str, float]:
 def triad(points: int) -> float:
     """Nanoseconds a point of ``c = a + b`` in NumPy, over arrays of that many float64."""
     a, b, c = np.ones(points), np.ones(points), np.empty(points)
-    return 1e9 * least_seconds(lambda: np.add(a, b, out=c), max(3, 5_000_000 // points)) / points
+    return 1e9 * min_seconds(lambda: np.add(a, b, out=c), max(3, 5_000_000 // points)) / points
 
 
 def say_baseline(found: dict[str, float]) -> str:

@@ -31,7 +31,7 @@ ROUNDS = 5
 def both(points: int, channel_points: int, device: str, dtype: str) -> tuple[wr.Simulation, wr.Simulation]:
     """Migration and shortest paths on the same developed rivers, collisions off."""
     channels = max(1, points // channel_points)
-    migration = bench.made_up(points, channels, device=device, dtype=dtype, threads=1, collisions=False)
+    migration = bench.synthetic_network(points, channels, device=device, dtype=dtype, threads=1, collisions=False)
     path = wr.Simulation(migration.network, wr.PathMeander(collision_distance=0.0), threads=1)
     for _ in range(SETTLE):
         migration.step()

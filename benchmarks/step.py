@@ -44,7 +44,9 @@ HEADS = ("ms/step", "ns/point", "x triad", "x roofline", "cuts/step", "B/point")
 def row(case: str, asked: int, channels: int, variant: str, options: argparse.Namespace, threads: int = 1) -> dict:
     """Cost of a step of a network of about so many points, as one row of the result."""
     switches, _ = VARIANTS[variant]
-    sim = bench.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches)
+    sim = bench.synthetic_network(
+        asked, channels, device=options.device, dtype=options.dtype, threads=threads, **switches
+    )
     cost = bench.step_cost(sim)
     found = {"case": case, "asked_points": asked, "variant": variant, "threads": sim.threads} | cost
     found |= compared(found, options, triad(max(1000, cost["points"])))
@@ -90,7 +92,7 @@ def measure_threads(asked: int, options: argparse.Namespace) -> list[dict]:
     """
     rows, reached = [], []
     for threads in sorted({1, min(2, cores()), cores()}):
-        sim = bench.made_up(asked, max(1, asked // CHANNEL_POINTS), dtype=options.dtype, threads=threads)
+        sim = bench.synthetic_network(asked, max(1, asked // CHANNEL_POINTS), dtype=options.dtype, threads=threads)
         for _ in range(5):
             sim.step()
         reached.append(sim.network.points())
@@ -107,7 +109,7 @@ def measure_threads(asked: int, options: argparse.Namespace) -> list[dict]:
 def phase_rows(asked: int, options: argparse.Namespace) -> list[dict]:
     """Cost of each phase of a full step by one thread, and what its kernels have to move."""
     channels = max(1, asked // CHANNEL_POINTS)
-    sim = bench.made_up(asked, channels, device=options.device, dtype=options.dtype, threads=1)
+    sim = bench.synthetic_network(asked, channels, device=options.device, dtype=options.dtype, threads=1)
     steps = max(5, min(200, 2_000_000 // asked))
     seconds = bench.phase_seconds(sim, steps=steps)
     chunk_points = np.inf if wp.get_device(options.device).is_cpu else roofline.CHUNK_POINTS
@@ -131,9 +133,9 @@ def phase_rows(asked: int, options: argparse.Namespace) -> list[dict]:
 def measure_memory(asked: int, options: argparse.Namespace) -> dict:
     """What a simulation of so many points adds to this process, bytes a point; to be run in a process of its own."""
     for _ in range(2):  # kernels and the river that others are cut from
-        bench.made_up(3000, 3, device=options.device, dtype=options.dtype).step()
+        bench.synthetic_network(3000, 3, device=options.device, dtype=options.dtype).step()
     fresh, before = forget_peak(), memory_status("VmRSS")
-    sim = bench.made_up(asked, max(1, asked // CHANNEL_POINTS), device=options.device, dtype=options.dtype)
+    sim = bench.synthetic_network(asked, max(1, asked // CHANNEL_POINTS), device=options.device, dtype=options.dtype)
     made = memory_status("VmHWM")
     forget_peak()
     for _ in range(3):
@@ -187,7 +189,7 @@ def meanderpy_row(points: int, dtype: str) -> dict | None:
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=width, dtype=dtype), threads=1)
     peer()  # compiles its numba functions, if any
     ours = 1e-3 * bench.step_cost(sim)["ms_per_step"]
-    theirs = bench.least_seconds(peer, max(1, 3000 // points), 5)
+    theirs = bench.min_seconds(peer, max(1, 3000 // points), 5)
     print(f"{points} points: meanderpy {1e3 * theirs:.3g} ms, ours {1e3 * ours:.3g} ms, x{theirs / ours:.0f}")
     return {
         "case": "meanderpy", "asked_points": points, "meanderpy_ms": 1e3 * theirs, "ours_ms": 1e3 * ours,

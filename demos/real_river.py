@@ -11,18 +11,18 @@ import numpy as np
 import warpriver as wr
 
 
-def made_up(folder: Path) -> Path:
+def synthetic_river(folder: Path) -> Path:
     """Write a wandering river of varying width, as a survey would give it."""
     xy = wr.generate.valley_line(20_000.0, spacing=40.0, amplitude=600.0, wavelength=6_000.0, seed=2)
     width = 80.0 + 15.0 * np.sin(np.linspace(0.0, 20.0, len(xy)))
     network = wr.RiverNetwork.from_polylines([xy + [600_000.0, 200_000.0]], width=[width], crs="EPSG:32619")
-    wr.write_network(network, folder / "made_up.csv")
-    return folder / "made_up.csv"
+    wr.write_network(network, folder / "synthetic_river.csv")
+    return folder / "synthetic_river.csv"
 
 
 def main(folder: Path, source: Path | None = None, width: float | None = None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    network = wr.read_network(source or made_up(folder), width=width)
+    network = wr.read_network(source or synthetic_river(folder), width=width)
     print(network)
     narrowest = min(float(w.min()) for w in network.point_widths())
     sim = wr.Simulation(network, wr.MeanderParams(spacing=min(50.0, narrowest)))

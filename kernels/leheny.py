@@ -35,7 +35,7 @@ def build(scalar):
     NO_BITS, BIT, BYTE = wp.uint64(0), wp.uint64(1), wp.uint64(255)
 
     @wp.struct
-    class Law:
+    class Constants:
         """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m."""
 
         rows: int
@@ -49,43 +49,43 @@ def build(scalar):
         quantum: scalar
 
     @wp.func(module=name)
-    def neighbor(law: Law, cell: int, k: int) -> int:
+    def neighbor(constants: Constants, cell: int, k: int) -> int:
         """Neighbour k of a cell, 0 to 7 clockwise from the north; -1 beyond a wall, and on the diagonal of four."""
-        if law.four == 1 and (k & 1) == 1:
+        if constants.four == 1 and (k & 1) == 1:
             return -1
-        row = cell // law.columns + row_step(k)
-        column = cell % law.columns + column_step(k)
-        if row < 0 or row >= law.rows:
-            if law.wraps_rows == 0:
+        row = cell // constants.columns + row_step(k)
+        column = cell % constants.columns + column_step(k)
+        if row < 0 or row >= constants.rows:
+            if constants.wraps_rows == 0:
                 return -1
-            row = (row + law.rows) % law.rows
-        if column < 0 or column >= law.columns:
-            if law.wraps_columns == 0:
+            row = (row + constants.rows) % constants.rows
+        if column < 0 or column >= constants.columns:
+            if constants.wraps_columns == 0:
                 return -1
-            column = (column + law.columns) % law.columns
-        return row * law.columns + column
+            column = (column + constants.columns) % constants.columns
+        return row * constants.columns + column
 
     @wp.func(module=name)
-    def is_inner(law: Law, row: int, column: int) -> bool:
+    def is_inner(constants: Constants, row: int, column: int) -> bool:
         """Whether all eight neighbours of a cell lie beside it in the raster."""
-        return row > 0 and row < law.rows - 1 and column > 0 and column < law.columns - 1
+        return row > 0 and row < constants.rows - 1 and column > 0 and column < constants.columns - 1
 
     @wp.func(module=name)
-    def lower_neighbor(law: Law, base: int, cell: int, part: scalar, cell_height: wp.array[scalar]) -> int:
+    def lower_neighbor(constants: Constants, base: int, cell: int, part: scalar, cell_height: wp.array[scalar]) -> int:
         """Number k of the neighbour that water goes to, of those that are lower; ``NONE`` if none is [Leheny1995].
 
         p_k = exp(E (h - h_k)) / N, where N sums over the lower neighbours only. Falls are taken from the steepest one,
         so that no exponential exceeds 1. ``part``, in [0, 1), chooses along the cumulated probabilities.
         """
         height = cell_height[base + cell]
-        row = cell // law.columns
-        inner = is_inner(law, row, cell - row * law.columns)
+        row = cell // constants.columns
+        inner = is_inner(constants, row, cell - row * constants.columns)
         fall = vec8()
         steepest = scalar(0.0)
         for k in range(8):
-            n = cell + row_step(k) * law.columns + column_step(k)
-            if not inner or law.four == 1:
-                n = neighbor(law, cell, k)
+            n = cell + row_step(k) * constants.columns + column_step(k)
+            if not inner or constants.four == 1:
+                n = neighbor(constants, cell, k)
             if n >= 0:
                 fall[k] = height - cell_height[base + n]
                 # Beyond a wall within the terrain there is NaN, which is never lower.
@@ -96,7 +96,7 @@ def build(scalar):
         total = scalar(0.0)
         for k in range(8):
             if fall[k] > ZERO:
-                fall[k] = wp.exp(law.bias * (fall[k] - steepest))
+                fall[k] = wp.exp(constants.bias * (fall[k] - steepest))
                 total += fall[k]
             else:
                 fall[k] = ZERO
@@ -110,9 +110,9 @@ def build(scalar):
         return chosen
 
     @wp.func(module=name)
-    def slip(law: Law, difference: scalar) -> scalar:
+    def slip(constants: Constants, difference: scalar) -> scalar:
         """A quarter of a difference in height, down to a whole number of quanta."""
-        return wp.floor(QUARTER * difference / law.quantum) * law.quantum
+        return wp.floor(QUARTER * difference / constants.quantum) * constants.quantum
 
     @wp.func(module=name)
     def pair_color(line: int, lines: int, wraps: int) -> int:
@@ -123,7 +123,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def settle_around(
-        law: Law,
+        constants: Constants,
         base: int,
         size: int,
         cell_height_io: wp.array[scalar],
@@ -141,17 +141,17 @@ def build(scalar):
             cell = stack_io[base + size]
             cell_waiting_io[base + cell] = NO
             height = cell_height_io[base + cell]
-            row = cell // law.columns
-            inner = is_inner(law, row, cell - row * law.columns)
+            row = cell // constants.columns
+            inner = is_inner(constants, row, cell - row * constants.columns)
             for k in range(8):
-                n = cell + row_step(k) * law.columns + column_step(k)
-                if not inner or law.four == 1:
-                    n = neighbor(law, cell, k)
+                n = cell + row_step(k) * constants.columns + column_step(k)
+                if not inner or constants.four == 1:
+                    n = neighbor(constants, cell, k)
                 if n >= 0:
                     difference = cell_height_io[base + n] - height
-                    if difference > law.threshold:
-                        while difference > law.threshold:
-                            difference -= slip(law, difference)
+                    if difference > constants.threshold:
+                        while difference > constants.threshold:
+                            difference -= slip(constants, difference)
                             slides += 1
                         cell_height_io[base + n] = height + difference
                         if cell_waiting_io[base + n] == NO:
@@ -163,7 +163,7 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def erode_serially(
         # params
-        law: Law,
+        constants: Constants,
         first: int,
         count: int,
         # in
@@ -198,17 +198,17 @@ def build(scalar):
                 size += 1
                 k = NONE
                 if cell_state[cell] != OUTLET:
-                    k = lower_neighbor(law, base, cell, scalar(wp.randf(random)), cell_height_io)
+                    k = lower_neighbor(constants, base, cell, scalar(wp.randf(random)), cell_height_io)
                     if k == NONE:
                         stuck += wp.int64(1)
                     else:
-                        cell = neighbor(law, cell, k)
+                        cell = neighbor(constants, cell, k)
             for i in range(size):
                 visited = stack_io[base + i]
-                cell_height_io[base + visited] = cell_height_io[base + visited] - law.depth
+                cell_height_io[base + visited] = cell_height_io[base + visited] - constants.depth
                 cell_waiting_out[base + visited] = YES
             visits += wp.int64(size)
-            slides += wp.int64(settle_around(law, base, size, cell_height_io, stack_io, cell_waiting_out))
+            slides += wp.int64(settle_around(constants, base, size, cell_height_io, stack_io, cell_waiting_out))
         grid_tally_io[3 * grid] += visits
         grid_tally_io[3 * grid + 1] += slides
         grid_tally_io[3 * grid + 2] += stuck
@@ -216,7 +216,7 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def walk_together(
         # params
-        law: Law,
+        constants: Constants,
         seed: int,
         turn_seed: int,
         first: int,
@@ -247,19 +247,19 @@ def build(scalar):
                 below = cell_next_io[cell]
                 if below == UNKNOWN:
                     turn = wp.rand_init(turn_seed, cell)
-                    k = lower_neighbor(law, 0, cell, scalar(wp.randf(turn)), cell_height)
+                    k = lower_neighbor(constants, 0, cell, scalar(wp.randf(turn)), cell_height)
                     if k == NONE:
                         wp.atomic_add(tally_io, 2, wp.int64(1))
                     else:
-                        below = neighbor(law, cell, k)
+                        below = neighbor(constants, cell, k)
                         cell_next_io[cell] = below
             cell = below
         wp.atomic_add(tally_io, 0, wp.int64(size))
 
     @wp.func(module=name)
-    def words_of_row(law: Law) -> int:
+    def words_of_row(constants: Constants) -> int:
         """Words that have the marks of a row's cells: column c is bit c % 64 of the word c / 64."""
-        return (law.columns + 63) >> 6
+        return (constants.columns + 63) >> 6
 
     @wp.func(module=name)
     def bit_of(column: int) -> wp.uint64:
@@ -268,7 +268,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def slide_pair(
-        law: Law,
+        constants: Constants,
         row: int,
         column: int,
         k: int,
@@ -279,12 +279,12 @@ def build(scalar):
 
         Returns the number of slides.
         """
-        high = row * law.columns + column
-        low = high + row_step(k) * law.columns + column_step(k)
-        if not is_inner(law, row, column):
-            low = neighbor(law, high, k)
+        high = row * constants.columns + column
+        low = high + row_step(k) * constants.columns + column_step(k)
+        if not is_inner(constants, row, column):
+            low = neighbor(constants, high, k)
         difference = cell_height_io[high] - cell_height_io[low]
-        if not wp.abs(difference) > law.threshold:
+        if not wp.abs(difference) > constants.threshold:
             return 0
         own = int(row)
         place = int(column)
@@ -293,20 +293,20 @@ def build(scalar):
             high = low
             low = n
             difference = -difference
-            own = high // law.columns
-            place = high - own * law.columns
+            own = high // constants.columns
+            place = high - own * constants.columns
         slides = int(0)
-        while difference > law.threshold:
-            difference -= slip(law, difference)
+        while difference > constants.threshold:
+            difference -= slip(constants, difference)
             slides += 1
         cell_height_io[high] = cell_height_io[low] + difference
-        wp.atomic_or(word_marks_io, own * words_of_row(law) + (place >> 6), bit_of(place))
+        wp.atomic_or(word_marks_io, own * words_of_row(constants) + (place >> 6), bit_of(place))
         return slides
 
     @wp.kernel(module=name, enable_backward=False)
     def lower_visited(
         # params
-        law: Law,
+        constants: Constants,
         chunk: int,
         # out
         cell_height_io: wp.array2d[scalar],
@@ -320,20 +320,20 @@ def build(scalar):
         """
         row, part = wp.tid()
         marks = wp.uint64(0)
-        for column in range(part * chunk, wp.min((part + 1) * chunk, law.columns)):
+        for column in range(part * chunk, wp.min((part + 1) * chunk, constants.columns)):
             visits = cell_visits_io[row, column]
             if visits > 0:
-                cell_height_io[row, column] = cell_height_io[row, column] - scalar(visits) * law.depth
+                cell_height_io[row, column] = cell_height_io[row, column] - scalar(visits) * constants.depth
                 cell_visits_io[row, column] = 0
                 cell_next_out[row, column] = UNKNOWN
                 marks = marks | bit_of(column)
         if marks != NO_BITS:
-            wp.atomic_or(word_marks_io, row * words_of_row(law) + (part * chunk >> 6), marks)
+            wp.atomic_or(word_marks_io, row * words_of_row(constants) + (part * chunk >> 6), marks)
 
     @wp.kernel(module=name, enable_backward=False)
     def mark_steep(
         # params
-        law: Law,
+        constants: Constants,
         chunk: int,
         # in
         listed: wp.array[int],
@@ -348,21 +348,21 @@ def build(scalar):
         """
         place, part = wp.tid()
         word = listed[place]
-        row = word // words_of_row(law)
-        column = (word - row * words_of_row(law)) * 64 + part * chunk
+        row = word // words_of_row(constants)
+        column = (word - row * words_of_row(constants)) * 64 + part * chunk
         end = column + chunk
         rest = word_beside[word] >> wp.uint64(part * chunk)
         while rest != NO_BITS and column < end:
             if (rest & BIT) != NO_BITS:
-                cell = row * law.columns + column
+                cell = row * constants.columns + column
                 height = cell_height[cell]
-                inner = is_inner(law, row, column)
+                inner = is_inner(constants, row, column)
                 for k in range(2, 6):
-                    n = cell + row_step(k) * law.columns + column_step(k)
-                    if not inner or law.four == 1:
-                        n = neighbor(law, cell, k)
+                    n = cell + row_step(k) * constants.columns + column_step(k)
+                    if not inner or constants.four == 1:
+                        n = neighbor(constants, cell, k)
                     if n >= 0:
-                        if wp.abs(height - cell_height[n]) > law.threshold:
+                        if wp.abs(height - cell_height[n]) > constants.threshold:
                             wp.atomic_or(word_steep_io, k - 2, word, bit_of(column))
             step = wp.where((rest & BYTE) == NO_BITS, 8, 1)
             rest = rest >> wp.uint64(step)
@@ -371,7 +371,7 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def slide_pairs(
         # params
-        law: Law,
+        constants: Constants,
         k: int,
         color: int,
         chunk: int,
@@ -395,19 +395,19 @@ def build(scalar):
         rest = word_steep[k - 2, word] >> wp.uint64(part * chunk)
         if rest == NO_BITS:
             return
-        row = word // words_of_row(law)
-        column = (word - row * words_of_row(law)) * 64 + part * chunk
+        row = word // words_of_row(constants)
+        column = (word - row * words_of_row(constants)) * 64 + part * chunk
         end = column + chunk
-        own = pair_color(row, law.rows, law.wraps_rows)
+        own = pair_color(row, constants.rows, constants.wraps_rows)
         if k != 2 and own != color:
             end = 0
         slides = int(0)
         while rest != NO_BITS and column < end:
             if (rest & BIT) != NO_BITS:
                 if k == 2:
-                    own = pair_color(column, law.columns, law.wraps_columns)
+                    own = pair_color(column, constants.columns, constants.wraps_columns)
                 if own == color:
-                    slides += slide_pair(law, row, column, k, cell_height_io, word_marks_io)
+                    slides += slide_pair(constants, row, column, k, cell_height_io, word_marks_io)
             step = wp.where((rest & BYTE) == NO_BITS, 8, 1)
             rest = rest >> wp.uint64(step)
             column += step
@@ -417,7 +417,7 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def raise_courses(
         # params
-        law: Law,
+        constants: Constants,
         least: scalar,
         # in
         cell_below: wp.array[int],
@@ -438,7 +438,7 @@ def build(scalar):
                     cell_height_io[cell] = floor
 
     return SimpleNamespace(
-        Law=Law,
+        Constants=Constants,
         erode_serially=erode_serially,
         walk_together=walk_together,
         lower_visited=lower_visited,

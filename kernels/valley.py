@@ -14,10 +14,11 @@ from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
-# Columns of the table of valley lines by x: y of the floor's and the top's edges, and their rises.
-LEFT_FLOOR, LEFT_TOP, RIGHT_FLOOR, RIGHT_TOP, FLOOR_RISE, TOP_RISE = range(6)
+# Columns of the table of valley lines by x: y of the floor's and the top's edges, their rises, and how far the long
+# profile lies above the plane of top of bank.
+LEFT_FLOOR, LEFT_TOP, RIGHT_FLOOR, RIGHT_TOP, FLOOR_RISE, TOP_RISE, BEND = range(7)
 # Columns of the table of strewn objects.
-IS_LOG, PLACE, CELL, COUNT, CHANCE, LEAST, SPREAD, HEIGHT, LENGTH, FADE = range(10)
+IS_LOG, PLACE, CELL, COUNT, CHANCE, MIN_RADIUS, SPREAD, HEIGHT, LENGTH, FADE = range(10)
 # A place in a lattice that no station has been brought to.
 NOWHERE = 2**31 - 1
 
@@ -31,17 +32,17 @@ def build(scalar):
     """
     name = f"warpriver.kernels.valley_{scalar.__name__}"
     field, section = noise.build(scalar), sections.build(scalar)
-    vec2, vec3, vec4, vec6 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 6))
+    vec2, vec3, vec4, vec7 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 7))
     ZERO, HALF, ONE, TWO, THREE, FOUR, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0))
     PI = scalar(math.pi)
     NOTHING = wp.float64(math.nan)
     TINY, FAR = scalar(1.0e-12), scalar(2.0**100)
-    # A place is tried as one of the channel up to this part of a half-width beyond the banks' envelope; stations count
-    # as passed one by one while each brings this part of their distance.
+    # A place is tried as one of the channel up to this fraction of a half-width beyond the banks' envelope; stations
+    # count as passed one by one while each brings this fraction of their distance.
     SLACK = scalar(0.1)
     # Stations that a search may be off before another start is worth a try; how far those around a cell may lie apart
     # to be looked through; how far a search goes in single steps.
-    SAME, MOST_SPREAD, MOST_STEPS = 12, 256, 64
+    SAME, MAX_SPREAD, MAX_STEPS = 12, 256, 64
 
     @wp.struct
     class Surface:
@@ -49,7 +50,7 @@ def build(scalar):
 
         Lines of all channels lie end to end, cut by ``channel_start``; the first is the main one.
         ``station_half``: half-widths to the left and right, m. ``station_form``: bankfull depth (m), place a of the
-        greatest depth (0 left bank, 1 right), rise of top of bank (m).
+        maximum depth (0 left bank, 1 right), rise of top of bank (m).
         ``valley_line``: by x, ``lines_per_meter`` of them from ``line_start`` on. ``bank_height``: height of top of
         bank at x = 0, m. ``lift_reach``: distance from the bank over which the rise of top of bank fades, m. There is
         no ground upstream of ``begin`` and downstream of ``end``, m.
@@ -60,7 +61,7 @@ def build(scalar):
         station_tangent: wp.array[vec2]
         station_half: wp.array[vec2]
         station_form: wp.array[vec3]
-        valley_line: wp.array[vec6]
+        valley_line: wp.array[vec7]
         section_thread: wp.array[vec4]
         object_table: wp.array2d[scalar]
         object_seed: wp.array[int]
@@ -78,7 +79,7 @@ def build(scalar):
 
     @wp.struct
     class Lattice:
-        """Coarse places that know the station nearest to them; its corner is that of least x and greatest y.
+        """Coarse places that know the station nearest to them; its corner is that of minimum x and maximum y.
 
         ``cell_station``: for the cell down and right of each node a station near all of it, or -1 where the nodes
         around it know stations of different bends.
@@ -115,9 +116,9 @@ def build(scalar):
         return FAR
 
     @wp.func(module=name)
-    def smoothstep(part: scalar) -> scalar:
+    def smoothstep(fraction: scalar) -> scalar:
         """0 below 0, 1 above 1, smooth between."""
-        p = wp.clamp(part, ZERO, ONE)
+        p = wp.clamp(fraction, ZERO, ONE)
         return p * p * (THREE - TWO * p)
 
     @wp.func(module=name)
@@ -153,7 +154,7 @@ def build(scalar):
                 break
             i = j
             gap = trial
-        for _step in range(MOST_STEPS):
+        for _step in range(MAX_STEPS):
             j = wp.min(i + 1, last)
             trial = station_gap(surface, xy, j)
             if trial >= gap:
@@ -202,7 +203,7 @@ def build(scalar):
         The station abreast of the place is the one in whose section it lies: (p - c) . c' = 0 on the cubic.
         """
         i = wp.min(near, last - 1)
-        for _step in range(MOST_STEPS):
+        for _step in range(MAX_STEPS):
             if wp.dot(xy - surface.station_xy[i], surface.station_tangent[i]) < ZERO:
                 i -= 1
                 if i < first:
@@ -233,7 +234,7 @@ def build(scalar):
         return vec2(form[2] - depth, -wp.min(half[0] - n, half[1] + n))
 
     @wp.func(module=name)
-    def valley_line_at(surface: Surface, x: scalar) -> vec6:
+    def valley_line_at(surface: Surface, x: scalar) -> vec7:
         """The lines of the valley at x, linear between those of the table, constant beyond its ends."""
         last = surface.valley_line.shape[0] - 1
         at = wp.clamp((x - surface.line_start) * surface.lines_per_meter, ZERO, scalar(last))
@@ -242,25 +243,25 @@ def build(scalar):
         return (ONE - t) * surface.valley_line[k] + t * surface.valley_line[k + 1]
 
     @wp.func(module=name)
-    def terraced(surface: Surface, part: scalar) -> scalar:
-        """Part of the floor's rise at a part of the way from the bank to the floor's edge: even, or in treads."""
+    def terraced(surface: Surface, fraction: scalar) -> scalar:
+        """Fraction of the floor's rise at a fraction of the way from the bank to its edge: even, or in treads."""
         if surface.terraces == 0:
-            return part
-        at = part * scalar(surface.terraces)
+            return fraction
+        at = fraction * scalar(surface.terraces)
         tread = wp.min(wp.floor(at), scalar(surface.terraces - 1))
         # A riser takes the last quarter of each step.
         return (tread + smoothstep(FOUR * (at - tread) - THREE)) / scalar(surface.terraces)
 
     @wp.func(module=name)
     def object_height(surface: Surface, xy: vec2, kind: int, i: int, j: int) -> scalar:
-        """Greatest height at a place of the objects of one field that are centred in its lattice cell i, j."""
+        """Maximum height at a place of the objects of one field that are centred in its lattice cell i, j."""
         highest = scalar(0.0)
         state = wp.rand_init(surface.object_seed[kind], int(field.lattice_hash(surface.object_seed[kind], i, j)))
         for _object in range(int(surface.object_table[kind, COUNT])):
             chance = scalar(wp.randf(state))
             x = (scalar(i) + scalar(wp.randf(state))) * surface.object_table[kind, CELL]
             y = (scalar(j) + scalar(wp.randf(state))) * surface.object_table[kind, CELL]
-            radius = surface.object_table[kind, LEAST] * wp.exp(
+            radius = surface.object_table[kind, MIN_RADIUS] * wp.exp(
                 surface.object_table[kind, SPREAD] * scalar(wp.randf(state))
             )
             angle = PI * scalar(wp.randf(state))
@@ -296,7 +297,7 @@ def build(scalar):
         return highest
 
     @wp.func(module=name)
-    def side_rise(line: vec6, y: scalar) -> scalar:
+    def side_rise(line: vec7, y: scalar) -> scalar:
         """Rise beyond the floor's edges: straight up to the top's edge and level behind it; FAR between the edges."""
         edge = unreached()
         top = unreached()
@@ -311,7 +312,7 @@ def build(scalar):
         return line[FLOOR_RISE] + wp.clamp(edge / wp.max(top, TINY), ZERO, ONE) * line[TOP_RISE]
 
     @wp.func(module=name)
-    def floor_rise(surface: Surface, line: vec6, y: scalar, gap: scalar, lift: scalar, left: bool) -> scalar:
+    def floor_rise(surface: Surface, line: vec7, y: scalar, gap: scalar, lift: scalar, left: bool) -> scalar:
         """Rise between bank and floor's edge, at ``gap`` from the bank: grows with gap / (gap + distance to the edge).
 
         The rise ``lift`` of top of bank over the plane fades on the way.
@@ -319,9 +320,9 @@ def build(scalar):
         rest = line[LEFT_FLOOR] - y
         if not left:
             rest = y - line[RIGHT_FLOOR]
-        part = gap / wp.max(gap + rest, TINY)
-        fading = (ONE - smoothstep(gap / surface.lift_reach)) * (ONE - part)
-        return terraced(surface, part) * line[FLOOR_RISE] + lift * fading
+        fraction = gap / wp.max(gap + rest, TINY)
+        fading = (ONE - smoothstep(gap / surface.lift_reach)) * (ONE - fraction)
+        return terraced(surface, fraction) * line[FLOOR_RISE] + lift * fading
 
     @wp.func(module=name)
     def lattice_node(lattice: Lattice, xy: vec2) -> vec2:
@@ -372,7 +373,7 @@ def build(scalar):
         return best
 
     @wp.func(module=name)
-    def inner_rise(surface: Surface, lattice: Lattice, line: vec6, xy: vec2) -> vec2:
+    def inner_rise(surface: Surface, lattice: Lattice, line: vec7, xy: vec2) -> vec2:
         """Rise between the floor's edges and distance beyond the nearest bank: the deepest channel, else the floor."""
         deepest = unreached()
         gap = unreached()
@@ -406,7 +407,7 @@ def build(scalar):
         rise = vec2(side_rise(line, xy[1]), FAR)
         if rise[0] == FAR:
             rise = inner_rise(surface, lattice, line, xy)
-        top = rise[0] + objects_height(surface, xy, rise[1]) - surface.slope * xy[0]
+        top = rise[0] + objects_height(surface, xy, rise[1]) + line[BEND] - surface.slope * xy[0]
         return surface.bank_height + wp.float64(top)
 
     @wp.kernel(module=name, enable_backward=False)
@@ -491,7 +492,7 @@ def build(scalar):
             low = wp.min(low, station)
             high = wp.max(high, station)
         settled = (low + high) // 2
-        if high - low > MOST_SPREAD:
+        if high - low > MAX_SPREAD:
             settled = -1
         if settled >= 0:
             low = wp.max(low - 2, surface.channel_start[channel])
@@ -572,7 +573,8 @@ def build(scalar):
             depth = form[0] * section_depth(surface, y, form[1])
         gap = -wp.min(y, ONE - y) * (half[0] + half[1])
         rise = form[2] - depth + objects_height(surface, xy, gap)
-        height = surface.bank_height + wp.float64(rise - surface.slope * xy[0])
+        line = valley_line_at(surface, xy[0])
+        height = surface.bank_height + wp.float64(rise + line[BEND] - surface.slope * xy[0])
         node_xyz_out[row, column_first + column] = on_map(frame, xy, height)
 
     @wp.kernel(module=name, enable_backward=False)

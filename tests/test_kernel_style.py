@@ -40,6 +40,7 @@ LAUNCHERS = {
     "schedule": ["engine/state.py", "engine/substeps.py"],
     "shortcuts": ["shortest_path/shortcuts.py"],
     "smoothing": ["meander/smoothing.py"],
+    "stamps": ["valley/stamps.py", "valley/valley.py"],
     "terrain": ["terrain.py"],
     "terrains": ["generate/terrains.py"],
     "valley": ["valley/valley.py"],

@@ -82,6 +82,8 @@ DEFAULTS = {
         "terraces": (0, "-"),
         "datum": (1000.0, "m"),
         "increments": (784, "-"),
+        "bank_window": (None, None),
+        "floor_window": (None, None),
         "stationing": ("channel", "-"),
         "fall": ("valley", "-"),
         "curvature_limit": (1.2, "-"),
@@ -90,8 +92,42 @@ DEFAULTS = {
         "section": ("CrossSection()", None),
         "line": (None, None),
         "covariance": (None, None),
+        "profile": ("LongProfile()", None),
         "threads": ((), None),
         "objects": ((), None),
+        "patches": ((), None),
+        "stamps": ((), None),
+    },
+    "LongProfile": {"form": ("linear", "-"), "slope_ratio": (10.0, "-"), "exponent": (0.5, "-")},
+    "RoughnessPatch": {
+        "polygon": (None, None),
+        "deviation": (0.1, "m"),
+        "wavelength": (5.0, "m"),
+        "octaves": (4, "-"),
+        "roughness": (0.5, "-"),
+        "blend": (1.0, "m"),
+        "seed": (0, "-"),
+    },
+    "MeshStamp": {
+        "vertices": (None, None),
+        "triangles": (None, None),
+        "place": ((0.0, 0.0), None),
+        "name": ("mesh", None),
+        "base": ("ground", "-"),
+        "angle": (0.0, "deg"),
+        "scale": (1.0, "m"),
+        "mode": ("raise", "-"),
+    },
+    "Variogram": {
+        "amplitude": (1.0, "-"),
+        "correlation": (0.1, "reach"),
+        "model": ("exponential", "-"),
+        "nugget": (0.0, "-"),
+        "positions": ((), None),
+        "values": ((), None),
+        "random": (True, None),
+        "samples": (784, "-"),
+        "seed": (0, "-"),
     },
     "CrossSection": {
         "form": ("asymmetric", "-"),
@@ -206,7 +242,9 @@ def parameter_classes():
 
 
 def default_of(field):
-    """The default of a field; of one that is a parameter class itself, its name and brackets."""
+    """The default of a field; of one that is a parameter class itself, its name and brackets; None without one."""
+    if field.default is field.default_factory:
+        return None  # both missing: it must be given
     value = field.default if field.default is not dataclasses.MISSING else field.default_factory()
     if dataclasses.is_dataclass(value):
         assert value == type(value)(), f"{field.name} is not the default {type(value).__name__}"

@@ -34,11 +34,11 @@ __all__ = [
     "device_bytes",
     "ground_under",
     "lay_out",
-    "least_seconds",
-    "made_up",
     "measure",
+    "min_seconds",
     "phase_seconds",
     "step_cost",
+    "synthetic_network",
     "warm_up",
 ]
 
@@ -49,7 +49,7 @@ RIVER_POINTS, RIVER_YEARS = 20_000, 300.0
 # Widths between channels that are laid out side by side: those on the edge do not meet within a benchmark.
 GAP_WIDTHS = 40.0
 ROUNDS = 5
-# Steps a round on a GPU: they are asked for at once, so that the host looks at a few of them only.
+# Steps a round on a GPU: they are requested at once, so that the host looks at a few of them only.
 GPU_STEPS = 64
 # Bytes of each array that is copied: more than processors have of cache.
 COPY_BYTES = 512 * 2**20
@@ -59,8 +59,8 @@ COPY_ROUNDS = 15
 HOST_PHASES = ("join", "rest of host")
 
 
-def least_seconds(call: Callable[[], object], repeats: int = 1, rounds: int = ROUNDS, device: Any = "cpu") -> float:
-    """Least time of one call over several rounds of ``repeats`` calls: what other work on the machine disturbs least.
+def min_seconds(call: Callable[[], object], repeats: int = 1, rounds: int = ROUNDS, device: Any = "cpu") -> float:
+    """Shortest time of a call over several rounds of ``repeats`` calls, the one least disturbed by other work.
 
     Args:
         call: What is timed.
@@ -86,24 +86,24 @@ def copy_bandwidth(threads: int = 1, device: Any = "cpu", nbytes: int | None = N
     """Bytes a second that a plain copy reads and writes together, as STREAM counts them.
 
     Args:
-        threads: Cores that copy a part each; of no account on a GPU.
+        threads: Cores, each of which copies a share; ignored on a GPU.
         device: Warp device whose memory is meant.
         nbytes: Bytes of each of the two arrays, by default more than caches hold.
     """
     count = (nbytes or COPY_BYTES) // 8
     if not resolve_device(device).is_cpu:
         source, target = (wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2))
-        return 2 * 8 * count / least_seconds(lambda: wp.copy(target, source), 10, COPY_ROUNDS, device)
+        return 2 * 8 * count / min_seconds(lambda: wp.copy(target, source), 10, COPY_ROUNDS, device)
     a, b = np.ones(count), np.zeros(count)
     edges = np.linspace(0, count, threads + 1).astype(int).tolist()
-    parts = [(b[i:j], a[i:j]) for i, j in itertools.pairwise(edges)]
+    shares = [(b[i:j], a[i:j]) for i, j in itertools.pairwise(edges)]
     with ThreadPoolExecutor(threads) as pool:
-        copy = functools.partial(np.copyto, *parts[0]) if threads == 1 else lambda: list(pool.map(_copy_part, parts))
-        return 2 * 8 * count / least_seconds(copy, rounds=COPY_ROUNDS)
+        copy = functools.partial(np.copyto, *shares[0]) if threads == 1 else lambda: list(pool.map(_copy_share, shares))
+        return 2 * 8 * count / min_seconds(copy, rounds=COPY_ROUNDS)
 
 
-def _copy_part(part: tuple[np.ndarray, np.ndarray]) -> None:
-    np.copyto(*part)
+def _copy_share(share: tuple[np.ndarray, np.ndarray]) -> None:
+    np.copyto(*share)
 
 
 def copies_of_points(seconds: float, points: int, dtype: str, bandwidth: float) -> float:
@@ -225,7 +225,7 @@ def step_cost(sim: Simulation, rounds: int = 2 * ROUNDS, repeats: int | None = N
     few = min(50, max(3, 100_000 // sim.network.point_count)) if sim.device.is_cpu else GPU_STEPS
     repeats, found = repeats or few, []
     for _ in range(rounds):
-        cost = least_seconds(functools.partial(advance, sim, repeats), 1, 1, sim.device) / repeats
+        cost = min_seconds(functools.partial(advance, sim, repeats), 1, 1, sim.device) / repeats
         found.append((cost / sim.network.point_count, cost, sim.network.point_count, sim.network.channel_count))
     steps = sim.step_count - first
     per_point, cost, points, channels = min(found)
@@ -283,7 +283,7 @@ def phase_seconds(sim: Simulation, steps: int = 10, warmup: int = 2) -> dict[str
     return {name: cost / steps for name, cost in (seconds | host).items()}
 
 
-def made_up(
+def synthetic_network(
     points: int,
     channels: int,
     *,
@@ -328,16 +328,16 @@ def measure(points: int, channels: int, *, copy_bytes: int | None = None, **opti
         points: Points of the network, about.
         channels: Channels that share them evenly.
         copy_bytes: Bytes of each array of the copy that the step is compared with; see :func:`copy_bandwidth`.
-        options: Those of :func:`made_up`.
+        options: Those of :func:`synthetic_network`.
 
     Returns:
         What :func:`step_cost` returns, ``phases_ms``, ``threads``, ``copy_bytes_per_second`` of as many threads, and
         ``copies_of_points``: how many times the points could have been copied in a step's time.
 
     Raises:
-        ValueError: As :func:`made_up`.
+        ValueError: As :func:`synthetic_network`.
     """
-    sim = made_up(points, channels, **options)
+    sim = synthetic_network(points, channels, **options)
     bandwidth = copy_bandwidth(sim.threads, sim.device, copy_bytes)
     result = step_cost(sim)
     phases = phase_seconds(sim, steps=max(3, min(100, 1_000_000 // result["points"])))

@@ -22,7 +22,7 @@ def pair(**options):
     return Simulation(RiverNetwork.from_polylines(lines, width=50.0), MeanderParams(), **options)
 
 
-def test_least_seconds_is_the_least_of_the_rounds(monkeypatch):
+def test_min_seconds_is_the_minimum_of_the_rounds(monkeypatch):
     """By a clock of our own: rounds of 6, 2 and 4 s, of two calls each."""
     clock, waits = [0.0], iter([3.0, 3.0, 1.5, 0.5, 2.0, 2.0])
 
@@ -30,7 +30,7 @@ def test_least_seconds_is_the_least_of_the_rounds(monkeypatch):
         clock[0] += next(waits)
 
     monkeypatch.setattr(bench.time, "perf_counter", lambda: clock[0])
-    assert bench.least_seconds(call, repeats=2, rounds=3) == 1.0
+    assert bench.min_seconds(call, repeats=2, rounds=3) == 1.0
     assert next(waits, None) is None
 
 
@@ -47,7 +47,7 @@ def test_a_copy_moves_every_byte(threads, monkeypatch):
     copied = []
     copy = np.copyto
     monkeypatch.setattr(np, "copyto", lambda a, b: (copied.append(a.nbytes), copy(a, b)))
-    monkeypatch.setattr(bench, "least_seconds", timed)
+    monkeypatch.setattr(bench, "min_seconds", timed)
     assert bench.copy_bandwidth(threads, nbytes=SMALL) == 2 * SMALL / 0.5
     assert len(copied) == threads and sum(copied) == SMALL and len(done) == 1
 
@@ -146,7 +146,7 @@ def test_phases_are_those_of_the_step_and_change_no_bit(threads):
 
 
 def test_phases_of_a_step_without_cutoffs_and_collisions():
-    sim = bench.made_up(600, 3, cutoffs=False, collisions=False)
+    sim = bench.synthetic_network(600, 3, cutoffs=False, collisions=False)
     assert list(bench.phase_seconds(sim, steps=2)) == ["migrate", "resample", *bench.HOST_PHASES]
 
 
@@ -165,4 +165,4 @@ def test_measure_says_what_it_measured():
 @pytest.mark.parametrize(("points", "channels"), [(2, 1), (100, 0), (100, 50)])
 def test_too_few_points(points, channels):
     with pytest.raises(ValueError, match="3 points for each"):
-        bench.made_up(points, channels)
+        bench.synthetic_network(points, channels)

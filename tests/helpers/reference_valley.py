@@ -97,7 +97,7 @@ class Twin:
     def height(self, xy):
         """Height of the ground at one place."""
         x, y = xy
-        plane = self.bank_height - self.slope * x
+        plane = self.bank_height - self.slope * x + self.line(x, 6)
         left, right = self.line(x, 0), self.line(x, 2)
         if y >= left or y <= right:
             out, edge, top = (y - left, left, self.line(x, 1)) if y >= left else (right - y, right, self.line(x, 3))

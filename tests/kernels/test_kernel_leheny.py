@@ -45,11 +45,11 @@ class Case:
         self.twin = Ground(height, outlet, wraps, four, threshold=threshold, quantum=0.125)
         self.scalar, self.real, self.device, self.shape = SCALARS[dtype], REALS[dtype], device, shape
         self.kernel = leheny.build(self.scalar)
-        law = self.kernel.Law()
-        law.rows, law.columns = shape
-        law.wraps_rows, law.wraps_columns, law.four = int(wraps[0]), int(wraps[1]), int(four)
-        law.bias, law.depth, law.threshold, law.quantum = 0.05, 10.0, threshold, 0.125
-        self.law = law
+        constants = self.kernel.Constants()
+        constants.rows, constants.columns = shape
+        constants.wraps_rows, constants.wraps_columns, constants.four = int(wraps[0]), int(wraps[1]), int(four)
+        constants.bias, constants.depth, constants.threshold, constants.quantum = 0.05, 10.0, threshold, 0.125
+        self.constants = constants
         self.height = to_device(height.ravel(), self.scalar, device)
         state = np.where(np.isnan(height), cells.DONE, np.where(outlet, cells.OUTLET, cells.OPEN)).astype(np.uint8)
         self.state = to_device(state.ravel(), wp.uint8, device)
@@ -75,7 +75,7 @@ def test_events_one_after_another_are_those_of_the_twin(wraps, four, shape, dtyp
     stack, waiting = case.full(int), case.full(wp.uint8)
     for event in range(60):
         visits += len(twin.event(12345, event))
-        inputs = [case.law, event, 1, seed, case.ground, case.state]
+        inputs = [case.constants, event, 1, seed, case.ground, case.state]
         case.launch("erode_serially", 1, inputs, [case.height, stack, waiting, case.tally])
         np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"event {event}")
         assert not twin.pits() and twin.largest_difference() <= twin.threshold
@@ -96,7 +96,7 @@ def test_grids_side_by_side_know_nothing_of_each_other(device):
         wp.zeros(9, dtype=wp.int64, device=device),
     ]  # fmt: skip
     one.launch(
-        "erode_serially", 3, [one.law, 5, 20, to_device(seeds, wp.int32, device), one.ground, one.state], outputs
+        "erode_serially", 3, [one.constants, 5, 20, to_device(seeds, wp.int32, device), one.ground, one.state], outputs
     )
     for found, case in zip(height.numpy().reshape(3, *one.shape), cases, strict=True):
         np.testing.assert_array_equal(found, case.twin.height)
@@ -113,7 +113,7 @@ def swept(case, marks, chunk):
     """One sweep by the kernels, beside what has been lowered; returns the marks of what is lowered now."""
     words = marks.size
     beside = marks_beside(
-        marks.numpy(), case.shape, tuple(bool(v) for v in (case.law.wraps_rows, case.law.wraps_columns))
+        marks.numpy(), case.shape, tuple(bool(v) for v in (case.constants.wraps_rows, case.constants.wraps_columns))
     )
     listed = to_device(np.flatnonzero(beside).astype(np.int32), wp.int32, case.device)
     beside = to_device(beside, wp.uint64, case.device)
@@ -121,13 +121,13 @@ def swept(case, marks, chunk):
     moved = wp.zeros(words, dtype=wp.uint64, device=case.device)
     dim = listed.size, 64 // chunk
     before = case.heights()
-    case.launch("mark_steep", dim, [case.law, chunk, listed, beside, case.height], [steep])
+    case.launch("mark_steep", dim, [case.constants, chunk, listed, beside, case.height], [steep])
     for line, k in enumerate((2, 3, 4, 5)):
         pairs = [pair for color in range(3) for pair in case.twin.pairs(k, color)]
         assert marked(case, steep.numpy()[line]) == {a for a, b in pairs if case.twin.steep(a, b)}
-    for k in (2, 4) if case.law.four else (2, 3, 4, 5):
+    for k in (2, 4) if case.constants.four else (2, 3, 4, 5):
         for color in range(3):
-            inputs, outputs = [case.law, k, color, chunk, listed, steep], [case.height, moved, case.tally]
+            inputs, outputs = [case.constants, k, color, chunk, listed, steep], [case.height, moved, case.tally]
             case.launch("slide_pairs", dim, inputs, outputs)
     lowered = {tuple(int(v) for v in rc) for rc in np.argwhere(case.heights() < before)}
     assert marked(case, moved.numpy()) == lowered
@@ -144,7 +144,7 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
     tables = [a.reshape(shape) for a in (case.height, visits, below)]
     for number in range(12):
         events = range(8 * number, 8 * number + 8)
-        inputs = [case.law, 99, 1000 + number, events[0], case.ground, case.state, case.height]
+        inputs = [case.constants, 99, 1000 + number, events[0], case.ground, case.state, case.height]
         case.launch("walk_together", len(events), inputs, [below, visits, case.tally])
         found = visits.numpy().reshape(shape).copy()
         ways = twin.walk_together(99, 1000 + number, events)
@@ -152,7 +152,7 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
             found, [[sum((r, c) in w for w in ways) for c in range(columns)] for r in range(rows)]
         )
         marks = wp.zeros(rows * -(-columns // 64), dtype=wp.uint64, device=device)
-        case.launch("lower_visited", (rows, -(-columns // chunk)), [case.law, chunk], [*tables, marks])
+        case.launch("lower_visited", (rows, -(-columns // chunk)), [case.constants, chunk], [*tables, marks])
         assert not visits.numpy().any() and (below.numpy() == -1).all()
         assert marked(case, marks.numpy()) == {cell for way in ways for cell in way}
         while marks.numpy().any():
@@ -193,7 +193,7 @@ def test_the_order_in_which_rain_walks_cannot_be_seen(device):
         case = Case((False, True), False, (9, 7), device=device)
         below, visits = case.full(int, -1), case.full(int)
         for first, count in [(0, 40)] if order is None else [(int(event), 1) for event in order]:
-            inputs = [case.law, 3, 4, first, case.ground, case.state, case.height]
+            inputs = [case.constants, 3, 4, first, case.ground, case.state, case.height]
             case.launch("walk_together", count, inputs, [below, visits, case.tally])
         found.append((visits.numpy().copy(), below.numpy().copy(), case.tally.numpy().copy()))
     for a, b in zip(*found, strict=True):
@@ -239,7 +239,7 @@ def test_probabilities_are_those_of_the_model(device, dtype):
     start = to_device(height.ravel(), case.scalar, device)
     visits = case.full(int)
     for turn in range(4000):
-        inputs = [case.law, 1, turn, 0, case.ground, case.state, start]
+        inputs = [case.constants, 1, turn, 0, case.ground, case.state, start]
         case.launch("walk_together", 1, inputs, [case.full(int, -1), visits, case.tally])
     counts = visits.numpy().astype(np.float64)
     counts[4] = 0
@@ -259,7 +259,7 @@ def test_nothing_overflows_in_float32(device):
     state = np.full(9, cells.OUTLET, np.uint8)
     state[4] = cells.OPEN
     visits = case.full(int)
-    inputs = [case.law, 1, 2, 0, case.ground, to_device(state, wp.uint8, device), case.height]
+    inputs = [case.constants, 1, 2, 0, case.ground, to_device(state, wp.uint8, device), case.height]
     case.launch("walk_together", 100, inputs, [case.full(int, -1), visits, case.tally])
     assert visits.numpy().tolist() == [0, 0, 0, 0, 100, 0, 0, 100, 0]
 
@@ -272,11 +272,11 @@ def test_a_pit_is_counted_and_not_left(device):
     case.height = to_device(height, wp.float64, device)
     case.ground = to_device(np.array([3 * 9 + 4], np.int32), wp.int32, device)
     case.launch(
-        "walk_together", 3, [case.law, 1, 2, 0, case.ground, case.state, case.height],
+        "walk_together", 3, [case.constants, 1, 2, 0, case.ground, case.state, case.height],
         [case.full(int, -1), case.full(int), case.tally],
     )  # fmt: skip
     seed = to_device(np.array([1], np.int32), wp.int32, device)
-    inputs = [case.law, 0, 2, seed, case.ground, case.state]
+    inputs = [case.constants, 0, 2, seed, case.ground, case.state]
     case.launch("erode_serially", 1, inputs, [case.height, case.full(int), case.full(wp.uint8), case.tally])
     assert case.tally.numpy()[2] == 5
 
@@ -286,5 +286,5 @@ def test_courses_are_raised_to_the_least_slope(device, dtype):
     case = Case((False, False), False, (3, 3), dtype=dtype, device=device)
     height = to_device(np.array([1.0, 0.0, 5.0, 2.0, 1.5]), case.scalar, device)
     below, order = (to_device(np.array(a, np.int32), wp.int32, device) for a in ([-1, 0, 1, 2, 1], [0, 1, 4, 2, 3]))
-    case.launch("raise_courses", 1, [case.law, 0.25, below, order], [height])
+    case.launch("raise_courses", 1, [case.constants, 0.25, below, order], [height])
     assert height.numpy().tolist() == [1.0, 1.25, 5.0, 5.25, 1.5]

@@ -37,7 +37,15 @@ def made_valley(dtype, device, channels, section=None, terraces=0, objects=()):
     kernel = valley.build(scalar)
     x = np.linspace(0.0, 120.0, 41)
     table = np.column_stack(
-        [45 + 3 * np.sin(0.1 * x), 60 + 0 * x, -45 + 2 * np.cos(0.1 * x), -55 + 0 * x, 1.5 + 0.01 * x, 3.0 + 0 * x]
+        [
+            45 + 3 * np.sin(0.1 * x),
+            60 + 0 * x,
+            -45 + 2 * np.cos(0.1 * x),
+            -55 + 0 * x,
+            1.5 + 0.01 * x,
+            3.0 + 0 * x,
+            -0.2 * np.sin(0.026 * x),
+        ]
     )
     surface = kernel.Surface()
     counts = [len(c[0]) for c in channels]
@@ -47,7 +55,7 @@ def made_valley(dtype, device, channels, section=None, terraces=0, objects=()):
         packed = np.concatenate([c[k] for c in channels])
         packed = packed.astype(real)
         setattr(surface, name, to_device(packed, kinds[k], device))
-    surface.valley_line = to_device(table.astype(real), wp.types.vector(6, scalar), device)
+    surface.valley_line = to_device(table.astype(real), wp.types.vector(7, scalar), device)
     section = {"form": 0, **(section or {})}
     threads = np.array(section.get("threads", THREADS), real)
     surface.section_thread = to_device(threads, wp.types.vector(4, scalar), device)
@@ -254,6 +262,7 @@ def test_sections_lie_where_the_equations_put_them(dtype, device):
     wp.launch(kernel.lay_sections, dim=(20, 9), inputs=[surface, frame, 30, 2, 9], outputs=[out], device=device)
     found = out.numpy()
     assert np.isnan(found[:, [0, 1, 11]]).all(), "columns of others are left alone"
+    table = np.linspace(0.0, 120.0, 41)
     turn = np.array([[math.cos(0.4), math.sin(0.4)], [-math.sin(0.4), math.cos(0.4)]])
     xy, tangent, half, form = (part[30:50] for part in channel)
     for column in range(9):
@@ -264,7 +273,13 @@ def test_sections_lie_where_the_equations_put_them(dtype, device):
         # Places are laid out in the valley, 140 m long, in the precision, and put on the map in float64.
         np.testing.assert_allclose(found[:, 2 + column, :2], place, atol=3e-5 if dtype == "float32" else 1e-8, rtol=0.0)
         depth = [0.0 if column in (0, 8) else d * twin.section_depth(0, y, a) for d, a, _ in form]
-        z = 1000.0 - 0.003 * expected[:, 0] + form[:, 2] - depth
+        z = (
+            1000.0
+            - 0.003 * expected[:, 0]
+            - 0.2 * np.interp(expected[:, 0], table, np.sin(0.026 * table))
+            + form[:, 2]
+            - depth
+        )
         np.testing.assert_allclose(found[:, 2 + column, 2], z, atol={"float64": 1e-10, "float32": 2e-5}[dtype])
 
 

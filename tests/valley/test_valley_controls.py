@@ -7,7 +7,8 @@ import pytest
 
 from warpriver import generate
 from warpriver import valley as g
-from warpriver.valley.controls import TERMS, evaluate
+from warpriver.valley.controls import evaluate
+from warpriver.valley.terms import TERMS
 
 U = np.linspace(0.0, 1.0, 2001)
 

@@ -112,11 +112,11 @@ def test_impossible_targets_are_said_to_be():
         valley(g.CovarianceTarget("width", 1.0, (5.0,)))
     with pytest.raises(ValueError, match=r"a mean covariance of 0\.9 is impossible"):
         valley(g.CovarianceTarget("width", 0.9, FREQUENCIES, (0.1, 0.2, 0.3)))
-    with pytest.raises(ValueError, match="no part at frequency 3"):
+    with pytest.raises(ValueError, match="no component at frequency 3"):
         valley(g.CovarianceTarget("width", 0.5, (2.0, 3.0)))
     with pytest.raises(ValueError, match="does not vary"):
         valley(g.CovarianceTarget("width", 0.5, (2.0,)), controls={"width": ()})
-    with pytest.raises(ValueError, match=r"asked for is 1\.5; it lies in -1 to 1"):
+    with pytest.raises(ValueError, match=r"mean covariance is 1\.5; it lies in -1 to 1"):
         valley(g.CovarianceTarget("width", 1.5, (2.0,)))
     with pytest.raises(ValueError, match="by_frequency has 1 values for 2 frequencies"):
         valley(g.CovarianceTarget("width", None, (2.0, 5.0), (0.5,)))
@@ -136,3 +136,40 @@ def test_impossible_targets_are_said_to_be():
         g.CovarianceTarget("velocity", 0.5)
     with pytest.raises(ValueError, match="give one of them"):
         valley(g.CovarianceTarget("width", 0.5, (2.0,)), controls={"thalweg": (g.sine(1, 1),)})
+
+
+@pytest.mark.parametrize(("with_width", "with_curvature"), [(0.6, -0.3), (-0.5, 0.5), (0.0, 0.0), (0.8, 0.1)])
+def test_two_targets_are_met_at_once(with_width, with_curvature):
+    frequencies = (2.0, 4.0, 5.0, 9.0)
+    targets = (
+        g.CovarianceTarget("width", with_width, frequencies, amplitude=0.4),
+        g.CovarianceTarget("curvature", with_curvature, (4.0, 8.0), amplitude=0.4),
+    )
+    made = valley(targets)
+    assert made.covariance.mean_thalweg_width == pytest.approx(with_width, abs=WITHIN)
+    assert made.covariance.mean_thalweg_curvature == pytest.approx(with_curvature, abs=WITHIN)
+    residual, u = (getattr(made.stations, k)[made.stations.reach] for k in ("residual", "position"))
+    variance = trapezoid((residual - trapezoid(residual, u)) ** 2, u)
+    assert math.sqrt(2.0 * variance) == pytest.approx(0.4, rel=1e-6)
+    assert {term.frequency for term in made.thalweg} == {2.0, 4.0, 5.0, 8.0, 9.0}
+
+
+def test_two_targets_that_cannot_be_met_are_said_to_be():
+    def two(width, curvature, frequencies=(2.0, 4.0, 5.0), **options):
+        return (
+            g.CovarianceTarget("width", width, frequencies, **options),
+            g.CovarianceTarget("curvature", curvature, frequencies),
+        )
+
+    with pytest.raises(ValueError, match=r"S3: covariance with the width and the curvature: .* impossible together"):
+        valley(two(0.95, 0.95))
+    with pytest.raises(ValueError, match=r"impossible together"):
+        valley(two(0.2, 0.1, (2.0,)))
+    with pytest.raises(ValueError, match='has two targets with "width"'):
+        valley((g.CovarianceTarget("width", 0.1), g.CovarianceTarget("width", 0.2)))
+    with pytest.raises(ValueError, match=r"has the amplitudes 0\.3 and 0\.25"):
+        valley(two(0.1, 0.1, amplitude=0.3))
+    with pytest.raises(ValueError, match="each must be a mean"):
+        valley(two(0.1, None))
+    with pytest.raises(ValueError, match="must be a CovarianceTarget, two of them, or None"):
+        valley((0.3, 0.4))

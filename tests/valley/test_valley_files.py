@@ -13,8 +13,8 @@ from warpriver import generate
 from warpriver import valley as g
 from warpriver.cli import main
 from warpriver.io.valleys import valley_schema
-from warpriver.valley.controls import TERMS
 from warpriver.valley.examples import EXAMPLES
+from warpriver.valley.terms import TERMS
 
 FILE = """
 name = "brook"
@@ -93,6 +93,9 @@ def test_every_term_and_table_survives_a_file(tmp_path):
         },
         section=g.CrossSection("weibull", threads=((0.0, 0.3, 2.0, 1.0),)),
         covariance=g.CovarianceTarget("width", None, (1.0, 2.0), (0.5, -0.5)),
+        profile=g.LongProfile("power", 20.0, 0.7), bank_window=30.0, floor_window=50.0,
+        patches=(g.RoughnessPatch(((0.0, 0.0), (10.0, 0.0), (5.0, 4.5))),),
+        stamps=(g.MeshStamp(((0.0, 0.0, 0.0), (1.0, 0.0, 0.5), (0.0, 1.0, 1.0)), ((0, 1, 2),), mode="keep"),),
         threads=(g.Thread(),), objects=(g.ObjectField(), g.ObjectField(kind="log")), depth=1.0, valley_slope=0.01,
     )  # fmt: skip
     wr.io.write_valley(params, tmp_path / "v.toml")
@@ -102,6 +105,23 @@ def test_every_term_and_table_survives_a_file(tmp_path):
     np.testing.assert_array_equal(wr.io.read_valley(tmp_path / "v.toml").line, line)
     with pytest.raises(ValueError, match="cannot hold <function"):
         wr.io.write_valley(wr.valley.ValleyParams(controls={"width": (lambda u: u,)}), tmp_path / "v.toml")
+
+
+def test_two_targets_and_a_mesh_of_a_file_survive(tmp_path):
+    targets = (g.CovarianceTarget("width", 0.5, (1.0, 2.0)), g.CovarianceTarget("curvature", -0.2, (2.0, 3.0)))
+    params = wr.valley.ValleyParams(covariance=targets)
+    wr.io.write_valley(params, tmp_path / "v.toml")
+    assert wr.io.read_valley(tmp_path / "v.toml").covariance == targets
+    (tmp_path / "weir.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 3 1\nv 0 3 1\nf 1 2 3 4\n")
+    text = (tmp_path / "v.toml").read_text()
+    pytest.importorskip("pyvista")
+    (tmp_path / "v.toml").write_text(text + '[[stamp]]\nfile = "weir.obj"\nplace = [20, 1]\nscale = 2\n')
+    (stamp,) = wr.io.read_valley(tmp_path / "v.toml").stamps
+    assert len(stamp.triangles) == 2 and stamp.place == (20.0, 1.0)
+    np.testing.assert_array_equal(stamp.bounds, [[20.0, 1.0], [28.0, 7.0]])
+    (tmp_path / "v.toml").write_text(text + '[[stamp]]\nfile = "none.obj"\n')
+    with pytest.raises(ValueError, match=r"stamp\[0\].file = 'none.obj': there is no such file beside it"):
+        wr.io.read_valley(tmp_path / "v.toml")
 
 
 def test_a_line_may_lie_in_a_file_beside_it(tmp_path, device):

@@ -37,7 +37,7 @@ class ErodedTerrain(Terrain):
         visits: Cells that they visited, each counted as often as it was; D times this is what water took.
         slides: Slides of one cell.
         volume_removed: m3 that are gone: by water, and by slides.
-        snapshots: Earlier states, as asked for, on the same device; each an ErodedTerrain without snapshots.
+        snapshots: Requested earlier states, on the same device; each an ErodedTerrain without snapshots.
     """
 
     edges: dict[str, Any]

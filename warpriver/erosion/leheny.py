@@ -39,8 +39,8 @@ SEGMENT = 2000
 WORD = 64
 # Bytes a cell of a grid: height, stack and mark, and their copies; filling adds the graph of neighbours.
 GRID_BYTES, FILL_BYTES = 45, 300
-# Filled ground falls by this part of D a cell: enough to survive any number of events.
-LEAST_FALL = 2.0**-6
+# Filled ground falls by this fraction of D per cell, which is enough to survive any number of events.
+MIN_FALL = 2.0**-6
 # Neighbours south and east of a cell, of which every pair has one.
 PAIR_NEIGHBORS = (2, 3, 4, 5)
 STEPS = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
@@ -75,14 +75,14 @@ def erode(
     away, and then slides come to rest. Two rules keep the result independent of the order of threads, and pits away:
 
     - In one batch all water that leaves a cell goes to the same neighbour, drawn with the p_i above. So each unit alone
-      walks as in the serial mode, but units that meet go on together; the cell that they go to is lowered at least as
-      much as the one they come from. (Were they to part, a cell could sink below all its neighbours.)
+      walks as in the serial mode, but units that meet stay together, and the cell that they move to is lowered at least
+      as much as the one that they come from. (If they separated, a cell could sink below all its neighbours.)
     - Slides come down sweep by sweep: all pairs of neighbours that differ by more than M are noted, and go to rest in
       eight groups (east, south-east, south, south-west; even and odd), in none of which a cell is twice.
 
     Heights are kept as whole multiples of a quantum, 2^-25 to 2^-24 of D (float32: 2^-7 to 2^-6), to which the start
     and D are rounded and a slide is rounded down. All sums are then exact, and the same in any order.
-    A start that is not at rest first slides by the rule of the batches.
+    A start with slopes above the sliding threshold first slides by the rule of the batches.
 
     Same input, seed, batch and dtype give the same bits, on any schedule of records. Eroding the result on with the
     same seed gives what one run over all events gives, if ``batch`` divides the events of the first.
@@ -98,7 +98,7 @@ def erode(
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall"; by default those of an
             ErodedTerrain, else "outlet".
         batch: Units of rain that walk at a time; with 1 the CPU does the work, else the terrain's device.
-        fill: Raise ground from which water cannot leave until it can, with a least slope towards its outlet.
+        fill: Raise ground from which water cannot leave until it can, with a minimum slope towards its outlet.
         record_every: Events between snapshots, which the start and the end belong to; None for none. In batches they
             are taken at the end of the batch.
         dtype: Precision in which heights are eroded, "float64" or "float32".
@@ -181,7 +181,7 @@ class _Run:
         seeds: One for each grid.
         done: Events that the grids have seen now.
         device: Where the grids lie while it rains; results go to the device of the starts.
-        law: The struct of the kernels.
+        constants: Argument struct of the kernels.
         height: (grids * cells,) heights on the device.
     """
 
@@ -228,13 +228,21 @@ class _Run:
                 f"{params.depth:g} m; give more than that depth"
             )
         self.kernel = kernels.build(scalar)
-        law = self.kernel.Law()
-        law.rows, law.columns = start.shape
-        law.wraps_rows, law.wraps_columns = (int(self.rules[side] == "periodic") for side in ("north", "east"))
-        law.four = int(params.neighbors == 4)
-        law.quantum, law.bias, law.threshold = quantum, params.flow_bias, params.slide_threshold
-        law.depth = round(params.depth / quantum) * quantum
-        self.law, self.quantum, self.depth, self.real, self.scalar = law, quantum, float(law.depth), real, scalar
+        constants = self.kernel.Constants()
+        constants.rows, constants.columns = start.shape
+        constants.wraps_rows, constants.wraps_columns = (
+            int(self.rules[side] == "periodic") for side in ("north", "east")
+        )
+        constants.four = int(params.neighbors == 4)
+        constants.quantum, constants.bias, constants.threshold = quantum, params.flow_bias, params.slide_threshold
+        constants.depth = round(params.depth / quantum) * quantum
+        self.constants, self.quantum, self.depth, self.real, self.scalar = (
+            constants,
+            quantum,
+            float(constants.depth),
+            real,
+            scalar,
+        )
 
     def _make_grids(self, fill: bool) -> None:
         """Check the starts, bring them to rest and lay them out."""
@@ -253,11 +261,11 @@ class _Run:
         self.steep = wp.zeros((len(PAIR_NEIGHBORS), self.words), dtype=wp.uint64, device=self.device)
         slides = np.zeros(len(heights), np.int64)
         for g, height in enumerate(heights):
-            part = self.height[g * self.cells : (g + 1) * self.cells]
-            part.assign(height.astype(self.real).reshape(-1))
+            grid = self.height[g * self.cells : (g + 1) * self.cells]
+            grid.assign(height.astype(self.real).reshape(-1))
             before = int(self.tally.numpy()[1])
             self.marks[0].array.fill_(2**WORD - 1)
-            self._rest(part)
+            self._rest(grid)
             slides[g] = int(self.tally.numpy()[1]) - before
         for g in range(len(heights), grids):
             wp.copy(self.height, self.height, g * self.cells, 0, self.cells)
@@ -278,10 +286,10 @@ class _Run:
         np.copyto(padded.height, np.rint(padded.height / self.quantum) * self.quantum)
         state, outlet = padded.interior(padded.state), padded.outlets()
         height = padded.interior(padded.height)
-        least = max(self.quantum, round(LEAST_FALL * self.depth / self.quantum) * self.quantum)
+        min_fall = max(self.quantum, round(MIN_FALL * self.depth / self.quantum) * self.quantum)
         lowest = float(np.nanmin(height)) - self.depth * self.events
         if fill:
-            height = self._filled(height, outlet, least)
+            height = self._filled(height, outlet, min_fall)
         else:
             self._refuse_pits(padded, height, outlet)
         largest = max(abs(lowest), abs(float(np.nanmax(height))))
@@ -289,8 +297,8 @@ class _Run:
             hint = "; use float64" if self.dtype == "float32" else ""
             raise InputError(
                 f"{self.events} events may dig down to {lowest:g} m, which {self.dtype} does not hold to "
-                f"{self.quantum:g} m, the least step beside a depth of {self.depth:g} m; give fewer events or a larger "
-                f"depth{hint}"
+                f"{self.quantum:g} m, the smallest step beside a depth of {self.depth:g} m; give fewer events or a "
+                f"larger depth{hint}"
             )
         if self.cell_state.size and not (
             np.array_equal(self.cell_state, state) and np.array_equal(np.isnan(height), np.isnan(self.first_height))
@@ -302,7 +310,7 @@ class _Run:
     def _refuse_pits(self, padded: PaddedCells, height: FloatArray, outlet: NDArray[np.bool_]) -> None:
         """Raise ``ValueError`` if rain could not leave some cell."""
         lowest = np.full(height.shape, np.inf)
-        for row, column in STEPS[:: 2 if self.law.four else 1]:
+        for row, column in STEPS[:: 2 if self.constants.four else 1]:
             beside = padded.height[1 + row : padded.rows + 1 + row, 1 + column : padded.columns + 1 + column]
             lowest = np.fmin(lowest, beside)
         stuck = np.isfinite(height) & ~outlet & ~(lowest < height)
@@ -314,28 +322,28 @@ class _Run:
                 f"column {column}:{level} rain would never leave; raise them with fill=True or open a side (edges)"
             )
 
-    def _filled(self, height: FloatArray, outlet: NDArray[np.bool_], least: float) -> FloatArray:
-        """Raise heights so that each cell lies ``least`` above the next one on its way out with the lowest pass."""
-        below, order = _ways_out(height, outlet, self.rules, bool(self.law.four))
+    def _filled(self, height: FloatArray, outlet: NDArray[np.bool_], min_fall: float) -> FloatArray:
+        """Raise heights so that each cell lies ``min_fall`` above the next one on its way out with the lowest pass."""
+        below, order = _ways_out(height, outlet, self.rules, bool(self.constants.four))
         if len(order) < np.count_nonzero(np.isfinite(height)):
             raise InputError("some ground is joined to the rest across corners only; use 8 neighbours")
         array: wp.array = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
         kernel = kernels.build(wp.float64)
         inputs: list[wp.array] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
-        wp.launch(kernel.raise_courses, 1, [kernel.Law(), least, *inputs], [array], device="cpu")
+        wp.launch(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
         return array.numpy().reshape(height.shape).copy()
 
     @property
     def words(self) -> int:
         """Words of marks of a grid."""
-        return int(self.law.rows) * -(-int(self.law.columns) // WORD)
+        return int(self.constants.rows) * -(-int(self.constants.columns) // WORD)
 
     def rain_serially(self, stop: int) -> int:
         """Do all events before ``stop`` on every grid; returns how many."""
         count, grids = stop - self.done, len(self.seeds)
         if count:
             stack, waiting = self._array("stack", int, grids), self._array("waiting", wp.uint8, grids)
-            inputs = [self.law, self.done, count, self.grid_seed, self.ground, self.state]
+            inputs = [self.constants, self.done, count, self.grid_seed, self.ground, self.state]
             outputs = [self.height, stack, waiting, self.tally]
             wp.launch(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
         self.done = stop
@@ -345,7 +353,7 @@ class _Run:
         """Do all events before ``stop``, in batches that begin at multiples of their size; returns how many."""
         begin = self.done
         below, visits = self._array("below", int, 1, -1), self._array("visits", int, 1)
-        rows, columns = self.law.rows, self.law.columns
+        rows, columns = self.constants.rows, self.constants.columns
         lowered = self.marks[0].array
         chunk = WORD if self.device.is_cpu else 1
         tables = [a.reshape((rows, columns)) for a in (self.height, visits, below)]
@@ -353,10 +361,10 @@ class _Run:
             number = self.done // batch
             count = min((number + 1) * batch, stop) - self.done
             turn = int(np.random.SeedSequence((self.turn_seed, number)).generate_state(1)[0] >> 1)
-            inputs = [self.law, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
+            inputs = [self.constants, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
             wp.launch(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
             lowered.zero_()
-            dim, inputs = (rows, -(-columns // chunk)), [self.law, chunk]
+            dim, inputs = (rows, -(-columns // chunk)), [self.constants, chunk]
             wp.launch(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
             self._rest(self.height)
             self.done += count
@@ -364,19 +372,19 @@ class _Run:
 
     def _rest(self, height: wp.array) -> None:
         """Let pairs slide, sweep by sweep, until there is rest; only the cells in ``marks[0]`` have been lowered."""
-        rows, columns = self.law.rows, self.law.columns
-        odd = (rows % 2 and self.law.wraps_rows) or (columns % 2 and self.law.wraps_columns)
+        rows, columns = self.constants.rows, self.constants.columns
+        odd = (rows % 2 and self.constants.wraps_rows) or (columns % 2 and self.constants.wraps_columns)
         chunk = WORD if self.device.is_cpu else 1
         listed, beside, steep = self.listed.array, self.beside.array, self.steep
         lowered, slid = self.marks
         while words := self._list_beside(lowered):
-            dim, inputs = (words, WORD // chunk), [self.law, chunk, listed, beside, height]
+            dim, inputs = (words, WORD // chunk), [self.constants, chunk, listed, beside, height]
             steep.zero_()
             wp.launch(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
             slid.array.zero_()
-            for k in PAIR_NEIGHBORS[:: 2 if self.law.four else 1]:
+            for k in PAIR_NEIGHBORS[:: 2 if self.constants.four else 1]:
                 for color in range(3 if odd else 2):
-                    inputs, outputs = [self.law, k, color, chunk, listed, steep], [height, slid.array, self.tally]
+                    inputs, outputs = [self.constants, k, color, chunk, listed, steep], [height, slid.array, self.tally]
                     wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             lowered, slid = slid, lowered
 
@@ -385,8 +393,8 @@ class _Run:
 
         The host does that: sweeps soon have few words left, and it has to look at each one whether there is rest.
         """
-        wraps = bool(self.law.wraps_rows), bool(self.law.wraps_columns)
-        found = marks_beside(marks.fetched(), (int(self.law.rows), int(self.law.columns)), wraps)
+        wraps = bool(self.constants.wraps_rows), bool(self.constants.wraps_columns)
+        found = marks_beside(marks.fetched(), (int(self.constants.rows), int(self.constants.columns)), wraps)
         words = np.flatnonzero(found)
         if len(words):
             self.beside.send(found)
@@ -394,7 +402,7 @@ class _Run:
         return len(words)
 
     def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
-        """Scratch of one value a cell and grid, made when it is first asked for."""
+        """Scratch of one value a cell and grid, made on first use."""
         if name not in self.scratch:
             self.scratch[name] = wp.full(grids * self.cells, value, dtype=kind, device=self.device)
         return self.scratch[name]

@@ -24,7 +24,7 @@ _QUADRATURE = 16
 _PERIOD = 512
 # First zero of the Bessel function J0: the angle at which a sine-generated curve stops advancing, rad.
 _LARGEST_ANGLE = 2.404825557695773
-# Sines in a valley line, and how far their wavelengths spread about the one asked for.
+# Sines in a valley line, and how far their wavelengths spread about the requested one.
 _VALLEY_SINES, _VALLEY_SPREAD = 5, 2.0
 
 
@@ -144,7 +144,7 @@ def noisy_line(
         amplitude: largest sideways offset, m.
         seed: seed of `numpy.random.default_rng`; the same seed gives the same line.
         correlation: standard deviation of the smoothing Gaussian, m; None for four spacings.
-        taper: part of the length at each end over which the noise fades, 0 to 0.5; at 0 only the end points
+        taper: Fraction of the length at each end over which the noise fades, 0 to 0.5; at 0 only the end points
             are held.
 
     Returns:
@@ -169,7 +169,7 @@ def noisy_line(
 def valley_line(length: float, spacing: float, amplitude: float, wavelength: float, seed: int) -> FloatArray:
     """Gently wandering line along +x, for example the axis of a valley.
 
-    The sum of five sines with seeded phases and with wavelengths from half to twice the one asked for, the
+    The sum of five sines with seeded phases and with wavelengths from half to twice the requested one, the
     longer the larger; it fades to 0 over a tenth of the length at both ends.
 
     Args:
@@ -216,10 +216,10 @@ def _walk(direction: Callable[[FloatArray], FloatArray], length: float, spacing:
 def _fade(position: FloatArray, taper: float) -> FloatArray:
     """Weight of each relative position 0 .. 1: 0 at both ends, 1 beyond `taper` from them, smooth between."""
     if not 0.0 <= taper <= 0.5:
-        raise InputError(f"taper is {taper}; give a part of the length from 0 to 0.5.")
+        raise InputError(f"taper is {taper}; give a fraction of the length from 0 to 0.5.")
     to_end = np.minimum(position, 1.0 - position)
-    part = np.clip(to_end / max(taper, 1e-12), 0.0, 1.0)
-    return part**2 * (3.0 - 2.0 * part)
+    fraction = np.clip(to_end / max(taper, 1e-12), 0.0, 1.0)
+    return fraction**2 * (3.0 - 2.0 * fraction)
 
 
 def _steps(length: float, spacing: float) -> int:

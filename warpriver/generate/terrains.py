@@ -34,13 +34,14 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# Octaves down to this many cells a wavelength; the longest wavelength is this part of the longer side.
+# Octaves down to this many cells a wavelength; the longest wavelength is this fraction of the longer side.
 FINEST, LONGEST = 2.5, 0.5
 # Drained land: exponent of area, area of a slope without a channel in m2, and its slope.
 CONCAVITY, HILLSLOPE, STEEPEST = 0.45, 3.0e4, 0.65
-# Rounds in which divides move, and the part of the way to the steady state that each goes. How much the first paths
-# avoid cells at random, by single cells and by stretches; how much resistance to erosion varies; wavelength of both, m.
-ROUNDS, PART, SCATTER, STRETCHES, RESISTANCE, PATCH = 40, 0.5, 0.8, 2.0, 0.35, 4000.0
+# Rounds in which divides move, and the fraction of the way to the steady state that each covers. How much the first
+# paths avoid cells at random, by single cells and by stretches; how much resistance to erosion varies; wavelength of
+# both, m.
+ROUNDS, STRIDE, SCATTER, STRETCHES, RESISTANCE, PATCH = 40, 0.5, 0.8, 2.0, 0.35, 4000.0
 # Bytes a cell while land is drained: the graph of paths over eight neighbours.
 DRAINED_BYTES = 450
 
@@ -346,9 +347,9 @@ def _drained(
     shape, count = base.shape, base.size
     patches = _noise(shape, cell_size, PATCH, seed + 3, 0.5, 4)
     height = _cheapest_heights(floor, base, cell_size, seed, patches)
-    law = kernel.Drainage()
-    law.cell_size, law.concavity, law.hillslope = cell_size, concavity, max(HILLSLOPE, cell_size**2)
-    law.steepness = STEEPEST * law.hillslope**concavity
+    drainage = kernel.Drainage()
+    drainage.cell_size, drainage.concavity, drainage.hillslope = cell_size, concavity, max(HILLSLOPE, cell_size**2)
+    drainage.steepness = STEEPEST * drainage.hillslope**concavity
     is_base: wp.array = wp.array(base.astype(np.int32), dtype=int, device="cpu")
     resistance: wp.array = wp.array(np.exp(RESISTANCE * patches).ravel(), dtype=wp.float64, device="cpu")
     lowest: wp.array = wp.array(floor.ravel(), dtype=wp.float64, device="cpu")
@@ -359,10 +360,10 @@ def _drained(
         order: wp.array = wp.array(np.argsort(height, axis=None, kind="stable"), dtype=int, device="cpu")
         area = wp.full(count, cell_size**2, dtype=wp.float64, device="cpu")
         steady = wp.clone(before.flatten())
-        inputs = [law, order, receiver, resistance, lowest, shape[1]]
+        inputs = [drainage, order, receiver, resistance, lowest, shape[1]]
         wp.launch(kernel.drain_cells, dim=1, inputs=inputs, outputs=[area, steady], device="cpu")
         # A mean of two surfaces that both fall to the same receivers falls to them too: no pits come up.
-        height += PART * (steady.numpy().reshape(shape) - height)
+        height += STRIDE * (steady.numpy().reshape(shape) - height)
     return height
 
 
@@ -406,11 +407,11 @@ def _noise(
     whole(seed, "seed")
     start_warp()
     kernel = kernels.build(wp.float64)
-    law = kernel.Octaves()
-    law.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
-    law.count, law.longest, law.cell_size, law.roughness = octaves, longest, cell_size, roughness
+    noise = kernel.Octaves()
+    noise.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
+    noise.count, noise.longest, noise.cell_size, noise.roughness = octaves, longest, cell_size, roughness
     out = wp.empty(shape, dtype=wp.float64, device="cpu")
-    wp.launch(kernel.sum_octaves, dim=shape, inputs=[law], outputs=[out], device="cpu")
+    wp.launch(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
     return out.numpy().copy()
 
 
@@ -437,7 +438,7 @@ def _checked(shape: Sequence[int], cell_size: float, bytes_per_cell: int = 34) -
     return rows, columns
 
 
-def _smoothstep(part: FloatArray) -> FloatArray:
+def _smoothstep(fraction: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, smooth between."""
-    p = np.clip(part, 0.0, 1.0)
+    p = np.clip(fraction, 0.0, 1.0)
     return p * p * (3.0 - 2.0 * p)

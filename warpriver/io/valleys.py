@@ -7,9 +7,12 @@ A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyPa
     width = [{kind = "series", file = "widths.csv", column = "width", relative = true, harmonics = 5}]
 
     [section]                      # CrossSection
-    [covariance]                   # CovarianceTarget, in place of control.thalweg
+    [covariance]                   # CovarianceTarget, in place of control.thalweg; [[covariance]] for two of them
+    [profile]                      # LongProfile, in place of an even slope
     [[thread]]                     # Thread, one table each
     [[objects]]                    # ObjectField, one table each
+    [[patch]]                      # RoughnessPatch, one table each
+    [[stamp]]                      # MeshStamp, one table each; file = "weir.obj" in place of vertices and triangles
     [line]                         # a given centreline: file = "river.csv", channel = 0; or points = [[x, y], ...]
 
 Files are sought beside the valley file. ``warpriver valley --schema`` lists every key with unit and default.
@@ -27,9 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, MissingExtraError
+from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.io.files import beside, is_number
-from warpriver.valley.controls import TERMS
 from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
@@ -38,17 +40,35 @@ from warpriver.valley.params import (
     Thread,
     ValleyParams,
 )
+from warpriver.valley.profile import LongProfile
+from warpriver.valley.stamps import MeshStamp, RoughnessPatch
+from warpriver.valley.terms import TERMS
 
-__all__ = ["read_valley", "valley_schema", "write_breaklines", "write_mesh", "write_points", "write_valley"]
+__all__ = [
+    "read_mesh",
+    "read_valley",
+    "valley_schema",
+    "write_breaklines",
+    "write_mesh",
+    "write_points",
+    "write_valley",
+]
 
 # Keys of the file, other than single constants, and what they hold.
-TABLES = {"section": CrossSection, "covariance": CovarianceTarget}
-LISTS = {"thread": ("threads", Thread), "objects": ("objects", ObjectField)}
+TABLES = {"section": CrossSection, "covariance": CovarianceTarget, "profile": LongProfile}
+LISTS = {
+    "thread": ("threads", Thread),
+    "objects": ("objects", ObjectField),
+    "patch": ("patches", RoughnessPatch),
+    "stamp": ("stamps", MeshStamp),
+}
 KINDS = {kind: name for name, kind in TERMS.items()}
 # Constants that may be left out altogether.
 OPTIONAL = {
     "valley_slope": ("m/m", "slope of the valley floor; the reach slope where it is left out"),
     "depth": ("m", "bankfull depth; by eq. 4 from grain size and Shields stress where it is left out"),
+    "bank_window": ("m", "length of channel whose highest riffle crest sets top of bank; the reach where left out"),
+    "floor_window": ("m", "length of valley whose outermost banks set the floor's edges; the reach where left out"),
 }
 POINTS = (".xyz", ".csv", ".npz")
 MESHES = (".obj", ".ply", ".stl", ".vtp")
@@ -90,11 +110,15 @@ def read_valley(path: Any) -> ValleyParams:
             raise InputError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
     fields["controls"] = _controls(path, data.get("control", {}))
     for key, kind in TABLES.items():
-        if key in data:
+        if key == "covariance" and isinstance(data.get(key), list):
+            rows = _rows(path, key, data[key])
+            fields[key] = tuple(_made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(rows))
+        elif key in data:
             fields[key] = _made(kind, data[key], f"{path}: {key}")
     for key, (name, kind) in LISTS.items():
         fields[name] = tuple(
-            _made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(_rows(path, key, data.get(key, [])))
+            _made(kind, _with_mesh(path, row, f"{key}[{k}]") if key == "stamp" else row, f"{path}: {key}[{k}]")
+            for k, row in enumerate(_rows(path, key, data.get(key, [])))
         )
     if "line" in data:
         fields["line"] = _line(path, data["line"])
@@ -120,8 +144,11 @@ def write_valley(params: ValleyParams, path: Any) -> None:
     for name, terms in params.controls.items():
         rows += [f"{name} = ["] + [f"  {_inline(term)}," for term in terms] + ["]"]
     for key in TABLES:
-        if getattr(params, key) is not None:
-            rows += ["", f"[{key}]", *_table(getattr(params, key))]
+        value = getattr(params, key)
+        if isinstance(value, tuple):
+            rows += [line for entry in value for line in ("", f"[[{key}]]", *_table(entry))]
+        elif value is not None:
+            rows += ["", f"[{key}]", *_table(value)]
     for key, (name, _) in LISTS.items():
         for entry in getattr(params, name):
             rows += ["", f"[[{key}]]", *_table(entry)]
@@ -200,6 +227,20 @@ def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
         return np.loadtxt(source, delimiter=",", skiprows=int(heads), usecols=at, ndmin=1)
     except ValueError as error:
         raise InputError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
+
+
+def _with_mesh(path: Path, row: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """A table whose mesh, where it lies in a file, stands in it."""
+    if "file" not in row:
+        return row
+    if {"vertices", "triangles"} & set(row):
+        raise InputError(f"{path}: {where} has file and vertices or triangles; give one of them")
+    source = path.parent / str(row["file"])
+    if not source.is_file():
+        raise InputError(f"{path}: {where}.file = {_shown(row['file'])}: there is no such file beside it")
+    vertices, triangles = read_mesh(source)
+    rest = {key: value for key, value in row.items() if key != "file"}
+    return rest | {"vertices": vertices, "triangles": triangles}
 
 
 def _line(path: Path, data: Any) -> np.ndarray:
@@ -295,6 +336,8 @@ def _value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value)
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, (tuple, list)):
         return "[" + ", ".join(_value(v) for v in value) + "]"
     if isinstance(value, (int, np.integer)):
@@ -366,6 +409,35 @@ def write_mesh(grid: Any, path: Any) -> None:
             raise MissingExtraError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
         faces = np.insert(grid.triangles(), 0, 3, axis=1)
         pyvista.PolyData(grid.points(), faces.ravel()).save(temporary)
+
+
+def read_mesh(path: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Read a mesh of triangles, for :class:`~warpriver.valley.MeshStamp`.
+
+    Args:
+        path: .obj, .ply, .stl or .vtp; polygons of more corners are divided.
+
+    Returns:
+        (n, 3) vertices, float64, and (m, 3) indices of them.
+
+    Raises:
+        ImportError: pyvista is missing.
+        ValueError: Another suffix, or a file without triangles.
+        OSError: The file cannot be read.
+    """
+    source = Path(path)
+    if source.suffix.lower() not in MESHES:
+        raise InputError(f"cannot read {source}: the name must end in {', '.join(MESHES)}")
+    if not source.is_file():
+        raise MissingFileError(f"{source}: there is no such file")
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingExtraError(f'reading {source.suffix} needs pyvista: pip install "warpriver[viz]"') from error
+    mesh = pyvista.read(source).extract_surface().triangulate()
+    if not mesh.n_cells:
+        raise InputError(f"{source}: holds no triangles")
+    return np.asarray(mesh.points, np.float64), mesh.faces.reshape(-1, 4)[:, 1:].astype(np.int32)
 
 
 def write_breaklines(lines: Mapping[str, Any], path: Any, *, crs: str | None = None) -> None:

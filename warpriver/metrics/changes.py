@@ -179,8 +179,8 @@ def _nearest(points: FloatArray, heading: FloatArray, line: FloatArray) -> tuple
     length = norm(segment)
     count = np.ceil(length / length.mean()).astype(np.intp)
     owner = np.repeat(np.arange(len(segment)), count)
-    part = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    middle = line[owner] + ((part + 0.5) / count[owner])[:, None] * segment[owner]
+    piece = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    middle = line[owner] + ((piece + 0.5) / count[owner])[:, None] * segment[owner]
 
     foot, home = np.empty_like(points), np.empty(len(points), dtype=np.intp)
     compass = np.rint(np.arctan2(heading[:, 1], heading[:, 0]) / (0.25 * np.pi)).astype(np.intp) % 8

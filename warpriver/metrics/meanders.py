@@ -110,7 +110,7 @@ def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPo
 def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Bends:
     """Measure every bend between two successive inflection points.
 
-    The parts of the line before the first and after the last inflection point are not whole bends and are
+    The stretches of the line before the first and after the last inflection point are not whole bends and are
     left out; all bends of a ring are whole, and one may reach beyond its end into the next lap. The apex is the
     largest absolute curvature, refined by a parabola through three samples. With `width` the curvature is the
     smoothed one of `inflection_points`, which flattens bends of less than five widths of arc.
@@ -202,7 +202,7 @@ def wavelength_range(width: float) -> tuple[float, float]:
 
     The paper quotes wavelength = a w^b with 6.28 <= a <= 12.34 and 1 <= b <= 1.13, an error of -40 %
     to +65 %, and prints [314, 990] m, [628, 2150] m and [1256, 4674] m for widths of 50, 100 and 200 m. Those
-    numbers come from the lowest law without its error [Yalin1972] and from the law 7.5 w^1.12 of
+    numbers come from the lowest relation without its error [Yalin1972] and from the relation 7.5 w^1.12 of
     [Williams1986] with +65 %: here 989.4, 2150.5 and 4674.2 m, so only the printed 990 is off, by 0.6 m. The
     laws are for full meanders of two bends.
 

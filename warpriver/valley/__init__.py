@@ -15,9 +15,13 @@ from warpriver.valley.controls import (
     sine,
     strongest_harmonics,
 )
-from warpriver.valley.covariance import Covariance, harmonics_for_covariance
+from warpriver.valley.covariance import Covariance, harmonics_for_covariance, harmonics_for_covariances
 from warpriver.valley.params import CovarianceTarget, CrossSection, ObjectField, Thread, ValleyParams
+from warpriver.valley.profile import LongProfile
+from warpriver.valley.stamps import MeshStamp, RoughnessPatch, Structure
+from warpriver.valley.structures import bridge, levee
 from warpriver.valley.valley import Valley, ValleyGrid, synthetic_valley
+from warpriver.valley.variogram import Variogram
 
 __all__ = [
     "Autoregressive",
@@ -28,18 +32,26 @@ __all__ = [
     "GradientNoise",
     "Harmonic",
     "Kinoshita",
+    "LongProfile",
+    "MeshStamp",
     "ObjectField",
+    "RoughnessPatch",
     "Series",
     "SineGenerated",
     "Spectral",
     "Spline",
     "Steps",
+    "Structure",
     "Thread",
     "Valley",
     "ValleyGrid",
     "ValleyParams",
+    "Variogram",
+    "bridge",
     "cosine",
     "harmonics_for_covariance",
+    "harmonics_for_covariances",
+    "levee",
     "sine",
     "strongest_harmonics",
     "synthetic_valley",

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
@@ -22,7 +22,6 @@ from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers, whole
 
 __all__ = [
-    "TERMS",
     "Autoregressive",
     "Cnoidal",
     "GradientNoise",
@@ -36,6 +35,7 @@ __all__ = [
     "Term",
     "cosine",
     "evaluate",
+    "interpolated",
     "sine",
     "strongest_harmonics",
 ]
@@ -51,6 +51,8 @@ _PERIOD, _DENSE = 256, 8192
 _LARGEST_ANGLE = 2.404825557695773
 # Steps before the first of an autoregressive series, over which its arbitrary start is forgotten, in wavelengths.
 _SPIN_UP = 20.0
+# Samples of a Bezier curve by its parameter, and its control points at most: its degree is one less.
+_BEZIER, _MAX_BEZIER = 4097, 64
 
 
 def _amplitude() -> Any:
@@ -99,7 +101,7 @@ class Kinoshita(Params):
     """Sideways offset of a Kinoshita curve along its length, scaled to reach ``amplitude`` [Kinoshita1961].
 
     The direction is theta = angle sin p + angle^3 (skewness cos 3p - flatness sin 3p) with p = 2 pi frequency u +
-    phase, and the offset the integral of sin theta: round or pointed crests as the angle asks for. As a centreline in
+    phase, and the offset the integral of sin theta: the angle makes crests round or pointed. As a centreline in
     plan, whose x is no longer even, take ``warpriver.generate.kinoshita``.
     """
 
@@ -119,13 +121,13 @@ class Kinoshita(Params):
         slope = np.fft.rfft(np.sin(self.angle * np.sin(p) + self.angle**3 * third)) / _PERIOD
         order = np.arange(1, _PERIOD // 4)
         # Integrated term by term; the spectrum of a smooth periodic function ends well below that many orders.
-        part = 2.0 * slope[order] / (1j * order)
-        one = np.fft.irfft(np.concatenate([[0.0], part]), _DENSE) * (0.5 * _DENSE)
+        wave = 2.0 * slope[order] / (1j * order)
+        one = np.fft.irfft(np.concatenate([[0.0], wave]), _DENSE) * (0.5 * _DENSE)
         middle, half = 0.5 * (one.max() + one.min()), 0.5 * np.ptp(one)
         angle = np.ravel(TURN * self.frequency * u + self.phase)
         value = np.zeros(angle.size)
-        for k in np.flatnonzero(np.abs(part) > 1e-15 * half):
-            value += part[k].real * np.cos(order[k] * angle) - part[k].imag * np.sin(order[k] * angle)
+        for k in np.flatnonzero(np.abs(wave) > 1e-15 * half):
+            value += wave[k].real * np.cos(order[k] * angle) - wave[k].imag * np.sin(order[k] * angle)
         return (self.amplitude * (value - middle) / half).reshape(np.shape(u))
 
 
@@ -154,7 +156,7 @@ class Cnoidal(Params):
     """Cnoidal wave: crests narrower than troughs, f = amplitude (2 cn^2(K p / pi | modulus) - mean) [Korteweg1895].
 
     p = 2 pi frequency u + phase and K the complete elliptic integral; crest to trough is twice the amplitude and the
-    mean over a wave is 0. Modulus 0 is a cosine, close to 1 a row of solitary crests.
+    mean over a wave is 0. Modulus 0 is a cosine, close to 1 a train of solitary crests.
     """
 
     amplitude: float = _amplitude()
@@ -203,7 +205,7 @@ class Autoregressive(Params):
         # Drawn from the upstream end, the spin-up apart, so that the series does not depend on its length.
         noise = np.random.default_rng(int(self.seed)).standard_normal(before + count + 1)
         value = lfilter([1.0], [1.0, -first, -second], noise)[before:] / math.sqrt(variance)
-        return self.amplitude * _interpolated(u, np.linspace(0.0, 1.0, count + 1), value)
+        return self.amplitude * interpolated(u, np.linspace(0.0, 1.0, count + 1), value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -276,7 +278,9 @@ class Steps(Params):
 
     positions: tuple[float, ...] = (0.5,)
     levels: tuple[float, ...] = (0.0, -1.0)
-    riser: float = parameter(0.01, "reach", low=0.0, source="warpriver", doc="length of a riser, part of the reach")
+    riser: float = parameter(
+        0.01, "reach", low=0.0, source="warpriver", doc="length of a riser, a fraction of the reach"
+    )
 
     def __post_init__(self) -> None:
         freeze_numbers(self, "positions", "levels")
@@ -292,19 +296,26 @@ class Steps(Params):
         """Values at positions u."""
         value = np.full(np.shape(u), self.levels[0])
         for k, at in enumerate(self.positions):
-            part = np.clip((u - at) / max(self.riser, 1e-12) + 0.5, 0.0, 1.0)
-            value += (self.levels[k + 1] - self.levels[k]) * part * part * (3.0 - 2.0 * part)
+            passed = np.clip((u - at) / max(self.riser, 1e-12) + 0.5, 0.0, 1.0)
+            value += (self.levels[k + 1] - self.levels[k]) * passed * passed * (3.0 - 2.0 * passed)
         return value
 
 
 @dataclasses.dataclass(frozen=True)
 class Spline(Params):
-    """Smooth curve through control points: a natural cubic, or one that does not overshoot (``monotone``)."""
+    """Smooth curve through control points: a natural cubic, or one that does not overshoot (``monotone``).
+
+    A Bezier curve (``bezier``) begins and ends at the first and the last point and is drawn towards the others.
+    """
 
     positions: tuple[float, ...] = (0.0, 1.0)
     values: tuple[float, ...] = (0.0, 0.0)
     interpolation: str = parameter(
-        "cubic", "-", choices=("cubic", "monotone", "linear"), source="warpriver", doc="curve between the points"
+        "cubic",
+        "-",
+        choices=("cubic", "monotone", "linear", "bezier"),
+        source="Mortenson1997",
+        doc="curve between the points",
     )
 
     def __post_init__(self) -> None:
@@ -316,10 +327,14 @@ class Spline(Params):
             )
         if any(b <= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
             raise InputError("Spline.positions must rise")
+        if self.interpolation == "bezier" and len(self.positions) > _MAX_BEZIER:
+            raise InputError(
+                f"Spline.positions has {len(self.positions)} numbers; a Bezier curve takes at most {_MAX_BEZIER}"
+            )
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        return _interpolated(u, np.array(self.positions), np.array(self.values), self.interpolation)
+        return interpolated(u, np.array(self.positions), np.array(self.values), self.interpolation)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -359,28 +374,14 @@ class Series(Params):
         if self.relative:
             value = value / value.mean() - 1.0
         if not self.harmonics:
-            return self.amplitude * _interpolated(u, at, value, "monotone")
+            return self.amplitude * interpolated(u, at, value, "monotone")
         if self.positions is not None:
             even = np.linspace(0.0, 1.0, len(value))
-            value = _interpolated(even, at, value, "monotone")
+            value = interpolated(even, at, value, "monotone")
         return self.amplitude * evaluate(strongest_harmonics(value, int(self.harmonics)), u)
 
 
-TERMS: dict[str, type] = {
-    "harmonic": Harmonic,
-    "sine-generated": SineGenerated,
-    "kinoshita": Kinoshita,
-    "autoregressive": Autoregressive,
-    "spectral": Spectral,
-    "perlin": GradientNoise,
-    "cnoidal": Cnoidal,
-    "steps": Steps,
-    "spline": Spline,
-    "series": Series,
-}
-
-
-def evaluate(terms: Sequence[Term], u: Any) -> FloatArray:
+def evaluate(terms: Sequence[Term], u: ArrayLike) -> FloatArray:
     """Sum of terms at positions along the reach.
 
     Args:
@@ -396,14 +397,14 @@ def evaluate(terms: Sequence[Term], u: Any) -> FloatArray:
     u = np.asarray(u, np.float64)
     value = np.zeros(u.shape)
     for term in terms:
-        part = np.asarray(term(u), np.float64)
-        if part.shape != u.shape or not np.isfinite(part).all():
+        added = np.asarray(term(u), np.float64)
+        if added.shape != u.shape or not np.isfinite(added).all():
             raise InputError(f"{type(term).__name__} gives values that are not finite, or not one for each position")
-        value += part
+        value += added
     return value
 
 
-def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
+def strongest_harmonics(values: ArrayLike, count: int) -> tuple[Harmonic, ...]:
     """Harmonics of a series by FFT, the strongest first, ready to be used as a control function [Clarke1988].
 
     The series is taken as one whole reach: its last value belongs to the downstream end. What differs between both
@@ -435,13 +436,24 @@ def strongest_harmonics(values: Any, count: int) -> tuple[Harmonic, ...]:
     return tuple(cosine(float(size[k]), float(k * stretch), float(np.angle(spectrum[k]))) for k in order)
 
 
-def _interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "cubic") -> FloatArray:
-    """Values at u of a curve through points; beyond the ends those of the ends."""
+def interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "cubic") -> FloatArray:
+    """Values at u of a curve through points, or towards them; beyond the ends those of the ends.
+
+    Args:
+        u: Positions.
+        at: (n,) positions of the points, rising.
+        value: (n,) their values.
+        kind: "cubic" (natural), "monotone", "linear" or "bezier".
+    """
     with IMPORTING:
-        from scipy.interpolate import CubicSpline, PchipInterpolator
+        from scipy.interpolate import BPoly, CubicSpline, PchipInterpolator
 
     u = np.clip(u, at[0], at[-1])
     if kind == "linear" or len(at) < 3:
         return np.interp(u, at, value)
+    if kind == "bezier":
+        t = np.linspace(0.0, 1.0, _BEZIER)
+        place, curve = (BPoly(points[:, None], [0.0, 1.0]) for points in (at, value))
+        return np.asarray(curve(PchipInterpolator(place(t), t)(u)))
     curve = PchipInterpolator(at, value) if kind == "monotone" else CubicSpline(at, value, bc_type="natural")
     return np.asarray(curve(u))

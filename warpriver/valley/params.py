@@ -12,6 +12,8 @@ from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers
 from warpriver.valley.controls import Term
+from warpriver.valley.profile import LongProfile
+from warpriver.valley.stamps import MeshStamp, RoughnessPatch
 
 __all__ = ["ELEMENTS", "SECTION_FORMS", "CovarianceTarget", "CrossSection", "ObjectField", "Thread", "ValleyParams"]
 
@@ -33,7 +35,8 @@ ELEMENTS: dict[str, tuple[str, str]] = {
 # Forms of cross sections; the number is the one that the kernels know.
 SECTION_FORMS = {"asymmetric": 0, "trapezoid": 1, "rectangle": 1, "triangle": 1, "semicircle": 2, "polynomial": 3}
 SECTION_FORMS["weibull"] = 4
-MOST_THREADS = 8
+MAX_THREADS = 8
+LINEAR = LongProfile()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +47,8 @@ class CrossSection(Params):
     form         depth below top of bank, in bankfull depths
     ============ ==================================================================================================
     asymmetric   4 Y^k (1 - Y^k) with a^k = 1/2: deepest at the outer bank of a bend [Deutsch1996]
-    trapezoid    flat over the part ``flat`` of the width, straight to the banks; a rectangle is all flat, a triangle
-                 has no flat part; the bed leans towards a
+    trapezoid    flat over the fraction ``flat`` of the width, straight to the banks; flat = 1 is a rectangle, flat = 0
+                 a triangle; the bed leans towards a
     rectangle    trapezoid with flat = 1
     triangle     trapezoid with flat = 0
     semicircle   sqrt(1 - (2 Y - 1)^2), a semicircle where the depth is half the width
@@ -55,16 +58,16 @@ class CrossSection(Params):
 
     Attributes:
         form: Name of the form.
-        flat: Part of the width that a trapezoid is flat over.
+        flat: Fraction of the width over which a trapezoid is flat.
         exponent: Exponent of the polynomial; 2 is a parabola.
         threads: For "weibull": (location, scale, shape, depth) of each thread: its upper end, length and shape of the
-            Weibull density in Y, and its greatest depth in bankfull depths, 0 to 1.
+            Weibull density in Y, and its maximum depth in bankfull depths, 0 to 1.
     """
 
     form: str = parameter(
         "asymmetric", "-", choices=tuple(SECTION_FORMS), source="Brown2014", doc="form of the section"
     )
-    flat: float = parameter(0.5, "-", low=0.0, high=1.0, source="Brown2014", doc="flat part of a trapezoid's width")
+    flat: float = parameter(0.5, "-", low=0.0, high=1.0, source="Brown2014", doc="flat fraction of a trapezoid's width")
     exponent: float = parameter(2.0, "-", low=1.0, high=100.0, source="James1996", doc="exponent of the polynomial")
     threads: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.25, 2.0, 1.0), (0.5, 0.25, 2.0, 0.7))
 
@@ -74,9 +77,9 @@ class CrossSection(Params):
             table = np.array(self.threads, np.float64)
         except (TypeError, ValueError):
             table = np.empty(0)
-        if table.ndim != 2 or table.shape[1] != 4 or not 1 <= len(table) <= MOST_THREADS:
+        if table.ndim != 2 or table.shape[1] != 4 or not 1 <= len(table) <= MAX_THREADS:
             raise InputError(
-                f"CrossSection.threads must hold 1 to {MOST_THREADS} rows of location, scale, shape and depth"
+                f"CrossSection.threads must hold 1 to {MAX_THREADS} rows of location, scale, shape and depth"
             )
         bad = (
             ~np.isfinite(table).all(1) | (table[:, 1] <= 0) | (table[:, 2] < 1) | (table[:, 3] <= 0) | (table[:, 3] > 1)
@@ -89,8 +92,8 @@ class CrossSection(Params):
         object.__setattr__(self, "threads", tuple(tuple(float(v) for v in row) for row in table))
 
     @property
-    def flat_part(self) -> float:
-        """Part of the width that a trapezoid, rectangle or triangle is flat over."""
+    def flat_fraction(self) -> float:
+        """Fraction of the width over which a trapezoid, rectangle or triangle is flat."""
         return {"rectangle": 1.0, "triangle": 0.0}.get(self.form, self.flat)
 
 
@@ -103,15 +106,15 @@ class Thread(Params):
     """
 
     start: float = parameter(
-        0.2, "reach", low=0.0, high=1.0, source="Brown2014", doc="where it leaves, part of the reach"
+        0.2, "reach", low=0.0, high=1.0, source="Brown2014", doc="where it leaves, a fraction of the reach"
     )
     end: float = parameter(0.8, "reach", low=0.0, high=1.0, source="Brown2014", doc="where it comes back")
-    offset: float = parameter(50.0, "m", source="Brown2014", doc="greatest distance to the left of the main channel")
+    offset: float = parameter(50.0, "m", source="Brown2014", doc="maximum distance to the left of the main channel")
     width: float = parameter(
-        0.6, "-", low=0.0, low_open=True, high=2.0, source="Brown2014", doc="part of the main width"
+        0.6, "-", low=0.0, low_open=True, high=2.0, source="Brown2014", doc="width over that of the main channel"
     )
     depth: float = parameter(
-        0.8, "-", low=0.0, low_open=True, high=2.0, source="Brown2014", doc="part of the main depth"
+        0.8, "-", low=0.0, low_open=True, high=2.0, source="Brown2014", doc="depth over that of the main channel"
     )
 
     def __post_init__(self) -> None:
@@ -135,8 +138,8 @@ class ObjectField(Params):
         "channel", "-", choices=("channel", "floor", "both"), source="Brown2014", doc="between banks, outside, or both"
     )
     density: float = parameter(0.01, "1/m2", low=0.0, low_open=True, source="Brown2014", doc="objects a square metre")
-    smallest: float = parameter(0.3, "m", low=0.0, low_open=True, source="Brown2014", doc="least diameter")
-    largest: float = parameter(1.5, "m", low=0.0, low_open=True, source="Brown2014", doc="greatest diameter")
+    smallest: float = parameter(0.3, "m", low=0.0, low_open=True, source="Brown2014", doc="minimum diameter")
+    largest: float = parameter(1.5, "m", low=0.0, low_open=True, source="Brown2014", doc="maximum diameter")
     height: float = parameter(1.0, "radii", low=0.0, low_open=True, source="Brown2014", doc="height over radius")
     length: float = parameter(8.0, "m", low=0.0, low_open=True, source="Brown2014", doc="length of logs")
     seed: int = parameter(0, "-", low=0, high=2**31 - 1, source="warpriver", doc="seed of the field")
@@ -153,9 +156,9 @@ class CovarianceTarget(Params):
 
     Attributes:
         partner: "width" or "curvature" (its absolute value).
-        mean: Mean of the covariance structure asked for, -1 to 1, or None where ``by_frequency`` alone counts.
+        mean: Target for the mean of the covariance structure, -1 to 1, or None where ``by_frequency`` alone counts.
         frequencies: Cycles over the reach that the thalweg is made of.
-        by_frequency: Correlation asked for at each frequency, -1 to 1, or None for that of the mean at all of them.
+        by_frequency: Target for the correlation at each frequency, -1 to 1, or None for the mean at all of them.
         amplitude: Root mean square of the thalweg's variation, in bankfull depths, times sqrt 2.
     """
 
@@ -185,9 +188,17 @@ class ValleyParams(Params):
         section: Form of the cross section.
         line: Real centreline in place of the control of "centerline": (n, 2) points in m, downstream, or a RiverNetwork
             of one channel; ``length`` then counts no more.
-        covariance: Targets that set the thalweg in place of its control function, or None.
+        bank_window: Length of channel in m over which the highest riffle crest sets the top of bank; None for that of
+            the whole reach (eq. 14).
+        floor_window: Length of valley in m over which the outermost banks set the floor's edges; None for those of the
+            whole reach (eqs 9 and 10).
+        covariance: Target that sets the thalweg in place of its control function, or None; or two of them, one with
+            the width and one with the curvature, that it meets at once.
         threads: Further channels.
         objects: Fields of boulders and logs.
+        profile: Long profile, in place of an even slope.
+        patches: Patches of rough ground.
+        stamps: Meshes that are set into the ground or stand on it, such as levees and bridges.
     """
 
     name: str = "valley"
@@ -216,6 +227,8 @@ class ValleyParams(Params):
     )
     datum: float = parameter(1000.0, "m", source="Brown2014", doc="vertical datum Z_D, at the downstream end")
     increments: int = parameter(784, "-", low=8, high=2_000_000, source="Brown2014", doc="increments along the reach")
+    bank_window: float | None = None
+    floor_window: float | None = None
     stationing: str = parameter(
         "channel", "-", choices=("channel", "valley"), source="Brown2014", doc="elements follow s / L_s or x / L_x"
     )
@@ -245,9 +258,12 @@ class ValleyParams(Params):
     controls: Mapping[str, Sequence[Term]] = dataclasses.field(default_factory=dict)
     section: CrossSection = CrossSection()
     line: Any = None
-    covariance: CovarianceTarget | None = None
+    covariance: CovarianceTarget | tuple[CovarianceTarget, ...] | None = None
+    profile: LongProfile = LINEAR
     threads: tuple[Thread, ...] = ()
     objects: tuple[ObjectField, ...] = ()
+    patches: tuple[RoughnessPatch, ...] = ()
+    stamps: tuple[MeshStamp, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -259,7 +275,8 @@ class ValleyParams(Params):
             if not all(callable(term) for term in value):
                 raise InputError(f"ValleyParams.controls[{key!r}] must hold terms, functions of the position")
         object.__setattr__(self, "controls", terms)
-        for name, positive in (("depth", True), ("valley_slope", False)):
+        optional = {"depth": True, "valley_slope": False, "bank_window": True, "floor_window": True}
+        for name, positive in optional.items():
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
                 bound = "above 0" if positive else "0 or more"
@@ -268,10 +285,45 @@ class ValleyParams(Params):
             raise InputError(
                 "ValleyParams.slope is 0, where the Shields depth of eq. 4 is infinite; give a slope, or a depth"
             )
+        self._check_targets()
         if self.covariance is not None and self.controls.get("thalweg"):
             raise InputError("ValleyParams has a covariance target and a control of the thalweg; give one of them")
         if self.line is not None and self.controls.get("centerline"):
             raise InputError("ValleyParams has a line and a control of the centerline; give one of them")
+
+    def _check_targets(self) -> None:
+        """Refuse covariance targets that one thalweg cannot meet."""
+        targets = self.targets
+        if not all(isinstance(target, CovarianceTarget) for target in targets) or len(targets) > 2:
+            raise InputError("ValleyParams.covariance must be a CovarianceTarget, two of them, or None")
+        if len(targets) < 2:
+            object.__setattr__(self, "covariance", targets[0] if targets else None)
+            return
+        object.__setattr__(self, "covariance", targets)
+        first, second = targets
+        if first.partner == second.partner:
+            raise InputError(
+                f'ValleyParams.covariance has two targets with "{first.partner}"; give one with "width" and one with '
+                '"curvature"'
+            )
+        if first.amplitude != second.amplitude:
+            raise InputError(
+                f"ValleyParams.covariance has the amplitudes {first.amplitude:g} and {second.amplitude:g}; the thalweg "
+                "has one, so give both targets the same"
+            )
+        for target in targets:
+            if target.by_frequency is not None or target.mean is None:
+                raise InputError(
+                    "ValleyParams.covariance has two targets, of which each must be a mean; by_frequency can be given "
+                    "for a single one"
+                )
+
+    @property
+    def targets(self) -> tuple[CovarianceTarget, ...]:
+        """The covariance targets: none, one or two."""
+        if self.covariance is None:
+            return ()
+        return tuple(self.covariance) if isinstance(self.covariance, (tuple, list)) else (self.covariance,)
 
     @property
     def bankfull_depth(self) -> float:

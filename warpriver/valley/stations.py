@@ -34,15 +34,15 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# Samples an increment of lines that lengths are measured on, and the least number over the reach.
-FINE, LEAST_FINE = 16, 8192
-# Samples over the reach that the extremes of control functions are taken from, an increment and at least.
-EXTREME, LEAST_EXTREME = 8, 8192
+# Samples an increment of lines that lengths are measured on, and their minimum number over the reach.
+FINE, MIN_FINE = 16, 8192
+# Samples over the reach that the extremes of control functions are taken from: for each increment, and their minimum.
+EXTREME, MIN_EXTREME = 8, 8192
 # Step of differences of a control function by its phase, rad: rounding and truncation are both below 1e-9.
 PHASE_STEP = 2e-3
-# The half-width on the inside of a blended bend stays below this part of its radius; how sharply it is held there.
+# The half-width on the inside of a blended bend stays below this fraction of its radius; how sharply it is held there.
 BLEND, BLEND_POWER = 0.9, 8.0
-# A curvature below this part of 1 / length is none.
+# A curvature below this fraction of 1 / length counts as 0.
 STRAIGHT = 1e-9
 
 
@@ -91,7 +91,7 @@ class Stations:
         depth: (n,) bankfull depth, m.
         thalweg: (n,) thalweg below the plane of top of bank, as a rise, m.
         lift: (n,) top of bank above its plane, m.
-        apex: (n,) place of the greatest depth, 0 left bank to 1 right bank.
+        apex: (n,) place of the maximum depth, 0 left bank to 1 right bank.
         half: (n, 2) half-widths to the left and right, m; they differ in blended bends.
         residual: (n,) control function of the thalweg.
         section_curvature: (n,) curvature that the section leans by: that of the control, else of the line, 1/m.
@@ -122,7 +122,11 @@ class Stations:
 
 @dataclasses.dataclass(frozen=True)
 class ValleyLines:
-    """Edges of the valley by x: columns left floor, left top, right floor, right top (y, m), floor and top rise (m)."""
+    """Edges of the valley by x, a row for each of them.
+
+    The columns are left floor, left top, right floor, right top (y, m), floor and top rise, and how far the long
+    profile lies above the plane of top of bank (m).
+    """
 
     start: float
     step: float
@@ -135,6 +139,8 @@ class ValleyLines:
 def lay_stations(params: ValleyParams, thalweg: Sequence[Term]) -> Stations:
     """Evaluate the channel's elements at its stations [Brown2014], eqs 5, 6, 13 to 15 and 19 to 21.
 
+    With ``bank_window`` top of bank follows the highest riffle crest within the window, in place of that of the reach.
+
     Args:
         params: The valley.
         thalweg: Control function of the thalweg: the one given, or one that follows from a covariance target.
@@ -142,7 +148,7 @@ def lay_stations(params: ValleyParams, thalweg: Sequence[Term]) -> Stations:
     Raises:
         ValueError: A width or depth is not positive, or the width exceeds twice a bend's radius; the station is named.
     """
-    every = np.linspace(0.0, 1.0, max(EXTREME * params.increments, LEAST_EXTREME) + 1)
+    every = np.linspace(0.0, 1.0, max(EXTREME * params.increments, MIN_EXTREME) + 1)
     controls = params.controls
     spread = evaluate(controls.get("width", ()), every)
     _refuse(params, every, 1.0 + spread, "width", "the amplitude of its control function is too large")
@@ -159,16 +165,20 @@ def lay_stations(params: ValleyParams, thalweg: Sequence[Term]) -> Stations:
     residual = evaluate(thalweg, position)
     raised = evaluate(controls.get("bank", ()), position)
     mean = params.bankfull_depth
+    if params.bank_window is not None:
+        raised = raised + _windowed_maximum(residual, params.bank_window * params.increments / length) - highest
     depth = mean * (1.0 + highest - residual + raised)
     _refuse(params, position, depth, "depth", "the control function of the bank lies below the thalweg")
     curvature = curvature_series(params, position, line.curvature)
-    greatest = float(np.abs(curvature[lead : len(curvature) - lead]).max())
+    maximum = float(np.abs(curvature[lead : len(curvature) - lead]).max())
     apex = np.full(len(position), 0.5)
-    if greatest > STRAIGHT / axis_length:
-        apex += 0.5 * np.clip(curvature / greatest, -1.0, 1.0) / params.curvature_limit
+    if maximum > STRAIGHT / axis_length:
+        apex += 0.5 * np.clip(curvature / maximum, -1.0, 1.0) / params.curvature_limit
     lift = mean * raised
     if params.fall == "channel":
-        lift = lift + params.slope * (line.xy[:, 0] - axis_length * inside)
+        along = np.clip(line.xy[:, 0] / axis_length, 0.0, 1.0)
+        bend = params.profile.bend(inside) - params.profile.bend(along)
+        lift = lift + params.slope * (line.xy[:, 0] - axis_length * inside + axis_length * bend)
     return Stations(
         frame=frame,
         length=length,
@@ -211,7 +221,7 @@ def _centerline(params: ValleyParams, lead_length: float) -> tuple[Frame, FloatA
     if params.line is None:
         length = params.length
         beyond = 1.5 * lead_length + 12.0 * length / params.increments
-        count = max(FINE * params.increments, LEAST_FINE)
+        count = max(FINE * params.increments, MIN_FINE)
         ends = math.ceil(beyond / length * count)
         x = length * np.arange(-ends, count + ends + 1) / count
         return Frame(), np.column_stack([x, evaluate(params.controls.get("centerline", ()), x / length)]), length
@@ -224,7 +234,7 @@ def _centerline(params: ValleyParams, lead_length: float) -> tuple[Frame, FloatA
     local = frame.to_valley(given)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(local, axis=0).T))])
     curve = CubicSpline(along, local, bc_type="natural")
-    count = max(FINE * params.increments, LEAST_FINE)
+    count = max(FINE * params.increments, MIN_FINE)
     middle = curve(np.linspace(0.0, along[-1], count + 1))
     reach = np.linspace(0.0, 1.5 * lead_length + 12.0 * along[-1] / params.increments, 65)[1:, None]
     head, tail = (curve(t, 1) / np.hypot(*curve(t, 1)) for t in (0.0, along[-1]))
@@ -242,7 +252,7 @@ def _checked_line(line: object) -> FloatArray:
     if len(xy) < 4:
         raise InputError(f"line has {len(xy)} points; give 4 or more, downstream")
     if np.hypot(*(xy[-1] - xy[0])) < 0.05 * np.hypot(*np.diff(xy, axis=0).T).sum():
-        raise InputError("line ends close to where it starts, so that it has no valley axis; take a shorter part of it")
+        raise InputError("line ends close to where it starts, so that it has no valley axis; give a shorter stretch")
     return xy
 
 
@@ -258,8 +268,8 @@ def _even_line(fine: FloatArray, axis_length: float, lead_length: float, increme
     ends = [_crossing(fine, s, at, first) for at, first in ((0.0, True), (axis_length, False))]
     length = ends[1] - ends[0]
     spacing = length / increments
-    room = min(ends[0], float(s[-1]) - ends[1])
-    lead = min(math.ceil(lead_length / spacing), math.floor(room / spacing) - 3)
+    beyond = min(ends[0], float(s[-1]) - ends[1])
+    lead = min(math.ceil(lead_length / spacing), math.floor(beyond / spacing) - 3)
     at: FloatArray = ends[0] + spacing * np.arange(-lead - 2, increments + lead + 3, dtype=np.float64)
     xy = CubicSpline(s, fine)(at)
     tangent = (xy[:-4] - 8.0 * xy[1:-3] + 8.0 * xy[3:-1] - xy[4:]) / (12.0 * spacing)
@@ -361,24 +371,17 @@ def valley_lines(
     lines = [(main.line.xy, main.line.tangent, main.half)] + [(t[0].xy, t[0].tangent, t[1]) for t in threads]
     begin = min(0.0, float(main.line.xy[reach, 0].min()))
     end = max(main.axis_length, float(main.line.xy[reach, 0].max()))
-    left, right, low, high = -math.inf, math.inf, begin, end
-    for xy, tangent, half in lines:
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-        banks = xy + half[:, :1] * normal, xy - half[:, 1:] * normal
-        on = [(b[:, 0] >= low) & (b[:, 0] <= high) for b in banks]
-        # In a line that turns back the left bank may be the lower one.
-        left = max(left, *(float(b[k, 1].max()) for b, k in zip(banks, on, strict=True)))
-        right = min(right, *(float(b[k, 1].min()) for b, k in zip(banks, on, strict=True)))
     count = max(params.increments, 512)
-    x = np.linspace(begin, end, count + 1)
+    x: FloatArray = np.linspace(begin, end, count + 1, dtype=np.float64)
+    left, right = _outermost_banks(lines, x, params.floor_window)
     u = (x - begin) / (end - begin)
-    every = np.linspace(0.0, 1.0, max(EXTREME * params.increments, LEAST_EXTREME) + 1)
+    every = np.linspace(0.0, 1.0, max(EXTREME * params.increments, MIN_EXTREME) + 1)
     f = {k: evaluate(params.controls.get(k, ()), u) for k in ("left_top", "right_top", "floor", "top")}
     toe = {}
     for side in ("left_floor", "right_floor"):
         terms = params.controls.get(side, ())
         toe[side] = evaluate(terms, u) - float(evaluate(terms, every).min()) + 0.5 * params.floor_width
-    table = np.empty((len(x), 6))
+    table = np.empty((len(x), 7))
     table[:, 0], table[:, 2] = left + toe["left_floor"], right - toe["right_floor"]
     for side, edge, column, sign in (("left_top", 0, 1, 1.0), ("right_top", 2, 3, -1.0)):
         width = 0.5 * params.top_width + f[side]
@@ -392,4 +395,52 @@ def valley_lines(
     steeper = 0.0 if params.valley_slope is None else params.valley_slope - params.slope
     table[:, 4] = params.floor_height + f["floor"] + steeper * (end - x)
     table[:, 5] = params.top_height + f["top"]
+    table[:, 6] = params.slope * main.axis_length * params.profile.bend(x / main.axis_length)
     return ValleyLines(begin, (end - begin) / count, table)
+
+
+def _outermost_banks(
+    lines: Sequence[tuple[FloatArray, FloatArray, FloatArray]], x: FloatArray, window: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Highest and lowest y of any bank, (n,) each, of the whole reach or within a window around each x.
+
+    Args:
+        lines: Places, tangents and half-widths of each channel.
+        x: (n,) even places along the axis, m.
+        window: Length of the window, m.
+    """
+    step = x[1] - x[0]
+    left, right = np.full(len(x), -math.inf), np.full(len(x), math.inf)
+    for xy, tangent, half in lines:
+        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        # In a line that turns back the left bank may be the lower one.
+        for bank in (xy + half[:, :1] * normal, xy - half[:, 1:] * normal):
+            on = (bank[:, 0] >= x[0]) & (bank[:, 0] <= x[-1])
+            # A bank counts at both places beside it, so that the edges between them lie outside as well.
+            for side in (np.floor, np.ceil):
+                at = np.clip(side((bank[on, 0] - x[0]) / step).astype(int), 0, len(x) - 1)
+                np.maximum.at(left, at, bank[on, 1])
+                np.minimum.at(right, at, bank[on, 1])
+    if window is None:
+        return np.full(len(x), left.max()), np.full(len(x), right.min())
+    return _windowed_maximum(left, window / step), -_windowed_maximum(-right, window / step)
+
+
+def _windowed_maximum(series: FloatArray, samples: float) -> FloatArray:
+    """Smooth upper envelope of an even series, (n,): its maximum within a window, averaged over a window as long.
+
+    No value lies below the series: each maximum that is averaged is of a window with that sample in it. Samples without
+    a value are -inf.
+
+    Args:
+        series: (n,) values.
+        samples: Length of the window in samples; at least one sample on either side is looked at.
+    """
+    with IMPORTING:
+        from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    size = 2 * max(1, round(0.5 * samples)) + 1
+    highest = maximum_filter1d(series, size, mode="nearest")
+    known = np.flatnonzero(np.isfinite(highest))
+    highest = np.interp(np.arange(len(series)), known, highest[known])
+    return np.asarray(uniform_filter1d(highest, size, mode="nearest"))

@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from warpriver.device import present_device, require_memory, resolve_device
 from warpriver.errors import InputError
+from warpriver.kernels import stamps as stamp_kernels
 from warpriver.kernels import valley as kernels
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -29,9 +30,11 @@ from warpriver.valley.covariance import (
     correlation_by_frequency,
     covariance_series,
     harmonics_for_covariance,
+    harmonics_for_covariances,
 )
 from warpriver.valley.examples import EXAMPLES
 from warpriver.valley.params import SECTION_FORMS, ObjectField, ValleyParams
+from warpriver.valley.stamps import Ground, Structure, set_into
 from warpriver.valley.stations import Line, Stations, lay_stations, lay_threads, valley_lines
 
 __all__ = ["Valley", "ValleyGrid", "synthetic_valley"]
@@ -40,10 +43,10 @@ FloatArray = NDArray[np.float64]
 
 # Cells across the bankfull width of a raster whose cell size is not given.
 CELLS_ACROSS = 20.0
-# Ground shown behind the valley tops, in valley widths, and at least in bankfull widths.
-MARGIN, LEAST_MARGIN = 0.03, 0.5
-# Nodes of the lattice of nearest stations across the bankfull width, and the most along a side.
-NODES_ACROSS, MOST_NODES = 4.0, 2048
+# Ground shown behind the valley tops, in valley widths, and its minimum in bankfull widths.
+MARGIN, MIN_MARGIN = 0.03, 0.5
+# Nodes of the lattice of nearest stations across the bankfull width, and their maximum along a side.
+NODES_ACROSS, MAX_NODES = 4.0, 2048
 # Bytes a cell that a raster needs: its heights, and a copy of them on the host.
 CELL_BYTES = 16
 # Columns of the curvilinear grid on each side between bank and floor's edge, and of the valley side.
@@ -81,7 +84,7 @@ class ValleyGrid:
 class Valley:
     """A synthetic river valley: what it was made from, its stations, and its surface on a device.
 
-    Make one with :func:`synthetic_valley`. Heights, lines and series come when they are asked for first. A valley
+    Make one with :func:`synthetic_valley`. Heights, lines and series are computed on first use. A valley
     pickles with equal bits if its control functions do; the terrain travels with it, what else the device holds is made
     anew. Where a machine has no such device it comes back on the CPU, with a ``UserWarning``.
 
@@ -169,9 +172,13 @@ class Valley:
             outputs=[height],
             device=self.device,
         )
+        if self._is_stamped:
+            window = stamp_kernels.build(wp.float64).Window()
+            window.corner, window.cell_size, window.cosine, window.sine = grid.corner, size, grid.cosine, grid.sine
+            self._stamp(Ground(height, window=window))
         return Terrain.wrap(height, size, (west, north), self.crs)
 
-    def height(self, xy: Any) -> FloatArray:
+    def height(self, xy: ArrayLike) -> FloatArray:
         """Evaluate the surface at any places.
 
         Args:
@@ -185,23 +192,75 @@ class Valley:
             raise InputError(f"xy has shape {given.shape}; give (n, 2) finite places in m")
         if not len(given):
             return np.empty(0)
-        local = self.stations.frame.to_valley(given)
-        place: wp.array = wp.array(local, dtype=wp.vec2d, device=self.device)
-        out = wp.empty(len(local), dtype=wp.float64, device=self.device)
+        place: wp.array = wp.array(self.stations.frame.to_valley(given), dtype=wp.vec2d, device=self.device)
+        height = self._bare_height(place)
+        self._stamp(Ground(height, place))
+        return height.numpy()
+
+    def _bare_height(self, place: wp.array) -> wp.array:
+        """Heights at places of the valley's frame, without patches and meshes."""
+        out = wp.empty(len(place), dtype=wp.float64, device=self.device)
         wp.launch(
             kernels.build(wp.float64).evaluate_points,
-            dim=len(local),
+            dim=len(place),
             inputs=[self._surface, self._lattice, place],
             outputs=[out],
             device=self.device,
         )
-        return out.numpy()
+        return out
+
+    @property
+    def _is_stamped(self) -> bool:
+        """Whether anything is set into the ground."""
+        return bool(self.params.patches) or any(stamp.mode != "keep" for stamp in self.params.stamps)
+
+    def _stamp(self, ground: Ground) -> None:
+        """Set the patches and meshes into heights on the device."""
+        if self._is_stamped:
+            set_into(ground, self.params.patches, self.params.stamps, self._bases)
+
+    @functools.cached_property
+    def _bases(self) -> list[float]:
+        """Height of each mesh's z = 0: that of the bare ground at its place, or 0."""
+        stamps = self.params.stamps
+        if not stamps:
+            return []
+        place: wp.array = wp.array([stamp.place for stamp in stamps], dtype=wp.vec2d, device=self.device)
+        ground = self._bare_height(place).numpy()
+        for stamp, height in zip(stamps, ground, strict=True):
+            if stamp.base == "ground" and not np.isfinite(height):
+                raise InputError(
+                    f"MeshStamp.place of {stamp.name!r} is {stamp.place}, where the valley has no ground; move it, or "
+                    'set base = "datum"'
+                )
+        return [float(h) if s.base == "ground" else 0.0 for s, h in zip(stamps, ground, strict=True)]
+
+    def structures(self) -> list[Structure]:
+        """Return the meshes that stand on the ground without being part of it (mode "keep"), on the map."""
+        made = []
+        for stamp, base in zip(self.params.stamps, self._bases, strict=True):
+            if stamp.mode == "keep":
+                xyz = stamp.placed(base)
+                xyz[:, :2] = self.stations.frame.to_map(xyz[:, :2])
+                made.append(Structure(stamp.name, xyz, np.asarray(stamp.triangles, np.int32)))
+        return made
+
+    def bank_height_at(self, x: FloatArray) -> FloatArray:
+        """Return the height of the plane of top of bank, bent by the long profile.
+
+        Args:
+            x: (n,) places along the valley axis in m, 0 at the upstream end of the reach.
+
+        Returns:
+            (n,) heights in m; a station's top of bank lies ``stations.lift`` above it.
+        """
+        return self._plane(np.asarray(x, np.float64))
 
     def grid(self, spacing: float | None = None) -> ValleyGrid:
         """Lay the structured curvilinear grid: sections at every station of the main channel, and the valley beside it.
 
         Args:
-            spacing: Greatest distance between points across the channel, m; by default 1/20 of its mean width.
+            spacing: Maximum distance between points across the channel, m; by default 1/20 of its mean width.
                 The document's is 0.1 m.
         """
         step = self.params.width / CELLS_ACROSS if spacing is None else positive(spacing, "spacing", "m")
@@ -219,7 +278,14 @@ class Valley:
         inputs = [self._surface, self._lattice, frame, first, FLOOR_COLUMNS, SIDE_COLUMNS]
         wp.launch(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
         last = across + 2 * beside - 1
-        return ValleyGrid(xyz.numpy(), (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
+        nodes = xyz.numpy()
+        if self._is_stamped:
+            local = at.to_valley(nodes[..., :2]).reshape(-1, 2)
+            place: wp.array = wp.array(local, dtype=wp.vec2d, device=self.device)
+            height: wp.array = wp.array(nodes[..., 2].ravel(), dtype=wp.float64, device=self.device)
+            self._stamp(Ground(height, place))
+            nodes[..., 2] = height.numpy().reshape(nodes.shape[:2])
+        return ValleyGrid(nodes, (beside, last - beside), (SIDE_COLUMNS, last - SIDE_COLUMNS))
 
     def breaklines(self) -> dict[str, FloatArray]:
         """Return the lines along which the surface bends, by name, (n, 3) absolute places and heights in m.
@@ -244,7 +310,7 @@ class Valley:
         for name, off in n.items():
             place = xy + off[:, None] * normal
             made[name] = np.column_stack([stations.frame.to_map(place), self._plane(place[:, 0]) + rise[name]])
-        x = self.lines.start + self.lines.step * np.arange(len(self.lines.table))
+        x = self.lines.start + self.lines.step * np.arange(len(self.lines.table), dtype=np.float64)
         table = self.lines.table
         for column, name in enumerate(("left_floor", "left_top", "right_floor", "right_top")):
             z = self._plane(x) + table[:, 4] + (table[:, 5] if name.endswith("top") else 0.0)
@@ -256,7 +322,7 @@ class Valley:
         """(west, south, east, north) in m of the valley and a margin behind its tops."""
         table = self.lines.table
         high, low = float(table[:, [0, 1]].max()), float(table[:, [2, 3]].min())
-        margin = max(MARGIN * (high - low), LEAST_MARGIN * self.params.width)
+        margin = max(MARGIN * (high - low), MIN_MARGIN * self.params.width)
         x = (self.lines.start, self.lines.start + self._axis_span)
         corners = np.array([[a, b] for a in x for b in (low - margin, high + margin)])
         placed = self.stations.frame.to_map(corners)
@@ -268,9 +334,11 @@ class Valley:
         """Length of the ground along the axis, m."""
         return self.lines.step * (len(self.lines.table) - 1)
 
-    def _plane(self, x: Any) -> Any:
-        """Height of the plane of top of bank, m."""
-        return self.stations.bank_height + self.params.slope * (self.stations.axis_length - x)
+    def _plane(self, x: FloatArray) -> FloatArray:
+        """Height of the plane of top of bank, bent by the long profile, m."""
+        table = self.lines.table
+        bend = np.interp(x, self.lines.start + self.lines.step * np.arange(len(table)), table[:, 6])
+        return self.stations.bank_height + self.params.slope * (self.stations.axis_length - x) + bend
 
     @functools.cached_property
     def _surface(self) -> Any:
@@ -287,16 +355,16 @@ class Valley:
         surface.station_tangent = on_device(np.concatenate([c[0].tangent for c in channels]), wp.vec2d)
         surface.station_half = on_device(np.concatenate([c[1] for c in channels]), wp.vec2d)
         surface.station_form = on_device(np.concatenate([c[2] for c in channels]), wp.vec3d)
-        surface.valley_line = on_device(self.lines.table, wp.types.vector(6, wp.float64))
+        surface.valley_line = on_device(self.lines.table, wp.types.vector(7, wp.float64))
         section = self.params.section
         surface.section_thread = on_device(section.threads, wp.vec4d)
         surface.section_form, surface.terraces = SECTION_FORMS[section.form], int(self.params.terraces)
-        surface.flat, surface.exponent = section.flat_part, section.exponent
+        surface.flat, surface.exponent = section.flat_fraction, section.exponent
         rows = [_object_row(kind) for kind in self.params.objects]
         surface.object_table = on_device(np.reshape(rows, (len(rows), 10)), wp.float64)
         surface.object_seed = on_device(np.array([kind.seed for kind in self.params.objects], np.int32), wp.int32)
         surface.line_start, surface.lines_per_meter = self.lines.start, 1.0 / self.lines.step
-        surface.bank_height = float(self._plane(0.0))
+        surface.bank_height = self.stations.bank_height + self.params.slope * self.stations.axis_length
         surface.slope, surface.lift_reach = self.params.slope, self.params.width
         # Rounding must not take the ground from the ends.
         slack = 1e-9 * self._axis_span
@@ -313,7 +381,7 @@ class Valley:
         station, table = surface.station_xy.numpy(), self.lines.table
         low = np.minimum(station.min(axis=0), [self.lines.start, table[:, 2].min()])
         high = np.maximum(station.max(axis=0), [self.lines.start + self._axis_span, table[:, 0].max()])
-        step = max(self.params.width / NODES_ACROSS, float((high - low).max()) / MOST_NODES)
+        step = max(self.params.width / NODES_ACROSS, float((high - low).max()) / MAX_NODES)
         lattice = kernel.Lattice()
         lattice.columns, lattice.rows = (math.ceil(v / step) + 1 for v in high - low)
         lattice.corner, lattice.step = wp.vec2d(low[0], high[1]), step
@@ -401,19 +469,26 @@ def _placed(stations: Stations, origin: Sequence[float]) -> Stations:
 
 
 def _thalweg(params: ValleyParams) -> Sequence[Term]:
-    """Control function of the thalweg; solved where a covariance is asked for."""
-    target = params.covariance
-    if target is None:
+    """Control function of the thalweg; solved for where there is a covariance target."""
+    targets = params.targets
+    if not targets:
         return params.controls.get("thalweg", ())
     level = lay_stations(params, ())
-    reach = level.reach
-    partner = level.width[reach] if target.partner == "width" else np.abs(level.section_curvature[reach])
+    reach, position = level.reach, level.position[level.reach]
+    partners = {"width": level.width[reach], "curvature": np.abs(level.section_curvature[reach])}
+    names = " and the ".join(target.partner for target in targets)
     try:
+        if len(targets) == 2:
+            series = np.stack([partners[target.partner] for target in targets])
+            frequencies = sorted({f for target in targets for f in target.frequencies})
+            means = [target.mean for target in targets if target.mean is not None]
+            return harmonics_for_covariances(series, position, frequencies, means, targets[0].amplitude)
+        target = targets[0]
         return harmonics_for_covariance(
-            partner, level.position[reach], target.frequencies, target.mean, target.by_frequency, target.amplitude
+            partners[target.partner], position, target.frequencies, target.mean, target.by_frequency, target.amplitude
         )
     except ValueError as error:
-        raise InputError(f"{params.name}: covariance with the {target.partner}: {error}") from None
+        raise InputError(f"{params.name}: covariance with the {names}: {error}") from None
 
 
 def _covariance(valley: Valley) -> Covariance:
@@ -422,8 +497,9 @@ def _covariance(valley: Valley) -> Covariance:
     position, residual = stations.position[reach], stations.residual[reach]
     partners = {"width": stations.width[reach], "curvature": np.abs(stations.section_curvature[reach])}
     series = {name: covariance_series(residual, partner, position) for name, partner in partners.items()}
-    target, by_frequency = valley.params.covariance, {}
-    if target is not None:
+    targets, by_frequency = valley.params.targets, {}
+    if targets:
+        target = targets[0]
         found = correlation_by_frequency(residual, partners[target.partner], position, target.frequencies)
         by_frequency = {float(f): float(c) for f, c in zip(target.frequencies, found, strict=True)}
     return Covariance(
@@ -443,10 +519,10 @@ def _network(valley: Valley) -> RiverNetwork:
     width, depth = stations.width[reach], stations.depth[reach]
     # No piece is shorter than it is wide: threads that leave closer to each other share a node.
     last = len(xy) - 1
-    least = max(2, math.ceil(1.5 * float(width.max()) / stations.length * last))
+    shortest = max(2, math.ceil(1.5 * float(width.max()) / stations.length * last))
     cuts = [0]
     for at in sorted(round(v * last) for t in valley.params.threads for v in (t.start, t.end)):
-        if at - cuts[-1] >= least and last - at >= least:
+        if at - cuts[-1] >= shortest and last - at >= shortest:
             cuts.append(at)
     cuts.append(last)
     pieces = [(a, b + 1) for a, b in itertools.pairwise(cuts)]
@@ -454,8 +530,8 @@ def _network(valley: Valley) -> RiverNetwork:
     widths, depths = [width[a:b] for a, b in pieces], [depth[a:b] for a, b in pieces]
     for (line, half, form), thread in zip(valley.threads, valley.params.threads, strict=True):
         own = stations.frame.to_map(line.xy)
-        for end, part in ((0, thread.start), (-1, thread.end)):
-            own[end] = xy[min(cuts, key=lambda cut: abs(cut - part * last))]
+        for end, place in ((0, thread.start), (-1, thread.end)):
+            own[end] = xy[min(cuts, key=lambda cut: abs(cut - place * last))]
         lines.append(own)
         widths.append(half.sum(axis=1))
         depths.append(form[:, 0])
@@ -468,7 +544,7 @@ def _channel_arrays(stations: Stations) -> tuple[Line, FloatArray, FloatArray]:
 
 
 def _object_row(kind: ObjectField) -> list[float]:
-    """Row of the kernels' table: lattice cell (m), draws a cell and their chance, least radius, spread of its log."""
+    """Row of the kernels' table: lattice cell (m), draws a cell and their chance, minimum radius, spread of its log."""
     is_log = kind.kind == "log"
     reach = 0.5 * kind.largest + (0.5 * kind.length if is_log else 0.0)
     cell = max(1.0 / math.sqrt(kind.density), reach)

@@ -83,7 +83,7 @@ def draw_valley_sections(
     Args:
         valley: Valley.
         path: File to write (.png, .jpg, .pdf or .svg), or None.
-        positions: Where sections are drawn, parts of the reach; by default at the highest and the lowest thalweg
+        positions: Where sections are drawn, fractions of the reach; by default at the highest and the lowest thalweg
             and in the sharpest left and right bends.
         dpi: Pixels per inch.
 
@@ -100,7 +100,7 @@ def draw_valley_sections(
 
     places = _section_places(valley) if positions is None else {f"at {v:g} of the reach": float(v) for v in positions}
     if not places or any(not 0.0 <= v <= 1.0 for v in places.values()):
-        raise InputError(f"positions are {list(places.values())}; give parts of the reach, 0 to 1")
+        raise InputError(f"positions are {list(places.values())}; give fractions of the reach, 0 to 1")
     rows = (len(places) + 1) // 2
     figure = Figure(figsize=(10.0, 2.3 * rows + 3.4), dpi=dpi, facecolor="white", layout="constrained")
     layout = figure.add_gridspec(rows + 1, 2, height_ratios=[1.0] * rows + [1.35])
@@ -151,7 +151,9 @@ def _draw_surface(axes: Any, bar: Any, terrain: Any, interval: float | None) -> 
 
 
 def _draw_channel(axes: Any, valley: Any) -> None:
-    """Banks and thalweg."""
+    """Banks and thalweg, and what stands over them."""
+    from matplotlib.colors import ListedColormap
+
     lines = valley.breaklines()
     for name in ("left_bank", "right_bank"):
         axes.plot(*lines[name][:, :2].T, color=BANK, linewidth=1.1)
@@ -160,6 +162,14 @@ def _draw_channel(axes: Any, valley: Any) -> None:
         normal = np.column_stack([-line.tangent[:, 1], line.tangent[:, 0]])
         for bank in (line.xy + half[:, :1] * normal, line.xy - half[:, 1:] * normal):
             axes.plot(*valley.stations.frame.to_map(bank).T, color=BANK, linewidth=0.8)
+    for structure in valley.structures():
+        axes.tripcolor(
+            *structure.points()[:, :2].T,
+            np.zeros(len(structure.points())),
+            triangles=structure.triangles(),
+            cmap=ListedColormap([FAINT]),
+            zorder=3,
+        )
 
 
 def _draw_covariance(axes: Any, valley: Any) -> None:
@@ -179,11 +189,14 @@ def _draw_covariance(axes: Any, valley: Any) -> None:
     axes.margins(y=0.18)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8.5, frameon=False, loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.14), borderpad=0.0)
+    else:
+        text = "the thalweg does not vary with width or curvature"
+        axes.text(0.5, 0.6, text, transform=axes.transAxes, ha="center", fontsize=9, color=FAINT)
     _plain(axes)
 
 
 def _section_places(valley: Any) -> dict[str, float]:
-    """Where the thalweg is highest and lowest, and where the channel turns most; parts of the reach."""
+    """Where the thalweg is highest and lowest, and where the channel turns most; fractions of the reach."""
     stations, reach = valley.stations, valley.stations.reach
     part = stations.line.s[reach] / stations.length
     inside = (part >= END) & (part <= 1.0 - END)
@@ -203,8 +216,7 @@ def _draw_section(axes: Any, valley: Any, name: str, part: float) -> None:
     place = stations.line.xy[k] + n[:, None] * np.array([-tangent[1], tangent[0]])
     height = valley.height(stations.frame.to_map(place))
     across = -n
-    bank = stations.bank_height + stations.lift[k]
-    bank = bank + valley.params.slope * (stations.axis_length - place[:, 0])
+    bank = valley.bank_height_at(place[:, 0]) + stations.lift[k]
     inside = (n <= half[0]) & (n >= -half[1])
     axes.fill_between(across, height, bank, where=inside & (bank > height), color=WATER, alpha=0.35, linewidth=0.0)
     axes.plot(across, height, color=INK, linewidth=1.3)
