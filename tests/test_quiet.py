@@ -7,12 +7,12 @@ import pytest
 
 FIRST_USES = {
     "network": "wr.RiverNetwork.from_polylines([wr.generate.straight_line(3000, 50)], width=60.0)",
-    "simulation": "wr.Simulation(wr.RiverNetwork.from_polylines([wr.generate.noisy_line(3000, 50, 30, 0)], width=60.0)).step()",
+    "simulation": "wr.Simulation(wr.RiverNetwork.from_polylines([wr.generate.noisy_line(900, 50, 9, 0)], 60.0)).step()",
     "terrain": "wr.generate.fractal_terrain((30, 40), 25.0, 90.0, seed=3)",
     "heights": "wr.hydrology.fill_depressions(wr.Terrain([[1.0, 2.0], [3.0, 4.0]], 10.0))",
     "valley": "wr.synthetic_valley('S1', length=200.0)",
     "erosion": "wr.erode(wr.generate.erosion_plane((20, 30)), events=5)",
-}  # fmt: skip
+}
 
 
 def said_by(code):

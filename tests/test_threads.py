@@ -81,6 +81,16 @@ def test_kernels_of_a_file_are_made_once_by_any_number_of_threads():
     assert len(found) == 8 and len(set(map(id, found))) == 2 and len(made) == 2
 
 
+def test_kernels_are_loaded_by_one_thread_at_a_time():
+    """Whatever launches does so by ``device.launch_kernel`` or ``engine.stages.launch``, which see to that."""
+    root = Path(warpriver.__file__).parent
+    homes = [root / "device.py", *(root / "engine" / name for name in ("stages.py", "replay.py"))]
+    for path in sorted(root.rglob("*.py")):
+        loads, launches = (path.read_text().count(word) for word in ("load_kernel(", "wp.launch("))
+        assert launches == 0 or path in homes, f"{path}: launch_kernel(...) in place of wp.launch(...)"
+        assert loads >= launches
+
+
 def test_scipy_is_imported_by_one_thread_at_a_time():
     """Its parts import each other: see ``warpriver.extras.IMPORTING``."""
     loose = []

@@ -1,4 +1,4 @@
-"""Devices: a quiet start of Warp, the device that a name means, precisions, and whether something fits into memory."""
+"""Devices: a quiet start of Warp, launches that threads share, the device that a name means, precisions, memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,16 @@ import warp as wp
 
 from warpriver.errors import InputError, OutOfMemoryError
 
-__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device", "start_warp"]
+__all__ = [
+    "PRECISIONS",
+    "available_memory",
+    "launch_kernel",
+    "load_kernel",
+    "present_device",
+    "require_memory",
+    "resolve_device",
+    "start_warp",
+]
 
 # Warp's types of a real number and a point, and NumPy's type, by the name of the precision.
 PRECISIONS = {"float64": (wp.float64, wp.vec2d, np.float64), "float32": (wp.float32, wp.vec2f, np.float32)}
@@ -75,6 +84,36 @@ def _without_driver_lines() -> Iterator[None]:
             for line in said.read().decode(errors="replace").splitlines():
                 if "CUDA driver" not in line:
                     print(line, file=sys.stderr)
+
+
+# Modules of kernels that are loaded, each with the device and the threads of a block that it is loaded for.
+_loaded: set[tuple[Any, str, int]] = set()
+_loading = threading.Lock()
+# Threads of a block where nothing else is said, as Warp has them on a GPU.
+BLOCK_DIM = 256
+
+
+def load_kernel(kernel: Any, device: Any, block_dim: int) -> None:
+    """Load the module of a kernel, and compile it if need be, by one thread at a time.
+
+    Warp lets two threads load a module at the same time; the one that comes second then unloads what the first is
+    running.
+    """
+    key = (kernel.module, device.alias, block_dim)
+    if key not in _loaded:
+        with _loading:
+            kernel.module.load(device, block_dim)
+            _loaded.add(key)
+
+
+def launch_kernel(
+    kernel: Any, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any] = (), *, device: Any
+) -> None:
+    """Launch a kernel, from any thread; in place of ``wp.launch``."""
+    device = resolve_device(device)
+    block_dim = 1 if device.is_cpu else BLOCK_DIM
+    load_kernel(kernel, device, block_dim)
+    wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim)
 
 
 def resolve_device(device: Any) -> Any:

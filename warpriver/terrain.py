@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-from warpriver.device import require_memory, resolve_device
+from warpriver.device import launch_kernel, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import terrain as kernels
 from warpriver.raster import (
@@ -310,7 +310,7 @@ class Terrain:
 
     def _launch(self, name: str, dim: Any, inputs: list[Any], outputs: list[Any]) -> None:
         """Launch one of the float64 kernels."""
-        wp.launch(getattr(kernels.build(wp.float64), name), dim, inputs, outputs, device=self.device)
+        launch_kernel(getattr(kernels.build(wp.float64), name), dim, inputs, outputs, device=self.device)
 
 
 def surface_of(surface: Any) -> Terrain:
@@ -341,7 +341,7 @@ def _resample(height: wp.array, step: tuple[float, float]) -> wp.array:
     ways = [0 if s <= 1.0 else 1 if abs(s - round(s)) < WHOLE * s else 2 for s in step]
     kernel = kernels.build(wp.float64).resample_cells
     inputs = [wp.vec2d(*step), wp.vec2i(*ways), height]
-    wp.launch(kernel, dim=shape, inputs=inputs, outputs=[out], device=height.device)
+    launch_kernel(kernel, dim=shape, inputs=inputs, outputs=[out], device=height.device)
     return out
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.device import load_kernel
 from warpriver.engine.stages import Share, Stage, noted_launches, run_stages
 from warpriver.kernels import replay as kernels
 
@@ -47,8 +48,9 @@ class LaunchList:
                 for command, arguments in zip(launches, self._arguments, strict=True)
             ]
             table: wp.array = wp.array(np.array(addresses, np.uint64).ravel(), dtype=wp.uint64, device="cpu")
-            kernel = kernels.build(wp.float64).run_launches
-            self._call = wp.launch(kernel, 1, [table, len(launches)], device="cpu", record_cmd=True)
+            kernel, device = kernels.build(wp.float64).run_launches, wp.get_device("cpu")
+            load_kernel(kernel, device, 1)
+            self._call = wp.launch(kernel, 1, [table, len(launches)], device=device, block_dim=1, record_cmd=True)
 
     def run(self) -> None:
         """Do the launches."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.device import load_kernel
 from warpriver.errors import InternalError
 from warpriver.kernels import replay as kernels
 from warpriver.kernels.polyline import Work
@@ -44,6 +45,7 @@ def launch(kernel: Any, dim: int, inputs: list[Any], outputs: list[Any], device:
     if dim > 0:
         block_dim = 1 if device.is_cpu else BLOCK_DIM
         record = noted is not None
+        load_kernel(kernel, device, block_dim)
         command = wp.launch(
             kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=record, record_tape=False
         )

@@ -16,7 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
-from warpriver.device import PRECISIONS, require_memory, resolve_device
+from warpriver.device import PRECISIONS, launch_kernel, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.errors import InputError, InternalError
 from warpriver.extras import IMPORTING
@@ -330,7 +330,7 @@ class _Run:
         array: wp.array = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
         kernel = kernels.build(wp.float64)
         inputs: list[wp.array] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
-        wp.launch(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
+        launch_kernel(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
         return array.numpy().reshape(height.shape).copy()
 
     @property
@@ -345,7 +345,7 @@ class _Run:
             stack, waiting = self._array("stack", int, grids), self._array("waiting", wp.uint8, grids)
             inputs = [self.constants, self.done, count, self.grid_seed, self.ground, self.state]
             outputs = [self.height, stack, waiting, self.tally]
-            wp.launch(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
+            launch_kernel(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
         self.done = stop
         return count
 
@@ -362,10 +362,10 @@ class _Run:
             count = min((number + 1) * batch, stop) - self.done
             turn = int(np.random.SeedSequence((self.turn_seed, number)).generate_state(1)[0] >> 1)
             inputs = [self.constants, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
-            wp.launch(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
+            launch_kernel(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
             lowered.zero_()
             dim, inputs = (rows, -(-columns // chunk)), [self.constants, chunk]
-            wp.launch(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
+            launch_kernel(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
             self._rest(self.height)
             self.done += count
         return self.done - begin
@@ -380,12 +380,12 @@ class _Run:
         while words := self._list_beside(lowered):
             dim, inputs = (words, WORD // chunk), [self.constants, chunk, listed, beside, height]
             steep.zero_()
-            wp.launch(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
+            launch_kernel(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
             slid.array.zero_()
             for k in PAIR_NEIGHBORS[:: 2 if self.constants.four else 1]:
                 for color in range(3 if odd else 2):
                     inputs, outputs = [self.constants, k, color, chunk, listed, steep], [height, slid.array, self.tally]
-                    wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
+                    launch_kernel(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             lowered, slid = slid, lowered
 
     def _list_beside(self, marks: _HostedArray) -> int:

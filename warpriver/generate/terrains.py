@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.device import require_memory, start_warp
+from warpriver.device import launch_kernel, require_memory, start_warp
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.extras import IMPORTING
 from warpriver.kernels import terrains as kernels
@@ -356,12 +356,12 @@ def _drained(
     receiver = wp.empty(count, dtype=int, device="cpu")
     for _ in range(ROUNDS):
         before: wp.array = wp.array(height, dtype=wp.float64, device="cpu")
-        wp.launch(kernel.find_receivers, dim=shape, inputs=[before, is_base], outputs=[receiver], device="cpu")
+        launch_kernel(kernel.find_receivers, dim=shape, inputs=[before, is_base], outputs=[receiver], device="cpu")
         order: wp.array = wp.array(np.argsort(height, axis=None, kind="stable"), dtype=int, device="cpu")
         area = wp.full(count, cell_size**2, dtype=wp.float64, device="cpu")
         steady = wp.clone(before.flatten())
         inputs = [drainage, order, receiver, resistance, lowest, shape[1]]
-        wp.launch(kernel.drain_cells, dim=1, inputs=inputs, outputs=[area, steady], device="cpu")
+        launch_kernel(kernel.drain_cells, dim=1, inputs=inputs, outputs=[area, steady], device="cpu")
         # A mean of two surfaces that both fall to the same receivers falls to them too: no pits come up.
         height += STRIDE * (steady.numpy().reshape(shape) - height)
     return height
@@ -411,7 +411,7 @@ def _noise(
     noise.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
     noise.count, noise.longest, noise.cell_size, noise.roughness = octaves, longest, cell_size, roughness
     out = wp.empty(shape, dtype=wp.float64, device="cpu")
-    wp.launch(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
+    launch_kernel(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
     return out.numpy().copy()
 
 

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 import warp as wp
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.kernels import depressions as kernels
@@ -103,7 +104,7 @@ def _flood(cells: PaddedCells, epsilon: bool) -> None:
     flood = kernel.Flood()
     flood.rows, flood.stride, flood.epsilon, flood.lowest = cells.rows, cells.stride, int(epsilon), lowest
     flood.buckets_per_meter = buckets / max(highest - lowest, LEAST_RELIEF)
-    wp.launch(
+    launch_kernel(
         kernel.flood_cells,
         dim=1,
         inputs=[flood],
@@ -127,12 +128,12 @@ def _carve(cells: PaddedCells, max_depth: float, max_length: float) -> None:
     kernel = kernels.build(wp.float64)
     height, state, count = flat(cells.height), flat(cells.state), cells.count
     pit = np.zeros(count, np.uint8)
-    wp.launch(kernel.find_pits, cells.rows, [cells.stride, height, state], [flat(pit)], device="cpu")
+    launch_kernel(kernel.find_pits, cells.rows, [cells.stride, height, state], [flat(pit)], device="cpu")
     pit_cell = np.flatnonzero(pit).astype(np.int32)
     if not len(pit_cell):
         return
     pit_cell = pit_cell[np.argsort(cells.height.reshape(-1)[pit_cell], kind="stable")]
-    wp.launch(
+    launch_kernel(
         kernel.carve_pits,
         dim=1,
         inputs=[cells.rows, cells.stride, max_depth, max_length, flat(pit_cell), state],

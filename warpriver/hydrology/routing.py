@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, flat, pad_terrain, table
 from warpriver.kernels import routing as kernels
@@ -99,7 +100,7 @@ class Flow:
         count: wp.array = wp.empty(1, dtype=int, device="cpu")
         cells = np.empty(receiver.size, np.int32)
         donors: wp.array = wp.zeros(cells.size, dtype=wp.uint8, device="cpu")
-        wp.launch(kernel, 1, [flat(receiver)], [count, flat(cells), donors], device="cpu")
+        launch_kernel(kernel, 1, [flat(receiver)], [count, flat(cells), donors], device="cpu")
         found, wanted = int(count.numpy()[0]), int(np.count_nonzero(receiver >= 0))
         if found != wanted:
             raise InputError(f"receiver leads water around in a cycle: {wanted - found} cells have no way out of one")
@@ -149,7 +150,7 @@ def route(
     receiver = np.empty(ground.shape, np.int32)
     mixed = int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
     rules = [int(neighbors == 4), int(ties == "hash"), mixed]
-    wp.launch(
+    launch_kernel(
         kernels.build(wp.float64).find_receivers,
         dim=cells.rows,
         inputs=[cells.rows, cells.stride, *rules, flat(cells.height), flat(cells.state)],
@@ -207,7 +208,7 @@ def host_areas(flow: Flow) -> np.ndarray:
     receiver = flow.host_receiver
     area = np.where(receiver < 0, np.nan, 1.0)
     launch = kernels.build(wp.float64).sum_upstream
-    wp.launch(launch, 1, [flat(receiver), flat(flow.order)], [flat(area)], device="cpu")
+    launch_kernel(launch, 1, [flat(receiver), flat(flow.order)], [flat(area)], device="cpu")
     area *= flow.terrain.cell_size**2
     return area
 
@@ -237,7 +238,7 @@ def stream_power(
     flow = _flow(surface, edges, nodata)
     drained = host_areas(flow) if area is None else checked_areas(area, flow)
     slope = np.empty(flow.terrain.shape)
-    wp.launch(
+    launch_kernel(
         kernels.build(wp.float64).measure_slopes,
         dim=len(slope),
         inputs=[table(_host_height(flow.terrain)), table(flow.host_receiver)],
@@ -278,7 +279,7 @@ def host_lengths(flow: Flow, downstream: bool = True) -> np.ndarray:
     length = np.where(receiver < 0, np.nan, 0.0)
     inputs = [length.shape[1], flat(receiver), flat(flow.order)]
     launch = kernel.measure_downstream if downstream else kernel.measure_upstream
-    wp.launch(launch, 1, inputs, [flat(length)], device="cpu")
+    launch_kernel(launch, 1, inputs, [flat(length)], device="cpu")
     length *= flow.terrain.cell_size
     return length
 
@@ -301,7 +302,7 @@ def hand(surface: Surface | Flow, channels: Any, *, edges: Edges | None = None, 
     height = _host_height(flow.terrain)
     base = np.where(channel, height, np.nan)
     inputs = [flat(receiver), flat(flow.order), flat(channel.view(np.uint8))]
-    wp.launch(kernels.build(wp.float64).carry_upstream, 1, inputs, [flat(base)], device="cpu")
+    launch_kernel(kernels.build(wp.float64).carry_upstream, 1, inputs, [flat(base)], device="cpu")
     return flow.terrain.raster.like(table(height - base), unit="m", name="height_above_drainage")
 
 
@@ -313,10 +314,10 @@ def _shared_cells(terrain: Terrain, exponent: float, edges: Edges, nodata: NoDat
     gathered = np.ones(cells.count)
     donors: wp.array = wp.full(cells.count, 255, dtype=wp.uint8, device="cpu")
     ground = [cells.rows, cells.stride]
-    wp.launch(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
+    launch_kernel(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
     stack: wp.array = wp.empty(cells.count, dtype=int, device="cpu")
     outputs = [flat(gathered), donors, stack]
-    wp.launch(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
+    launch_kernel(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
     area = cells.interior(gathered)
     area[np.isnan(cells.height[1:-1, 1:-1])] = np.nan
     return area
