@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +23,7 @@ from warpriver.raster import (
 )
 from warpriver.validate import checked_points, finite_numbers, positive
 
-__all__ = ["NAME", "UNIT", "Terrain", "square_cells", "surface_of"]
+__all__ = ["NAME", "UNIT", "Terrain", "TerrainFile", "square_cells", "surface_of"]
 
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # A cell is a whole multiple of another to this part.
@@ -30,6 +32,19 @@ WHOLE = 1e-9
 SMOOTH_PART, SMOOTH_LEAST, SMOOTH_REACH = 0.125, 0.75, 3.0
 # What a terrain's raster holds.
 UNIT, NAME = "m", "height"
+
+
+@dataclasses.dataclass(frozen=True)
+class TerrainFile:
+    """The file that a terrain was read from or written to.
+
+    Attributes:
+        path: Absolute path.
+        options: Arguments that ``read_terrain`` needs beside it to come to the same heights.
+    """
+
+    path: str
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 class Terrain:
@@ -45,9 +60,12 @@ class Terrain:
 
     Attributes:
         raster: The heights as a Raster, in the same memory; maps on the same cells are made by ``raster.like``.
+        file: The file that it comes from, which a run notes to find its ground again; None where there is none. Heights
+            that were edited since are told by their :meth:`digest`.
     """
 
     raster: Raster
+    file: TerrainFile | None = None
 
     def __init__(
         self,
@@ -156,11 +174,26 @@ class Terrain:
 
     def copy(self) -> Terrain:
         """Return a copy on the same device."""
-        return Terrain.wrap_raster(self.raster.copy())
+        return self._same_file(Terrain.wrap_raster(self.raster.copy()))
 
     def to(self, device: Any) -> Terrain:
         """Return a copy on another device."""
-        return Terrain.wrap_raster(self.raster.to(device))
+        return self._same_file(Terrain.wrap_raster(self.raster.to(device)))
+
+    def _same_file(self, copy: Terrain) -> Terrain:
+        copy.file = self.file
+        return copy
+
+    def digest(self) -> str:
+        """Return a hash of the heights and their place, 32 hexadecimal digits; the CRS does not count.
+
+        Terrains whose heights are the same to the bit have the same digest, on any device.
+        """
+        height = self.to_numpy()
+        height[np.isnan(height)] = np.nan
+        height += 0.0  # -0.0 is 0.0
+        place = np.array([*self.shape, self.cell_size, *self.origin], np.float64)
+        return hashlib.blake2b(place.tobytes() + height.tobytes(), digest_size=16).hexdigest()
 
     def grid(self, dtype: str = "float64", origin: Sequence[float] | np.ndarray = (0.0, 0.0)) -> Any:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside ``height``, as :meth:`Raster.grid`."""

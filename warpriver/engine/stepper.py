@@ -64,6 +64,7 @@ class Stepper:
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
+        seed: int = 0,
         saved: dict[str, np.ndarray] | None = None,
     ):
         """Take a network, which the steps change.
@@ -77,6 +78,7 @@ class Stepper:
             check: Check every phase of every step, slowly.
             capture: Record steps and replay them.
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
+            seed: Seed of random numbers.
             saved: What ``State.saved`` returned at the end of a run that is resumed.
 
         Raises:
@@ -93,7 +95,7 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits)
+        self.state = State(network, params, terrain, self.phases, limits, seed)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
@@ -107,9 +109,9 @@ class Stepper:
 
     def _begin(self, saved: dict[str, np.ndarray] | None) -> None:
         """Bring the network to the even spacing, or go on from what was saved."""
-        self.state.begin(saved)
-        if saved is None:
+        if self.state.begin(saved):
             self.state.resample_start()
+        if saved is None:
             self._measure_pace()
 
     def _measure_pace(self) -> None:

@@ -36,6 +36,7 @@ from warpriver.io.raster.grids import (
     write_numpy,
 )
 from warpriver.io.raster.heightmaps import PNG, RAW, read_heightmap, write_heightmap
+from warpriver.io.raster.noted import noted_file
 from warpriver.io.raster.reproject import warp
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.io.vector.source import Line, Source
@@ -75,6 +76,7 @@ def terrain_formats() -> dict[str, bool]:
     return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in SUFFIXES}
 
 
+@noted_file
 def read_terrain(
     path: str | os.PathLike[str],
     *,
