@@ -535,8 +535,10 @@ class State:
         if self.nodes_move:
             network, start = self.network, self.network.starts()
             xy = network.point_xy[: network.point_count].numpy()
+            node_xy = network.node_xy.copy()
             for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                network.node_xy[node] = xy[end].astype(np.float64) + network.origin
+                node_xy[node] = xy[end].astype(np.float64) + network.origin
+            network.place_nodes(node_xy)
 
     # ---- records and checks
 
