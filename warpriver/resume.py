@@ -14,7 +14,7 @@ from warpriver.models import Model, model_of
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["ground_again", "ground_changes", "parameter_changes"]
+__all__ = ["continued", "ground_again", "ground_changes", "parameter_changes"]
 
 
 def ground_again(ground: Ground | None, terrain: Terrain | None, change: bool, device: Any = "cpu") -> Terrain | None:
@@ -73,6 +73,17 @@ def ground_changes(time: float, before: Ground | None, now: Ground | None) -> li
     """Return the event of a change of the ground, if there was one."""
     same = (before and before.digest) == (now and now.digest)
     return [] if same else [GroundChange.to(time, now)]
+
+
+def continued(
+    before: MeanderParams | PathMeander, given: MeanderParams | PathMeander | None
+) -> MeanderParams | PathMeander:
+    """Return the constants to go on with: those given, whose defaults that follow from the network are the run's."""
+    if given is None:
+        return before
+    if isinstance(given, MeanderParams) and isinstance(before, MeanderParams) and given.reference_width is None:
+        return given.replace(reference_width=before.reference_width)
+    return given
 
 
 def parameter_changes(

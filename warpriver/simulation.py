@@ -24,7 +24,7 @@ from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
-from warpriver.resume import ground_again, ground_changes, parameter_changes
+from warpriver.resume import continued, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
 from warpriver.validate import not_negative, whole
 
@@ -93,6 +93,7 @@ class Simulation:
         params = params if params is not None else MeanderParams()
         self._added = tuple(phases)
         model = model_of(params).with_phases(self._added)
+        params = params.for_widths(network.channel_width)
         _check_network(network, params, model)
         check_ground(network, terrain)
         own = network.to(device, dtype)
@@ -149,7 +150,7 @@ class Simulation:
         record = history.record(-1)
         before = history.events[: record.events_before]
         old_params, old_ground = params_after(history.params, before), ground_after(history.ground, before)
-        params = old_params if params is None else params
+        params = continued(old_params, params)
         changes = parameter_changes(record.time, old_params, params)
         if changes:
             _check_network(history.network_of(record), params, model_of(params))

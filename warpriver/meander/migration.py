@@ -72,7 +72,7 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
 
 def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
     """Return the rate k of channels of those widths in m, m/yr."""
-    if params.reference_width > 0.0:
+    if params.reference_width:
         return params.migration_rate * width / params.reference_width
     return np.full(width.shape, params.migration_rate)
 
@@ -94,7 +94,7 @@ def migration_law(params: MeanderParams, dtype: str) -> Any:
     """Pack the scalars of migration for the kernels of that precision."""
     law = kernels.build(PRECISIONS[dtype][0]).MigrationLaw()
     law.migration_rate = params.migration_rate
-    law.reference_width = params.reference_width
+    law.reference_width = params.reference_width or 0.0
     law.friction = params.friction
     law.local_weight = params.local_weight
     law.upstream_weight = params.upstream_weight

@@ -71,6 +71,7 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     if terrain is not None and not isinstance(terrain, Terrain):
         raise InputTypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
     check_ground(network, terrain)
+    params = params.for_widths(network.channel_width)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
     rates = _compute_rates(network, lines, params)
     for c, (line, rate) in enumerate(zip(lines, rates, strict=True)):
