@@ -15,7 +15,7 @@ from collections.abc import Iterable
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.channels import Work
 
 # What ``wp.struct`` makes of a class.
 Struct = type(Work)
@@ -93,13 +93,19 @@ CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
 # Points that a thread takes on a GPU.
 CHUNK_POINTS = 32.0
 
+# What the next run of points needs of its channel.
+CHANNELS = (
+    *_read("channels.start", "channels.form", "channels.spacing", "channels.step", per="channel"),
+    *_read("channels.closed", per="ring"),
+)
+
 STEP = (
     Launch("migrate", "schedule", "begin_substep", (
         *_read("substep", per="event"), *_written("channel_mobility_out", per="channel"),
         *_written("most_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "plan_steps", (
-        *_read("channel_limit", "channel_mobility", "channel_pace", per="channel"),
+        *_read("channel_limits", "channel_mobility", "channel_pace", per="channel"),
         *_read("substep", "status", per="event"),
         *_written("channel_parts_out", per="channel"), Moved("most_io", 1.0, 1.0, per="event"),
     )),
@@ -109,17 +115,14 @@ STEP = (
         Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "migration", "compute_rate", (
-        *_read("channel_closed", "channel_area", per="ring"),
-        *_read("point_xy"), *_read("point_section", per="section"),
-        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        *_written("point_rate_out"),
+        *CHANNELS, *_read("channels.area", per="ring"),
+        *_read("points.xy"), *_read("points.section", per="section"), *_written("point_rate_out"),
     )),
     Launch("migrate", "migration", "move_points", (
-        *_read("channel_closed", "channel_area", per="ring"),
-        *_read("point_xy", "point_rate"), *_read("point_section", per="section"),
-        *_read("channel_start", "channel_form", "channel_spacing", "channel_step", per="channel"),
-        Moved("cell_height", read=4.0, per="terrain"),
-        *_written("point_moved_out"), *_written("section_moved_out", per="section"),
+        *CHANNELS, *_read("channels.area", per="ring"),
+        *_read("points.xy", "point_rate"), *_read("points.section", per="section"),
+        Moved("ground.height", read=4.0, per="terrain"),
+        *_written("moved_out.xy"), *_written("moved_out.section", per="section"),
         Moved("channel_pace_io", 1.0, 1.0, per="channel"),
     )),
     Launch("cut off", "cutoffs", "insert_points", (

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT, Work
+from warpriver.kernels.channels import COARSEST_SPACING, Work
+from warpriver.kernels.status import CONTACTS, HALT
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -32,7 +33,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.collisions_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, Form = line.vec2, line.Form
     ZERO, HALF, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
     COARSEST, SLACK = scalar(COARSEST_SPACING), scalar(SLACK_SPACINGS)
     # A block's owner is written as channel * 32 + level.
@@ -61,21 +62,21 @@ def build(scalar):
         level_mask: int
 
     @wp.func(module=name)
-    def block_points(law: CollisionLaw, form: vec4, spacing: scalar) -> int:
+    def block_points(law: CollisionLaw, form: Form, spacing: scalar) -> int:
         """Number of consecutive points of a channel that one entry in the grid stands for."""
-        return wp.max(1, int(law.block * form[2] / spacing))
+        return wp.max(1, int(law.block * form.widest / spacing))
 
     @wp.func(module=name)
-    def reach_of(law: CollisionLaw, form: vec4) -> scalar:
+    def reach_of(law: CollisionLaw, form: Form) -> scalar:
         """What two blocks may be apart, middle to middle, and still touch is the sum of this of both.
 
         Half the distance that counts as a touch, half a block, and what chords across a cut neck are longer.
         """
-        spacing = COARSEST * form[3]
-        return HALF * (law.distance * form[2] + wp.max(law.block * form[2], spacing)) + SLACK * spacing
+        spacing = COARSEST * form.target_spacing
+        return HALF * (law.distance * form.widest + wp.max(law.block * form.widest, spacing)) + SLACK * spacing
 
     @wp.func(module=name)
-    def level_of(law: CollisionLaw, form: vec4) -> int:
+    def level_of(law: CollisionLaw, form: Form) -> int:
         """Level of a channel: the lowest whose reach is at least its own."""
         reach = reach_of(law, form)
         level = int(0)
@@ -100,7 +101,7 @@ def build(scalar):
         # network
         point_xy: wp.array[vec2],
         channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         channel_closed: wp.array[int],
@@ -181,7 +182,7 @@ def build(scalar):
         point_section: wp.array[vec2],
         channel_start: wp.array[int],
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         law: CollisionLaw,
         blocks: wp.vec4i,
@@ -197,15 +198,15 @@ def build(scalar):
         stop_j = wp.min(blocks[3] + block_points(law, channel_form[d], channel_spacing[d]), channel_start[d + 1])
         size = block_points(law, channel_form[d], channel_spacing[d])
         middle = vec2(point_xy[wp.min(blocks[3] + size // 2, stop_j - 1)])
-        near = HALF * law.distance * (channel_form[c][2] + channel_form[d][2])
+        near = HALF * law.distance * (channel_form[c].widest + channel_form[d].widest)
         near += (HALF * scalar(size) + ONE) * channel_spacing[d]
         for i in range(blocks[1], stop_i):
             if wp.length_sq(point_xy[i] - middle) > near * near:
                 continue
             for j in range(blocks[3], stop_j):
                 if i < result[0] or (i == result[0] and j < result[1]):
-                    width_c = line.section_at(point_section, i, channel_form[c])[0]
-                    width_d = line.section_at(point_section, j, channel_form[d])[0]
+                    width_c = line.old_section_at(point_section, i, channel_form[c])[0]
+                    width_d = line.old_section_at(point_section, j, channel_form[d])[0]
                     touch = HALF * law.distance * (width_c + width_d)
                     if wp.length_sq(point_xy[j] - point_xy[i]) < touch * touch:
                         reach = law.node_reach * wp.max(width_c, width_d)
@@ -219,7 +220,7 @@ def build(scalar):
         point_section: wp.array[vec2],
         channel_start: wp.array[int],
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         law: CollisionLaw,
@@ -264,7 +265,7 @@ def build(scalar):
         point_section: wp.array[vec2],
         channel_start: wp.array[int],
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         law: CollisionLaw,
@@ -303,7 +304,7 @@ def build(scalar):
         point_section: wp.array[vec2],
         channel_start: wp.array[int],
         channel_nodes: wp.array[wp.vec2i],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         channel_closed: wp.array[int],
@@ -372,7 +373,7 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec4=vec4,
+        Form=Form,
         CollisionLaw=CollisionLaw,
         insert_blocks=insert_blocks,
         find_contacts=find_contacts,

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import (
+from warpriver.kernels.channels import RING_POINTS, Marks, Work
+from warpriver.kernels.status import (
     CUT_POINTS,
     CUT_POINTS_NEEDED,
     CUTS,
@@ -14,9 +15,6 @@ from warpriver.kernels.polyline import (
     FAULT,
     FAULT_OXBOWS_FULL,
     HALT,
-    RING_POINTS,
-    Marks,
-    Work,
 )
 from warpriver.kernels.variants import named, once
 
@@ -32,14 +30,14 @@ def build(scalar):
     """
     name = f"warpriver.kernels.cutoffs_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, vec4, bucket_mask = line.vec2, line.vec4, table.bucket_mask
+    vec2, Form, bucket_mask = line.vec2, line.Form, table.bucket_mask
     ZERO, HALF = scalar(0.0), scalar(0.5)
 
     @wp.kernel(module=name, enable_backward=False)
     def insert_points(
         # network
         channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_step: wp.array[scalar],
         # params
         cutoff_distance: scalar,
@@ -70,7 +68,7 @@ def build(scalar):
                     # The thread has the channel for itself, and just now in its cache.
                     for row in range(first, first + (mask + 1) // 4):
                         bucket_row_out[row] = wp.vec4i(0, 0, 0, 0)
-                per_cell = HALF / (cutoff_distance * channel_form[channel][2])
+                per_cell = HALF / (cutoff_distance * channel_form[channel].widest)
                 fields = 1 + wp.min(work.chunk, 1)
                 for j in range(i, stop):
                     p = point_moved[j] * per_cell
@@ -157,7 +155,7 @@ def build(scalar):
         def find_necks(
             # network
             channel_start: wp.array[int],
-            channel_form: wp.array[vec4],
+            channel_form: wp.array[Form],
             channel_spacing: wp.array[scalar],
             channel_step: wp.array[scalar],
             channel_closed: wp.array[int],
@@ -199,9 +197,9 @@ def build(scalar):
                 if channel_step[channel] > ZERO:
                     mask = bucket_mask(last + 1 - first)
                     form = channel_form[channel]
-                    radius = cutoff_distance * form[2]
+                    radius = cutoff_distance * form.widest
                     min_arc = cutoff_min_arc / channel_spacing[channel]
-                    apart = int(min_arc * form[2]) + 1
+                    apart = int(min_arc * form.widest) + 1
                     ring_points = line.closed_at(channel_closed, channel) * (last + 1 - first)
                     limit = int(last)
                     for j in range(i, stop):
@@ -429,7 +427,7 @@ def build(scalar):
         here = point_moved_io[j]
         count = last - j + 1 + i - first + 1
         for m in range(count):
-            k = line.round_index(j + m, first, last)
+            k = line.old_round_index(j + m, first, last)
             oxbow_xy_out[offset + m] = point_moved_io[k]
             if section_moved:
                 oxbow_section_out[offset + m] = section_moved[k]
@@ -579,7 +577,7 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec4=vec4,
+        Form=Form,
         insert_points=insert_points,
         find_necks=neck_search("find_necks", 1),
         find_necks_in_chunks=neck_search("find_necks_in_chunks", 2),

@@ -1,10 +1,11 @@
-"""Junctions: nodes that wander down the channel below them."""
+"""Junctions: nodes that wander along the channel downstream of them."""
 
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import polyline
+from warpriver.kernels.status import NUMBER
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -19,55 +20,60 @@ def build(scalar):
     """
     name = f"warpriver.kernels.junctions_{scalar.__name__}"
     line = polyline.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, Channels = line.vec2, line.Channels
     ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
-    # A junction keeps this many widths of the channel below from the next one.
-    LEAST_WIDTHS = scalar(10.0)
+    # A junction keeps this many widths of the channel downstream from the next one.
+    MINIMUM_WIDTHS = scalar(10.0)
+
+    @wp.struct
+    class Junctions:
+        """What meets where, by channel: the one downstream, -1 if none, how many flow in, speed of the head in m/yr."""
+
+        downstream: wp.array[int]
+        tributaries: wp.array[int]
+        drift: wp.array[scalar]
 
     @wp.kernel(module=name, enable_backward=False)
-    def count_awake(
+    def count_active(
         # network
-        channel_below: wp.array[int],
-        channel_step: wp.array[scalar],
+        channels: Channels,
+        junctions: Junctions,
         # out
-        channel_awake_io: wp.array[int],
+        channel_active_io: wp.array[int],
     ):
-        """Number of the tributaries of each channel that move in this sub-step."""
+        """Number of the tributaries of each channel that are active in this sub-step."""
         channel = wp.tid()
-        below = channel_below[channel]
-        if below >= 0 and channel_step[channel] > ZERO:
-            wp.atomic_add(channel_awake_io, below, 1)
+        downstream = junctions.downstream[channel]
+        if downstream >= 0 and channels.step[channel] > ZERO:
+            wp.atomic_add(channel_active_io, downstream, 1)
 
     @wp.kernel(module=name, enable_backward=False)
     def shift_heads(
         # network
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
-        channel_spacing: wp.array[scalar],
-        channel_step: wp.array[scalar],
-        channel_tributaries: wp.array[int],
-        channel_drift: wp.array[scalar],
+        channels: Channels,
+        junctions: Junctions,
         # params
         time_step: scalar,
         # in
         substep: wp.array[int],
-        channel_awake: wp.array[int],
+        channel_active: wp.array[int],
         # out
         channel_shift_out: wp.array[vec2],
         point_moved_io: wp.array[vec2],
     ):
-        """Move the head of each channel below a junction by v dt down its first segment, half of it at most.
+        """Move the head of each channel downstream of a junction by v dt along its first segment, half of it at most.
 
         Junctions wander in the first of the sub-steps, in which every channel moves that can; they stay where one of
-        theirs cannot, and where the channel below has become so short that the next junction is near.
+        theirs cannot, and where the channel downstream has become so short that the next junction is near.
         """
         channel = wp.tid()
-        first = channel_start[channel]
-        last = channel_start[channel + 1] - 1
-        tributaries = channel_tributaries[channel]
-        moves = substep[0] == 0 and tributaries > 0 and channel_awake[channel] == tributaries
-        if moves and channel_step[channel] > ZERO:
-            moves = scalar(last - first) * channel_spacing[channel] > LEAST_WIDTHS * channel_form[channel][2]
+        first = channels.start[channel]
+        last = channels.start[channel + 1] - 1
+        tributaries = junctions.tributaries[channel]
+        moves = substep[NUMBER] == 0 and tributaries > 0 and channel_active[channel] == tributaries
+        if moves and channels.step[channel] > ZERO:
+            length = scalar(last - first) * channels.spacing[channel]
+            moves = length > MINIMUM_WIDTHS * channels.form[channel].widest
         else:
             moves = False
         shift = vec2(ZERO, ZERO)
@@ -76,17 +82,15 @@ def build(scalar):
             along = point_moved_io[first + 1] - head
             size = wp.length(along)
             if size > ZERO:
-                shift = along * (wp.min(channel_drift[channel] * time_step, HALF * size) / size)
+                shift = along * (wp.min(junctions.drift[channel] * time_step, HALF * size) / size)
                 point_moved_io[first] = head + shift
         channel_shift_out[channel] = shift
 
     @wp.kernel(module=name, enable_backward=False)
     def follow_heads(
         # network
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
-        channel_spacing: wp.array[scalar],
-        channel_below: wp.array[int],
+        channels: Channels,
+        junctions: Junctions,
         # params
         reach: scalar,
         # in
@@ -99,18 +103,18 @@ def build(scalar):
         So the tributaries keep apart and go on to meet at an angle. ``reach`` is in widths, half the channel at most.
         """
         channel = wp.tid()
-        below = channel_below[channel]
-        if below >= 0:
-            shift = channel_shift[below]
+        downstream = junctions.downstream[channel]
+        if downstream >= 0:
+            shift = channel_shift[downstream]
             if wp.length_sq(shift) > ZERO:
-                last = channel_start[channel + 1] - 1
-                count = int(reach * channel_form[channel][2] / channel_spacing[channel])
-                count = wp.min(count, (last - channel_start[channel]) // 2)
+                last = channels.start[channel + 1] - 1
+                count = int(reach * channels.form[channel].widest / channels.spacing[channel])
+                count = wp.min(count, (last - channels.start[channel]) // 2)
                 for k in range(1, count):
                     t = ONE - scalar(k) / scalar(count)
                     point_moved_io[last - k] = point_moved_io[last - k] + shift * (t * t * (THREE - TWO * t))
-                point_moved_io[last] = point_moved_io[channel_start[below]]
+                point_moved_io[last] = point_moved_io[channels.start[downstream]]
 
     return SimpleNamespace(
-        vec2=vec2, vec4=vec4, count_awake=count_awake, shift_heads=shift_heads, follow_heads=follow_heads
+        vec2=vec2, Junctions=Junctions, count_active=count_active, shift_heads=shift_heads, follow_heads=follow_heads
     )

@@ -4,55 +4,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from warpriver.kernels import channels
+from warpriver.kernels.channels import Marks, Work
+from warpriver.kernels.status import HALT
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
-
-
-# How a row of sub-steps goes, as integers on the device: why the one at hand cannot be taken over (0: it can), not 0
-# where those to come must leave all as it is (TOUCH: channels have come to touch), the sub-steps done, the cutoffs in
-# them and their points, the whole steps done and those asked for, the sub-steps of the step at hand, the points of the
-# network after the last one, and the places where channels touch.
-FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, PARTS, POINTS, CONTACTS = range(10)
-# What the sub-step at hand needs: room for points, for cutoffs and for their points, also where there is too little.
-POINTS_NEEDED, CUTS_NEEDED, CUT_POINTS_NEEDED, LINKS_NEEDED = range(10, 14)
-STATUS_SIZE = 14
-TOUCH = 2
-# What may be wrong with a sub-step.
-FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4
-# The sub-step at hand: its number within the step, how many there are, and 1 where that is settled.
-NUMBER, TOTAL, PLANNED, SUBSTEP_SIZE = 0, 1, 2, 3
-# A channel of few points may be sampled by so much more coarsely than asked for.
-COARSEST_SPACING = 1.25
-# Least number of points of a ring, when it is made and when a loop is cut off it.
-RING_POINTS = 8
-
-
-@wp.struct
-class Work:
-    """How the points of a network are dealt out to the threads of a launch.
-
-    A thread takes a *slab*, the whole channels slab_channel[k] .. slab_channel[k + 1] - 1, or, where ``chunk`` is not
-    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread. Where ``status`` says
-    halt, there is nothing to do.
-    """
-
-    status: wp.array[int]
-    slab_channel: wp.array[int]
-    chunk: int
-    first: int
-
-
-@wp.struct
-class Marks:
-    """The chunks that hold something, such as necks: a list of them, in ascending order.
-
-    ``place``, one longer than there are chunks, has the number of marked chunks before each. Where a thread takes a
-    slab, there are no chunks, and both arrays are missing.
-    """
-
-    place: wp.array[int]
-    chunk: wp.array[int]
 
 
 @wp.struct
@@ -74,7 +31,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
-    vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
+    base = channels.build(scalar)
+    Points, Run = base.Points, base.Run
+    vec2, vec4 = base.vec2, wp.types.vector(4, scalar)
     # The integers whose order is that of real numbers from 0 on, bit for bit.
     bits = wp.int64 if scalar is wp.float64 else wp.int32
     ZERO, ONE, TWO, THREE, FOUR, THIRD = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0, 1.0 / 3.0))
@@ -144,11 +103,11 @@ def build(scalar):
         return wp.vec2i(wp.max(first, c * work.chunk), wp.min(stop, (c + 1) * work.chunk))
 
     @wp.func(module=name)
-    def section_at(point_section: wp.array[vec2], i: int, form: vec4) -> vec2:
+    def old_section_at(point_section: wp.array[vec2], i: int, form: base.Form) -> vec2:
         """Width and depth at a point: its own where they vary along the channel, else the channel's."""
         if point_section:
             return point_section[i]
-        return vec2(form[0], form[1])
+        return vec2(form.width, form.depth)
 
     @wp.func(module=name)
     def closed_at(channel_closed: wp.array[int], channel: int) -> int:
@@ -158,7 +117,7 @@ def build(scalar):
         return 0
 
     @wp.func(module=name)
-    def round_index(i: int, first: int, last: int) -> int:
+    def old_round_index(i: int, first: int, last: int) -> int:
         """Point of a ring that an index beyond either end comes round to."""
         count = last - first + 1
         away = (i - first) % count
@@ -167,10 +126,21 @@ def build(scalar):
         return first + away
 
     @wp.func(module=name)
-    def extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
+    def extended_point(point_xy: wp.array[vec2], i: int, run: Run) -> vec2:
+        """Point i of a channel; beyond an end a ring goes round, and a line on as its point reflection: straight."""
+        if run.closed != 0 and (i < run.first or i > run.last):
+            return point_xy[base.round_index(i, run)]
+        if i < run.first:
+            return TWO * point_xy[run.first] - point_xy[2 * run.first - i]
+        if i > run.last:
+            return TWO * point_xy[run.last] - point_xy[2 * run.last - i]
+        return point_xy[i]
+
+    @wp.func(module=name)
+    def old_extended_point(point_xy: wp.array[vec2], i: int, first: int, last: int, closed: int) -> vec2:
         """Point i of a channel; beyond an end a ring goes round, and a line on as its point reflection: straight."""
         if closed != 0 and (i < first or i > last):
-            return point_xy[round_index(i, first, last)]
+            return point_xy[old_round_index(i, first, last)]
         if i < first:
             return TWO * point_xy[first] - point_xy[2 * first - i]
         if i > last:
@@ -268,7 +238,24 @@ def build(scalar):
         return int(REACH / -wp.log(r)) + 1
 
     @wp.func(module=name)
-    def end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
+    def end_weight(i: int, run: Run, reach: scalar) -> scalar:
+        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
+        away = scalar(wp.min(i - run.first, run.last - i)) * run.spacing
+        if away >= reach:
+            return ONE
+        t = away / reach
+        return t * t * (THREE - TWO * t)
+
+    @wp.func(module=name)
+    def copy_run(points: Points, run: Run, points_out: Points):
+        """Copy the points of a run, with their widths and depths where these vary along the channel."""
+        for j in range(run.begin, run.stop):
+            points_out.xy[j] = points.xy[j]
+            if points.section:
+                points_out.section[j] = points.section[j]
+
+    @wp.func(module=name)
+    def old_end_weight(i: int, first: int, last: int, spacing: scalar, reach: scalar) -> scalar:
         """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
         away = scalar(wp.min(i - first, last - i)) * spacing
         if away >= reach:
@@ -301,7 +288,7 @@ def build(scalar):
                 section_out[j] = section[j]
 
     return SimpleNamespace(
-        vec2=vec2,
+        **{k: v for k, v in vars(base).items() if k not in ("channel_at",)},
         vec4=vec4,
         bits=bits,
         channel_at=channel_at,
@@ -310,10 +297,11 @@ def build(scalar):
         share_of=share_of,
         piece_count=piece_count,
         piece_range=piece_range,
-        section_at=section_at,
+        old_section_at=old_section_at,
         closed_at=closed_at,
-        round_index=round_index,
+        old_round_index=old_round_index,
         extended_point=extended_point,
+        old_extended_point=old_extended_point,
         circle_curvature=circle_curvature,
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
@@ -324,6 +312,8 @@ def build(scalar):
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,
+        old_end_weight=old_end_weight,
+        copy_run=copy_run,
         right_normal=right_normal,
         copy_points=copy_points,
         REACH=REACH,

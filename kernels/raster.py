@@ -39,6 +39,13 @@ def build(scalar):
         cell_size: scalar
         cells_per_meter: scalar
 
+    @wp.struct
+    class Ground:
+        """Heights of the ground, m, and where they lie; without heights the ground is a plain."""
+
+        height: wp.array2d[wp.float64]
+        grid: RasterGrid
+
     @wp.func(module=name)
     def cell_position(grid: RasterGrid, xy: vec2) -> vec2:
         """Column and row of a point as fractions; whole numbers at the cells' centres."""
@@ -202,14 +209,9 @@ def build(scalar):
         return vec2(scalar(change[0]), scalar(change[1])) * grid.cells_per_meter
 
     @wp.func(module=name)
-    def slope_at(cell_value: wp.array2d[wp.float64], grid: RasterGrid, xy: vec2) -> scalar:
-        """Slope at a point, the length of the gradient; NaN off the raster and in cells without data."""
-        return wp.length(gradient_at(cell_value, grid, xy))
-
-    @wp.func(module=name)
-    def slope_weight(cell_value: wp.array2d[wp.float64], grid: RasterGrid, xy: vec2, limit: scalar) -> scalar:
+    def slope_weight(ground: Ground, xy: vec2, limit: scalar) -> scalar:
         """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
-        slope = slope_at(cell_value, grid, xy)
+        slope = wp.length(gradient_at(ground.height, ground.grid, xy))
         if not (slope < limit):
             return ZERO
         t = slope / limit
@@ -263,6 +265,7 @@ def build(scalar):
         find_cells=find_cells,
         vec2=vec2,
         RasterGrid=RasterGrid,
+        Ground=Ground,
         cell_position=cell_position,
         is_within=is_within,
         is_inside=is_inside,
@@ -270,7 +273,6 @@ def build(scalar):
         value_at=value_at,
         cell_difference=cell_difference,
         gradient_at=gradient_at,
-        slope_at=slope_at,
         slope_weight=slope_weight,
         center_of_cell=center_of_cell,
     )

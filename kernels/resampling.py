@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import (
+from warpriver.kernels.channels import RING_POINTS, Work
+from warpriver.kernels.status import (
     CUT_POINTS,
     CUT_POINTS_NEEDED,
     CUTS,
@@ -20,11 +21,9 @@ from warpriver.kernels.polyline import (
     PLANNED,
     POINTS,
     POINTS_NEEDED,
-    RING_POINTS,
     STATUS_SIZE,
     STEPS,
     TOTAL,
-    Work,
 )
 from warpriver.kernels.variants import once
 
@@ -40,7 +39,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.resampling_{scalar.__name__}"
     line = polyline.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, Form = line.vec2, line.Form
     ZERO, ONE, TWO, THREE = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
     QUANTA = wp.float64(1.0) / line.ARC_QUANTUM
@@ -104,7 +103,7 @@ def build(scalar):
     def count_samples(
         # network
         channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         channel_step: wp.array[scalar],
         channel_closed: wp.array[int],
@@ -135,7 +134,7 @@ def build(scalar):
                 closed = line.closed_at(channel_closed, channel)
                 length = line.length_of(point_moved, point_arc, chunk_offset, work.chunk, first, last, closed)
                 pieces = int(-1)
-                needed = length / wp.float64(channel_form[channel][3])
+                needed = length / wp.float64(channel_form[channel].target_spacing)
                 if length > ZERO_64 and length < FARTHEST and needed < MOST:
                     least = int(2)
                     if closed != 0:
@@ -154,8 +153,8 @@ def build(scalar):
         """
         j = i + 1
         if closed != 0:
-            here = point[line.round_index(i, first, last)]
-            while j <= i + last - first and point[line.round_index(j, first, last)] == here:
+            here = point[line.old_round_index(i, first, last)]
+            while j <= i + last - first and point[line.old_round_index(j, first, last)] == here:
                 j += 1
             return j
         while j < last and point[j] == point[i]:
@@ -167,8 +166,8 @@ def build(scalar):
         """Last point before i that is not a copy of it; beyond the channel's head i - 1, or first - 1."""
         j = i - 1
         if closed != 0:
-            here = point[line.round_index(i, first, last)]
-            while j >= i - last + first and point[line.round_index(j, first, last)] == here:
+            here = point[line.old_round_index(i, first, last)]
+            while j >= i - last + first and point[line.old_round_index(j, first, last)] == here:
                 j -= 1
             return j
         while j >= first and point[j] == point[wp.max(i, first)]:
@@ -181,7 +180,7 @@ def build(scalar):
         if i >= first and i <= last:
             return point[i]
         if closed != 0:
-            return point[line.round_index(i, first, last)]
+            return point[line.old_round_index(i, first, last)]
         j = int(last)
         beyond = i - last
         step = int(-1)
@@ -434,7 +433,7 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec4=vec4,
+        Form=Form,
         measure_arcs=measure_arcs,
         count_samples=count_samples,
         resample_points=resample_points,

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import RING_POINTS, Links, Marks, Work
+from warpriver.kernels.channels import RING_POINTS, Marks, Work
+from warpriver.kernels.polyline import Links
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -111,7 +112,7 @@ def build(scalar):
         else:
             rate = rate_stretch(begin, size, begin, inner, longer, count)
         if rate > best or (rate > 0 and longer == 0 and lead > 0):
-            head = line.round_index(begin + size // 2, first, last)
+            head = line.old_round_index(begin + size // 2, first, last)
         return head
 
     @wp.func(module=name)
@@ -141,8 +142,8 @@ def build(scalar):
                 if point_links[i] > 0:
                     for m in range(point_link[i], point_link[i] + point_links[i]):
                         j = link_to[m]
-                        begin = line.round_index(i - head, 0, count - 1)
-                        end = line.round_index(j - head, 0, count - 1)
+                        begin = line.old_round_index(i - head, 0, count - 1)
+                        end = line.old_round_index(j - head, 0, count - 1)
                         if begin > end:
                             chord = point[j] - point[i]
                             dx = wp.float64(chord[0])

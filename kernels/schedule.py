@@ -5,20 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline, raster
-from warpriver.kernels.polyline import (
-    CONTACTS,
-    DONE,
-    FAULT,
-    GOAL,
-    HALT,
-    NUMBER,
-    PARTS,
-    PLANNED,
-    STEPS,
-    TOTAL,
-    TOUCH,
-    Work,
-)
+from warpriver.kernels.channels import Work
+from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, SUBSTEPS, TOTAL, TOUCH
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -33,14 +21,32 @@ def build(scalar):
     """
     name = f"warpriver.kernels.schedule_{scalar.__name__}"
     line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, vec4, vec3, bits = line.vec2, line.vec4, wp.types.vector(3, scalar), line.bits
+    vec2, bits, Channels, Ground = line.vec2, line.bits, line.Channels, cells.Ground
     ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
     # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
     FREE = scalar(0.9)
     # Any other than none.
-    LEAST = scalar(1.0e-30)
+    ANY = scalar(1.0e-30)
     # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
     SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
+
+    @wp.struct
+    class Limits:
+        """Longest sub-steps of a channel on flat ground, yr, and its smallest width, m; no width, no channel.
+
+        In ``travel`` the tightest bend moves by less than a width, in ``growth`` the waves of the channel stay true.
+        """
+
+        travel: scalar
+        growth: scalar
+        width: scalar
+
+    @wp.struct
+    class StepConstants:
+        """Constants of a simulation: its time step in yr, and the slope from which on no point moves."""
+
+        time_step: scalar
+        slope_threshold: scalar
 
     @wp.kernel(module=name, enable_backward=False)
     def begin_substep(
@@ -71,59 +77,52 @@ def build(scalar):
                 most_out[0] = 0
 
     @wp.func(module=name)
-    def most_parts(limit: vec3, time_step: scalar) -> scalar:
-        """Parts of a step that a channel may need, with its tightest bends and on flat ground; see ``plan_steps``."""
-        return time_step / wp.min(limit[0], limit[1]) * SLACK
+    def maximum_substeps(limits: Limits, time_step: scalar) -> scalar:
+        """Sub-steps that a channel may need, with its tightest bends and on flat ground; see ``plan_steps``."""
+        return time_step / wp.min(limits.travel, limits.growth) * SLACK
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_mobility(
         # network
+        channels: Channels,
         point_xy: wp.array[vec2],
-        channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
         # terrain
-        cell_height: wp.array2d[wp.float64],
-        grid: cells.RasterGrid,
+        ground: Ground,
         # params
-        slope_threshold: scalar,
-        time_step: scalar,
+        constants: StepConstants,
         work: Work,
         # in
-        channel_limit: wp.array[vec3],
+        channel_limits: wp.array[Limits],
         substep: wp.array[int],
         # out
         channel_mobility_io: wp.array[bits],
     ):
         """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held.
 
-        A channel that would do the step in one part even on flat ground counts as free as soon as any point can move.
+        A channel that would do the step in one piece even on flat ground counts as free as soon as any point can move.
         Numbers from 0 on are in the order of their bits, of which a GPU finds the greatest without a loop.
         """
         if substep[PLANNED] != 0:
             return
-        share = line.point_range(work, channel_start, channel_form.shape[0], work.first + wp.tid())
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        while i < end:
-            stop = wp.min(end, channel_start[channel + 1])
+        run = line.begin_runs(channels, work, work.first + wp.tid())
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
             highest = scalar(0.0)
             enough = FREE
-            if most_parts(channel_limit[channel], time_step) <= ONE:
-                enough = LEAST
-            while i < stop and highest < enough:
-                highest = wp.max(highest, cells.slope_weight(cell_height, grid, point_xy[i], slope_threshold))
+            if maximum_substeps(channel_limits[run.channel], constants.time_step) <= ONE:
+                enough = ANY
+            i = int(run.begin)
+            while i < run.stop and highest < enough:
+                highest = wp.max(highest, cells.slope_weight(ground, point_xy[i], constants.slope_threshold))
                 i += 1
             if highest >= enough:
                 highest = ONE
-            wp.atomic_max(channel_mobility_io, channel, wp.cast(highest, bits))
-            i = stop
-            channel += 1
+            wp.atomic_max(channel_mobility_io, run.channel, wp.cast(highest, bits))
 
     @wp.kernel(module=name, enable_backward=False)
     def plan_steps(
         # network
-        channel_limit: wp.array[vec3],
+        channel_limits: wp.array[Limits],
         # params
         time_step: scalar,
         # in
@@ -135,24 +134,22 @@ def build(scalar):
         channel_parts_out: wp.array[int],
         most_io: wp.array[int],
     ):
-        """Equal parts in which each channel does a time step, and the most of them.
+        """Number of equal sub-steps of each channel, and the maximum of them.
 
-        channel_limit = (longest step in which the tightest bend keeps within a width, longest in which its waves stay
-        true, least width), on flat ground; no width, no channel. Where the ground lets no point move by more than a
-        part g, the steps are longer by 1 / g. The pace of the step before tells how fast the bends that there are do
-        move: a part takes them by half a width at most.
+        Where the ground lets no point move by more than a fraction g, sub-steps are longer by 1 / g. The pace of the
+        step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
         """
         channel = wp.tid()
         if substep[PLANNED] != 0 or status[HALT] != 0:
             return
-        limit = channel_limit[channel]
+        limits = channel_limits[channel]
         mobility = scalar(1.0)
         if channel_mobility:
             mobility = channel_mobility[channel]
         parts = int(0)
-        if mobility > ZERO and limit[2] > ZERO:
-            travel = wp.min(mobility / limit[0], TWO * channel_pace[channel] / limit[2])
-            needed = time_step * wp.max(mobility / limit[1], travel) * SLACK
+        if mobility > ZERO and limits.width > ZERO:
+            travel = wp.min(mobility / limits.travel, TWO * channel_pace[channel] / limits.width)
+            needed = time_step * wp.max(mobility / limits.growth, travel) * SLACK
             parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
         channel_parts_out[channel] = parts
         wp.atomic_max(most_io, 0, parts)
@@ -187,7 +184,7 @@ def build(scalar):
         if channel == 0:
             substep_io[TOTAL] = total
             substep_io[PLANNED] = 1
-            status_io[PARTS] = total
+            status_io[SUBSTEPS] = total
         parts = wp.min(channel_parts[channel], total)
         step = scalar(0.0)
         if (number * parts) % total < parts:
@@ -198,9 +195,8 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec3=vec3,
-        vec4=vec4,
-        RasterGrid=cells.RasterGrid,
+        Limits=Limits,
+        StepConstants=StepConstants,
         begin_substep=begin_substep,
         measure_mobility=measure_mobility,
         plan_steps=plan_steps,

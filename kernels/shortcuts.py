@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import buckets, polyline
-from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED, Work
+from warpriver.kernels.channels import Work
+from warpriver.kernels.status import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED
 from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
@@ -20,7 +21,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.shortcuts_{scalar.__name__}"
     line, table = polyline.build(scalar), buckets.build(scalar)
-    vec2, vec4 = line.vec2, line.vec4
+    vec2, Form = line.vec2, line.Form
     ZERO, HALF = scalar(0.0), scalar(0.5)
 
     @wp.struct
@@ -140,7 +141,7 @@ def build(scalar):
         closed: int,
         mask: int,
         i: int,
-        form: vec4,
+        form: Form,
         min_arc: scalar,
         fields: int,
         law: ShortcutLaw,
@@ -153,8 +154,8 @@ def build(scalar):
         As many as were counted, up to ``stop``.
         """
         here = point[i]
-        radius = law.radius * form[2]
-        nearest = lowest_partner(section, i, form[2], min_arc)
+        radius = law.radius * form.widest
+        nearest = lowest_partner(section, i, form.widest, min_arc)
         farthest = highest_partner(nearest, i, first, last, closed)
         tangent = tangent_at(point, i, first, last, closed)
         per_cell = HALF / radius
@@ -204,14 +205,14 @@ def build(scalar):
             closed: int,
             mask: int,
             i: int,
-            form: vec4,
+            form: Form,
             min_arc: scalar,
             law: ShortcutLaw,
         ) -> wp.vec2i:
             """Number of later points that point i may be joined to, and the last of them, 0 without any."""
             here = point[i]
-            radius = law.radius * form[2]
-            nearest = lowest_partner(section, i, form[2], min_arc)
+            radius = law.radius * form.widest
+            nearest = lowest_partner(section, i, form.widest, min_arc)
             farthest = highest_partner(nearest, i, first, last, closed)
             tangent = tangent_at(point, i, first, last, closed)
             per_cell = HALF / radius
@@ -239,7 +240,7 @@ def build(scalar):
         def count_shortcuts(
             # network
             channel_start: wp.array[int],
-            channel_form: wp.array[vec4],
+            channel_form: wp.array[Form],
             channel_spacing: wp.array[scalar],
             channel_step: wp.array[scalar],
             # params
@@ -312,7 +313,7 @@ def build(scalar):
     def list_shortcuts(
         # network
         channel_start: wp.array[int],
-        channel_form: wp.array[vec4],
+        channel_form: wp.array[Form],
         channel_spacing: wp.array[scalar],
         # params
         law: ShortcutLaw,
@@ -407,7 +408,7 @@ def build(scalar):
 
     return SimpleNamespace(
         vec2=vec2,
-        vec4=vec4,
+        Form=Form,
         ShortcutLaw=ShortcutLaw,
         count_shortcuts=shortcut_search("count_shortcuts", 1),
         count_shortcuts_in_chunks=shortcut_search("count_shortcuts_in_chunks", 2),

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.channels import Work
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -20,7 +20,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.smoothing_{scalar.__name__}"
     line = polyline.build(scalar)
-    vec2 = line.vec2
+    vec2, Channels = line.vec2, line.Channels
     ZERO, HALF, ONE, TWO = scalar(0.0), scalar(0.5), scalar(1.0), scalar(2.0)
     PI = scalar(3.14159265358979323846)
 
@@ -36,9 +36,7 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def smooth_points(
         # network
-        channel_start: wp.array[int],
-        channel_step: wp.array[scalar],
-        channel_closed: wp.array[int],
+        channels: Channels,
         # params
         strength: scalar,
         pass_band: scalar,
@@ -54,33 +52,25 @@ def build(scalar):
         A wave of eigenvalue K = 1 - cos a (a: its angle from point to point) is multiplied by 1 - w K. The way back has
         1 / w = pass_band - 1 / strength, so that both together give 1 - strength |w| K (K - pass_band): a wave of the
         pass band stays. A band below 0 stands for the channel's longest wave: then none grows, and a circle of even
-        points stays. Ends of lines are held; channels whose step is 0 are copied.
+        points stays. Ends of lines are held; inactive channels are copied.
         """
-        share = line.point_range(work, channel_start, channel_step.shape[0], work.first + wp.tid())
-        i = int(share[0])
-        end = share[1]
-        channel = int(share[2])
-        while i < end:
-            first = channel_start[channel]
-            last = channel_start[channel + 1] - 1
-            stop = wp.min(end, last + 1)
-            closed = line.closed_at(channel_closed, channel)
+        run = line.begin_runs(channels, work, work.first + wp.tid())
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
             weight = strength
             if swell != 0:
                 band = pass_band
                 if band < ZERO:
-                    band = longest_wave(last - first + 1, closed)
+                    band = longest_wave(run.last - run.first + 1, run.closed)
                 weight = ONE / (band - ONE / strength)
-            if channel_step[channel] == ZERO:
+            if run.step == ZERO:
                 weight = ZERO
-            for j in range(i, stop):
+            for j in range(run.begin, run.stop):
                 here = point_xy[j]
-                if weight != ZERO and (closed != 0 or (j > first and j < last)):
-                    before = line.extended_point(point_xy, j - 1, first, last, closed)
-                    after = line.extended_point(point_xy, j + 1, first, last, closed)
+                if weight != ZERO and (run.closed != 0 or (j > run.first and j < run.last)):
+                    before = line.extended_point(point_xy, j - 1, run)
+                    after = line.extended_point(point_xy, j + 1, run)
                     here = here + weight * (HALF * (before + after) - here)
                 point_xy_out[j] = here
-            i = stop
-            channel += 1
 
-    return SimpleNamespace(vec2=vec2, smooth_points=smooth_points)
+    return SimpleNamespace(vec2=vec2, Channels=Channels, Form=line.Form, smooth_points=smooth_points)

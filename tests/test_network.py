@@ -101,6 +101,8 @@ TWICE = np.concatenate([LINE[:2], LINE[1:]])
         ([LINE], {"discharge": -1.0}, "discharge of channel 0"),
         ([LINE], {"dtype": "float16"}, "use 'float64' or 'float32'"),
         ([LINE], {"crs": "EPSG:4326"}, "longitude and latitude"),
+        ([LINE], {"crs": "nonsense"}, "crs: pyproj does not know the CRS 'nonsense'"),
+        ([LINE], {"crs": "EPSG:2263"}, "crs: EPSG:2263 is in US survey foot, not metres"),
         ([LINE], {"device": "tpu:7"}, "not on this machine; it has: cpu"),
     ],
 )

@@ -13,17 +13,24 @@ from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Stage, launch
 from warpriver.history import Event, History
+from warpriver.kernels import channels
+from warpriver.kernels.channels import Work
 
 # m/yr
 WIND = (0.3, -0.7)
 
 
+line = channels.build(wp.float64)
+
+
 @wp.kernel(enable_backward=False)
-def carry_points(start: wp.array[int], step: wp.array[wp.float64], wind: wp.vec2d, point_io: wp.array[wp.vec2d]):
-    """Move all points of each channel by the wind's way over its time step."""
-    channel = wp.tid()
-    for i in range(start[channel], start[channel + 1]):
-        point_io[i] = point_io[i] + wind * step[channel]
+def carry_points(channels: line.Channels, work: Work, wind: wp.vec2d, point_io: wp.array[wp.vec2d]):
+    """Move all points by the wind's way over the time step of their channel."""
+    run = line.begin_runs(channels, work, work.first + wp.tid())
+    while run.stop < run.end:
+        run = line.next_run(channels, run)
+        for i in range(run.begin, run.stop):
+            point_io[i] = point_io[i] + wind * run.step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,14 +58,13 @@ class Drift(Phase):
         self.installations += 1
 
     def stages(self, state):
-        inputs = [state.start, state.step, wp.vec2d(*self.wind)]
-        return [
-            Stage(
-                self.name,
-                lambda _: launch(carry_points, state.channel_capacity, inputs, [state.point_moved], state.device),
-                shared=False,
-            )
-        ]
+        channels, wind = state.channels(), wp.vec2d(*self.wind)
+
+        def blow(share):
+            inputs = [channels, share.work, wind]
+            launch(carry_points, share.point_threads, inputs, [state.point_moved], state.device)
+
+        return [Stage(self.name, blow)]
 
     def after(self, state, row):
         return [Gust(time, state.network.channel_count, np.array([self.wind])) for time in row.times]

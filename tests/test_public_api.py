@@ -27,6 +27,7 @@ LEVELS = [
         "params",
         "progress",
         "raster",
+        "sentinels",
         "terrain",
         "validate",
     },

@@ -268,7 +268,7 @@ def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before(dev
     state = sim.stepper.state
     state.point_moved.zero_()
     poison = state.form.numpy().copy()
-    poison[0, 1] = np.nan  # a depth of NaN makes every rate NaN
+    poison["depth"][0] = np.nan  # a depth of NaN makes every rate NaN
     state.form.assign(poison)
     history = sim.run(steps=5)
     assert history.stop_reason is StopReason.NOT_FINITE and "report" in history.stop_reason.advice

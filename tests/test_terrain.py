@@ -384,6 +384,9 @@ BAD = [
     ({"origin": (1.0, 2.0, 3.0)}, "origin is"),
     ({"crs": "EPSG:4326"}, 'longitude and latitude, not metres.*to_crs="utm"'),
     ({"crs": 'GEOGCS["WGS 84",DATUM["WGS_1984"]]'}, "longitude and latitude"),
+    ({"crs": "mars"}, "crs: pyproj does not know the CRS 'mars'"),
+    ({"crs": 32619}, "crs is 32619; give it as text"),
+    ({"crs": "EPSG:2263"}, "crs: EPSG:2263 is in US survey foot, not metres"),
     ({"device": "cuda:99"}, "'cuda:99' is not on this machine"),
 ]
 
@@ -401,7 +404,7 @@ EDITS = [
     (("brush", "raise", (0.0, math.nan), 1.0, 1.0), "center is"),
     (("brush", "raise", (0.0, 0.0), 0.0, 1.0), "radius is 0"),
     (("brush", "raise", (0.0, 0.0), 1.0, -1.0), "amount is -1.0; to raise give m, 0 or more"),
-    (("brush", "smooth", (0.0, 0.0), 1.0, 1.5), "amount is 1.5; to smooth give a share, 0 to 1"),
+    (("brush", "smooth", (0.0, 0.0), 1.0, 1.5), "amount is 1.5; to smooth give a fraction, 0 to 1"),
     (("brush", "raise", (0.0, 0.0), 1.0, math.nan), "amount is nan"),
     (("brush", "flatten", (9e9, 0.0), 1.0, 1.0), "no height at the centre"),
     (("add_ridge", [(0.0, 0.0)], 1.0, 1.0), "line has 1 points"),

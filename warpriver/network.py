@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.crs import is_geographic, short_name
+from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import PRECISIONS, resolve_device
 from warpriver.errors import InputError, InputTypeError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
@@ -68,7 +68,7 @@ class RiverNetwork:
         point_section: np.ndarray | None = None,
         point_z: np.ndarray | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
         **columns: Any,
@@ -101,15 +101,13 @@ class RiverNetwork:
                 that stands twice, a node that is not there, or one that no channel touches.
         """
         one_of(dtype, "dtype", tuple(PRECISIONS))
-        if crs is not None and not isinstance(crs, str):
-            raise InputError(f"crs is {crs!r}; give it as text, such as 'EPSG:32619' or WKT")
         _, vec2, real = PRECISIONS[dtype]
         self.dtype = dtype
         self.device = resolve_device(device)
         self.origin = np.array(origin, np.float64)
         if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
             raise InputError(f"origin is {origin!r}; give x and y in metres, both finite")
-        self.crs = crs
+        self.crs = metric_crs(crs)
         if channels is None:
             channels, node_xy = _table_of_keywords(columns, channel_nodes)
         elif columns or channel_nodes is not None:
@@ -154,7 +152,7 @@ class RiverNetwork:
         allow_short: bool = False,
         closed: Any = False,
         marks: Any = None,
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         dtype: str = "float64",
         device: Any = "cpu",
     ) -> RiverNetwork:
@@ -195,11 +193,7 @@ class RiverNetwork:
                 on a channel that is none.
                 A line may cross itself: its first step cuts the loop off like any neck.
         """
-        if crs is not None and is_geographic(crs):
-            raise InputError(
-                f"crs {short_name(crs)} is longitude and latitude, not metres; reproject the lines first, or read them "
-                'with read_network(..., to_crs="utm")'
-            )
+        crs = metric_crs(crs)
         lines = [checked_line(xy, f"channel {c}") for c, xy in enumerate(polylines)]
         if not lines:
             raise InputError("a network needs at least one line; got none")
@@ -303,7 +297,11 @@ class RiverNetwork:
 
     @property
     def channel_id(self) -> np.ndarray:
-        """(C,) int64, identity that a channel keeps when others come and go."""
+        """(C,) int64, identity that a channel keeps when others come and go.
+
+        It stays with the downstream end: a channel that captures another keeps it downstream of the new junction, a
+        river keeps it when its last tributary but one is captured. None is given twice in a run.
+        """
         return self._channels.id
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from warpriver.channel_table import ChannelTable
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.kernels.polyline import RING_POINTS
+from warpriver.kernels.channels import RING_POINTS
 
 __all__ = [
     "NODE_TOLERANCE",

@@ -139,8 +139,8 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="maximum distance between the points of a channel as well, in widths at its narrowest place: each channel of "
-        "a network has its own; 0: no such limit, and a spacing wider than a channel is refused",
+        doc="maximum distance between the points of a channel as well, in widths at its narrowest place, so that each "
+        "channel of a network has its own; 0: no such limit, and a spacing wider than a channel is refused",
     )
     migration_rate: float = parameter(
         60.0,

@@ -1,15 +1,16 @@
-"""Raster: values of square cells with their place on the map, on the device; sampling, parts, and what it needs."""
+"""Raster: values of square cells with their place on the map, on the device; sampling, cropping, and its checks."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
-from warpriver.crs import is_geographic, pyproj_or_none, short_name
+from warpriver.crs import CRSLike, metric_crs, pyproj_or_none, short_name
 from warpriver.device import PRECISIONS, launch_kernel, present_device, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.extras import need
@@ -20,7 +21,6 @@ __all__ = [
     "Raster",
     "checked_grid",
     "checked_values",
-    "metric_crs",
     "refuse_infinite",
 ]
 
@@ -56,14 +56,14 @@ class Raster:
 
     def __init__(
         self,
-        values: Any,
+        values: npt.ArrayLike | wp.array,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         unit: str = "",
         name: str = "",
         *,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
     ):
         """Copy values to the device.
 
@@ -72,15 +72,15 @@ class Raster:
                 become float64, also whole ones of which some are masked. NaN, or masked, is no data.
             cell_size: Length of a cell's side in m.
             origin: (west, north), the outer corner of the first cell in m.
-            crs: Coordinate reference system; geographic ones are refused, since x and y are metres here.
+            crs: Coordinate reference system, as text or ``pyproj.CRS``; x and y in it must be metres.
             unit: Unit of the values.
             name: What they are.
             device: Warp device name, "cpu" or "cuda:0".
 
         Raises:
             ValueError: Fewer than 2 x 2 cells, not two dimensions, an infinite value, a cell size or an origin that is
-                no length, a CRS in degrees, a unit or name that is no text, or an unknown device.
-            MemoryError: There is no room for it on the device.
+                no length, a CRS that is unknown or not in metres, a unit or name that is no text, or an unknown device.
+            MemoryError: The device has not enough memory for it.
         """
         target = resolve_device(device)
         self.cell_size, self.origin = checked_grid(cell_size, origin)
@@ -99,7 +99,7 @@ class Raster:
         unit: str = "",
         name: str = "",
     ) -> Raster:
-        """Wrap a device array and a place that are known to be sound, without a copy or a check."""
+        """Wrap a device array and a place that were checked, without a copy."""
         raster = cls.__new__(cls)
         raster.values, raster.cell_size, raster.origin, raster._crs = values, cell_size, origin, crs
         raster.unit, raster.name = unit, name
@@ -111,13 +111,13 @@ class Raster:
         return self._crs
 
     @crs.setter
-    def crs(self, crs: str | None) -> None:
+    def crs(self, crs: CRSLike | None) -> None:
         self._crs = metric_crs(crs)
 
     @property
-    def device(self) -> Any:
+    def device(self) -> wp.Device:
         """Warp device that the values lie on."""
-        return self.values.device
+        return cast(wp.Device, self.values.device)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -149,11 +149,11 @@ class Raster:
             raise InputError("the values of a raster are copied to become a NumPy array; see Raster.numpy")
         return np.asarray(self.numpy(), dtype)
 
-    def like(self, values: Any, *, unit: str = "", name: str = "") -> Raster:
+    def like(self, values: npt.ArrayLike | wp.array, *, unit: str = "", name: str = "") -> Raster:
         """Return a raster of other values on the same cells, on the same device.
 
-        A device array of float64 or integers that lies there already is taken as it is, without a copy or a look at
-        its values: so the results of kernels become maps.
+        A device array of float64 or integers on that device is used as it is, without a copy and without a check of its
+        values: so the results of kernels become maps.
 
         Args:
             values: (rows, columns) numbers of this shape, on the host or on a device.
@@ -182,7 +182,7 @@ class Raster:
         """Return a copy on the same device."""
         return self.to(self.device)
 
-    def to(self, device: Any) -> Raster:
+    def to(self, device: wp.DeviceLike) -> Raster:
         """Return a copy on another device."""
         values = wp.clone(self.values, device=resolve_device(device))
         return Raster.wrap(values, self.cell_size, self.origin, self.crs, self.unit, self.name)
@@ -199,7 +199,7 @@ class Raster:
         grid.cell_size, grid.cells_per_meter = self.cell_size, 1.0 / self.cell_size
         return grid
 
-    def sample(self, xy: Any) -> np.ndarray:
+    def sample(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the value at points: bilinear between the cells' centres; of whole numbers that of the point's cell.
 
         At the outer edge and beside cells without data, of the four centres around a point the missing ones drop out,
@@ -244,9 +244,9 @@ class Raster:
                 f"lies within {tuple(round(b, 3) for b in self.bounds)}; give (west, south, east, north) in m"
             )
         row, column, rows, columns = window
-        part = wp.clone(self.values[row : row + rows, column : column + columns].contiguous())
+        cells = wp.clone(self.values[row : row + rows, column : column + columns].contiguous())
         origin = (self.origin[0] + column * self.cell_size, self.origin[1] - row * self.cell_size)
-        return Raster.wrap(part, self.cell_size, origin, self.crs, self.unit, self.name)
+        return Raster.wrap(cells, self.cell_size, origin, self.crs, self.unit, self.name)
 
     def window(self, west: float, south: float, east: float, north: float) -> tuple[int, int, int, int] | None:
         """Return (first row, first column, rows, columns) of the cells with centres in a box; None if none has."""
@@ -309,10 +309,10 @@ class Raster:
         form = "d" if self.is_integer else ".6g"
         span = "no data" if gap.all() else f"{word} {np.nanmin(array):{form}} to {np.nanmax(array):{form}} {unit}"
         kind = f" {self.dtype}" if self.is_integer else ""
-        share = f", {100.0 * gap.mean():.3g} % no data" if gap.any() and not gap.all() else ""
+        missing = f", {100.0 * gap.mean():.3g} % no data" if gap.any() and not gap.all() else ""
         crs = None if self.crs is None else short_name(self.crs)
         return (
-            f"{rows} x {columns}{kind} cells of {self.cell_size:.6g} m, {size}, {span.rstrip()}{share}, crs={crs}, "
+            f"{rows} x {columns}{kind} cells of {self.cell_size:.6g} m, {size}, {span.rstrip()}{missing}, crs={crs}, "
             f"on {self.device.alias}"
         )
 
@@ -323,31 +323,34 @@ def checked_grid(cell_size: Any, origin: Any) -> tuple[float, tuple[float, float
     return positive(cell_size, "cell_size", "m"), (west, north)
 
 
-def metric_crs(crs: str | None) -> str | None:
-    """Return a CRS, or raise ``ValueError`` if it is known to be in degrees."""
-    if crs is not None and is_geographic(crs):
-        raise InputError(
-            f"{short_name(crs)} is longitude and latitude, not metres; read the file with "
-            'to_crs="utm", or reproject the cells'
-        )
-    return crs
-
-
 def checked_values(
-    values: Any, device: Any, *, integers: bool, word: str = "values", unit: str = "", what: str = "a raster"
+    values: npt.ArrayLike | wp.array,
+    device: wp.DeviceLike,
+    *,
+    integers: bool,
+    word: str = "values",
+    unit: str = "",
+    what: str = "a raster",
 ) -> np.ndarray:
-    """Return values of cells on the host, NaN for no data, or raise ``ValueError``; ``MemoryError`` without room.
+    """Return values of cells on the host, NaN for no data.
 
     Args:
         values: Numbers as (rows, columns): anything that NumPy takes, masked arrays or a device array.
         device: Where they are to lie.
         integers: Whether whole numbers keep their type; else all become float64.
         word: What they are called, for messages.
-        unit: Unit that is asked for.
+        unit: Unit that they must have.
         what: What they make, for messages.
+
+    Raises:
+        ValueError: Not two dimensions, fewer than 2 x 2 cells, no real numbers, or an infinite one.
+        MemoryError: The device has not enough memory for them.
     """
+    if hasattr(values, "dims") and hasattr(values, "coords"):
+        read = "wr.io.raster_from_xarray" if integers else "wr.from_xarray"
+        raise InputError(f"{word} is an xarray array, whose rows may run from the south; {read} reads it as it lies")
     try:
-        source = values.numpy() if isinstance(values, wp.array) else values
+        source: Any = values.numpy() if isinstance(values, wp.array) else values
         source = source if hasattr(source, "shape") else np.asarray(source)
         if len(source.shape) != 2 or min(source.shape) < 2:
             raise InputError(f"its shape is {source.shape}")
@@ -359,8 +362,8 @@ def checked_values(
             source = np.ma.filled(source.astype(np.float64), np.nan)
         array = np.asarray(source, kind)
     except (TypeError, ValueError) as error:
-        asked = f"numbers as (rows, columns), {f'in {unit}, ' if unit else ''}at least 2 of each"
-        raise InputError(f"{word} cannot be used ({error}); give {asked}") from error
+        needed = f"numbers as (rows, columns), {f'in {unit}, ' if unit else ''}at least 2 of each"
+        raise InputError(f"{word} cannot be used ({error}); give {needed}") from error
     refuse_infinite(array, word)
     return array
 

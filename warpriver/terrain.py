@@ -1,16 +1,19 @@
-"""Terrain: a raster of heights on the device; sampling, gradient, slope, brushes, another cell size, a part of it."""
+"""Terrain: a raster of heights on the device; sampling, gradient, slope, brushes, resampling and cropping."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
+from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import launch_kernel, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import terrain as kernels
@@ -18,18 +21,18 @@ from warpriver.raster import (
     Raster,
     checked_grid,
     checked_values,
-    metric_crs,
     refuse_infinite,
 )
+from warpriver.sentinels import find_sentinels, listed
 from warpriver.validate import checked_points, finite_numbers, positive
 
 __all__ = ["NAME", "UNIT", "Terrain", "TerrainFile", "square_cells", "surface_of"]
 
 BRUSHES = ("raise", "lower", "smooth", "flatten")
-# A cell is a whole multiple of another to this part.
+# A cell is a whole multiple of another up to this relative error.
 WHOLE = 1e-9
-# Standard deviation of the Gaussian of the smoothing brush, in radii; its least value in cells; how far it reaches.
-SMOOTH_PART, SMOOTH_LEAST, SMOOTH_REACH = 0.125, 0.75, 3.0
+# Standard deviation of the Gaussian of the smoothing brush, in radii; its minimum in cells; how far it reaches.
+SMOOTH_FRACTION, SMOOTH_MINIMUM, SMOOTH_REACH = 0.125, 0.75, 3.0
 # What a terrain's raster holds.
 UNIT, NAME = "m", "height"
 
@@ -69,44 +72,52 @@ class Terrain:
 
     def __init__(
         self,
-        height: Any,
+        height: npt.ArrayLike | wp.array,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: str | None = None,
+        crs: CRSLike | None = None,
         *,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
     ):
         """Copy heights to the device.
 
         Args:
-            height: (rows, columns) heights in m, row 0 in the north; NaN, or masked, where there is no data.
+            height: (rows, columns) heights in m, row 0 in the north; NaN, or masked, where there is no data. Values
+                such as -9999 or 3.4e38 that stand alone are kept, with a warning.
             cell_size: Length of a cell's side in m.
             origin: (west, north), the outer corner of the first cell in m.
-            crs: Coordinate reference system; geographic ones are refused, since x and y are metres here.
+            crs: Coordinate reference system, as text or ``pyproj.CRS``; x and y in it must be metres.
             device: Warp device name, "cpu" or "cuda:0".
 
         Raises:
             ValueError: Fewer than 2 x 2 cells, not two dimensions, no data at all, an infinite height, a cell size or
-                an origin that is no length, a CRS in degrees, or an unknown device.
-            MemoryError: There is no room for it on the device.
+                an origin that is no length, a CRS that is unknown or not in metres, or an unknown device.
+            MemoryError: The device has not enough memory for it.
         """
         target = resolve_device(device)
         place = (*checked_grid(cell_size, origin), metric_crs(crs))
         array = checked_values(height, target, integers=False, word="height", unit=UNIT, what="a terrain")
         _require_data(array)
+        found = find_sentinels(array)
+        if found:
+            warnings.warn(
+                f"height: of its cells {listed(found)}; if that stands for no data, write NaN there",
+                UserWarning,
+                stacklevel=2,
+            )
         values: wp.array = wp.array(array, dtype=wp.float64, device=target)
         self.raster = Raster.wrap(values, *place, UNIT, NAME)
 
     @staticmethod
     def wrap_raster(raster: Raster) -> Terrain:
-        """Wrap a raster of heights that is known to be sound, without a copy or a check."""
+        """Wrap a raster of heights that was checked, without a copy."""
         terrain = Terrain.__new__(Terrain)
         terrain.raster = raster
         return terrain
 
     @staticmethod
     def wrap(height: wp.array, cell_size: float, origin: tuple[float, float], crs: str | None) -> Terrain:
-        """Wrap a device array that is known to be sound, without a copy or a check."""
+        """Wrap a device array that was checked, without a copy."""
         return Terrain.wrap_raster(Raster.wrap(height, cell_size, origin, crs, UNIT, NAME))
 
     @classmethod
@@ -150,11 +161,11 @@ class Terrain:
         return self.raster.crs
 
     @crs.setter
-    def crs(self, crs: str | None) -> None:
+    def crs(self, crs: CRSLike | None) -> None:
         self.raster.crs = crs
 
     @property
-    def device(self) -> Any:
+    def device(self) -> wp.Device:
         """Warp device that ``height`` lies on."""
         return self.raster.device
 
@@ -176,7 +187,7 @@ class Terrain:
         """Return a copy on the same device."""
         return self._same_file(Terrain.wrap_raster(self.raster.copy()))
 
-    def to(self, device: Any) -> Terrain:
+    def to(self, device: wp.DeviceLike) -> Terrain:
         """Return a copy on another device."""
         return self._same_file(Terrain.wrap_raster(self.raster.to(device)))
 
@@ -199,7 +210,7 @@ class Terrain:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside ``height``, as :meth:`Raster.grid`."""
         return self.raster.grid(dtype, origin)
 
-    def sample(self, xy: Any) -> np.ndarray:
+    def sample(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the height in m at points, bilinear between the cells' centres.
 
         Args:
@@ -210,7 +221,7 @@ class Terrain:
         """
         return self.raster.sample(xy)
 
-    def gradient(self, xy: Any) -> np.ndarray:
+    def gradient(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the gradient (dh/dx towards east, dh/dy towards north) at points.
 
         Central differences at the cells' centres, one-sided at the edge and beside cells without data, bilinear in
@@ -252,7 +263,7 @@ class Terrain:
                 which leaves a plane as it is; "flatten": draw towards a level.
             center: (x, y) in m.
             radius: m; a brush below the cell size may miss all centres.
-            amount: m for "raise" and "lower"; a share from 0 to 1 for "smooth" and "flatten".
+            amount: m for "raise" and "lower"; a fraction from 0 to 1 for "smooth" and "flatten".
             level: Height in m that "flatten" goes to; by default that at the centre.
 
         Raises:
@@ -262,9 +273,10 @@ class Terrain:
             raise InputError(f"brush kind is {kind!r}; use one of {', '.join(BRUSHES)}")
         x, y = finite_numbers(center, 2, "center")
         radius = positive(radius, "radius", "m")
-        share = kind in ("smooth", "flatten")
-        if not math.isfinite(amount) or amount < 0.0 or (share and amount > 1.0):
-            raise InputError(f"amount is {amount}; to {kind} give " + ("a share, 0 to 1" if share else "m, 0 or more"))
+        blends = kind in ("smooth", "flatten")
+        if not math.isfinite(amount) or amount < 0.0 or (blends and amount > 1.0):
+            needed = "a fraction, 0 to 1" if blends else "m, 0 or more"
+            raise InputError(f"amount is {amount}; to {kind} give {needed}")
         if kind == "flatten" and level is None:
             level = float(self.sample([(x, y)])[0])
         if kind == "flatten" and not math.isfinite(level or 0.0):
@@ -283,7 +295,7 @@ class Terrain:
 
     def _smooth(self, brush: Any, window: tuple[int, int, int, int], radius: float) -> None:
         """Blend the window with its Gaussian mean, rows first, columns second."""
-        spread = max(SMOOTH_PART * radius / self.cell_size, SMOOTH_LEAST)
+        spread = max(SMOOTH_FRACTION * radius / self.cell_size, SMOOTH_MINIMUM)
         reach = math.ceil(SMOOTH_REACH * spread)
         bell = np.exp(-0.5 * (np.arange(reach + 1) / spread) ** 2)
         weight: wp.array = wp.array(bell / (2.0 * bell.sum() - 1.0), dtype=wp.float64, device=self.device)
@@ -295,7 +307,7 @@ class Terrain:
         inputs = [self.grid(), brush, wp.vec4i(*window), first, weight, blurred]
         self._launch("blend_columns", (rows, columns), inputs, [self.height])
 
-    def add_ridge(self, line: Any, height: Any, width: float) -> None:
+    def add_ridge(self, line: npt.ArrayLike, height: float | Sequence[float] | np.ndarray, width: float) -> None:
         """Add a ridge along a line in place, or cut a valley if its height is below 0.
 
         A cell at a distance p half-widths from the line rises by 1 - 3 p^2 + 2 p^3 times the height at the nearest
@@ -309,8 +321,8 @@ class Terrain:
         crest = checked_points(line, "line")
         if len(crest) < 2 or (np.diff(crest, axis=0) == 0.0).all(axis=1).any():
             raise InputError(f"line has {len(crest)} points; give at least 2, none of them twice in a row")
-        rise = np.broadcast_to(np.asarray(height, np.float64), len(crest)) if np.ndim(height) == 0 else height
-        rise = np.array(finite_numbers(rise, len(crest), "height"))
+        heights = np.broadcast_to(np.asarray(height, np.float64), len(crest)) if np.ndim(height) == 0 else height
+        rise = np.array(finite_numbers(heights, len(crest), "height"))
         half = 0.5 * positive(width, "width", "m")
         (west, south), (east, north) = crest.min(axis=0) - half, crest.max(axis=0) + half
         window = self.raster.window(west, south, east, north)
@@ -346,7 +358,7 @@ class Terrain:
         launch_kernel(getattr(kernels.build(wp.float64), name), dim, inputs, outputs, device=self.device)
 
 
-def surface_of(surface: Any) -> Terrain:
+def surface_of(surface: Terrain | Raster) -> Terrain:
     """Return a terrain, or the one whose heights a raster holds; raises ``ValueError`` for anything else."""
     if isinstance(surface, Raster):
         return Terrain.from_raster(surface)
@@ -355,7 +367,9 @@ def surface_of(surface: Any) -> Terrain:
     return surface
 
 
-def square_cells(height: np.ndarray, width: float, length: float, cell_size: float, device: Any = "cpu") -> np.ndarray:
+def square_cells(
+    height: np.ndarray, width: float, length: float, cell_size: float, device: wp.DeviceLike = "cpu"
+) -> np.ndarray:
     """Return heights of cells ``width`` (east) x ``length`` (north) m on square ones, from the north-west corner.
 
     As in :meth:`Terrain.resampled`: bilinear where the new cells are finer, area mean where they are coarser.

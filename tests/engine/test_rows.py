@@ -10,14 +10,7 @@ from insides import loops_of, tighten
 
 from warpriver.engine import scans
 from warpriver.engine import state as buffers
-from warpriver.kernels.polyline import (
-    CUT_POINTS_NEEDED,
-    CUTS_NEEDED,
-    DONE,
-    FAULT,
-    FAULT_OXBOWS_FULL,
-    STATUS_SIZE,
-)
+from warpriver.kernels.status import CUT_POINTS_NEEDED, CUTS_NEEDED, DONE, FAULT, FAULT_OXBOWS_FULL, STATUS_SIZE
 
 # Launches and memsets of one sub-step of networks of some hundred points, each a node of a recording; before scans of
 # our own there were 39 to 51, of which those of the library's scans allocated.

@@ -10,7 +10,7 @@ from trees import assert_forest
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
 from warpriver.engine import state as buffers
 from warpriver.engine.stages import Stage, run_stages
-from warpriver.kernels.polyline import DONE, FAULT
+from warpriver.kernels.status import DONE, FAULT
 from warpriver.shortest_path import shortcuts
 
 # Points of a slab: few, so that small networks have many.

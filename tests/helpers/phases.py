@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 import warpriver as wr
 from warpriver.engine import state as engine
-from warpriver.kernels.polyline import CUTS_NEEDED
+from warpriver.kernels.status import CUTS_NEEDED
 from warpriver.meander.cutoffs import CutOff
 from warpriver.meander.migration import Migrate
 from warpriver.meander.resampling import Resample

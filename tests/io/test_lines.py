@@ -177,13 +177,6 @@ def test_a_shapefile_takes_no_section_that_varies_and_no_stale_parts(tmp_path):
     assert read_network(tmp_path / "a.shp").crs is None
 
 
-@pytest.mark.parametrize("suffix", GIS + SHP)
-def test_a_crs_that_no_library_knows(tmp_path, suffix):
-    with pytest.raises(ValueError, match=rf"a\{suffix}: .*nonsense"):
-        write_network(confluence("nonsense"), tmp_path / f"a{suffix}")
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "a.csv"
     write_network(confluence(), path)

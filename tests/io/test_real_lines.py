@@ -8,7 +8,7 @@ import pytest
 from data_folder import DEFAULT, data_folder
 from river_files import needs_ogr, needs_pyproj, same_lines
 
-from warpriver.graph.edits import check_forest
+from warpriver.graph.forest import check_forest
 from warpriver.hydrology import strahler_order
 from warpriver.io import read_network, write_network
 from warpriver.io.vector.attributes import next_downstream

@@ -112,7 +112,7 @@ def test_many_rows(tmp_path):
         ("x,y\n0,0\n\n1,one\n", r"a\.csv, line 4: 'one' is not a number \(column 2, y\)"),
         ("0,0\n1\n", r"a\.csv, line 2: 1 columns; y should be in column 2"),
         ("7\n0 0\n1 1\n", r"a\.csv, line 1: 1 columns"),
-        ("x,y,width\n0,0,1\n1,1,\n", r"line 3: '' is not a number \(column 3, width\)"),
+        ("x,y,width\n0,0,1\n1,1,wide\n", r"line 3: 'wide' is not a number \(column 3, width\)"),
         ("x,y,channel\n0,0\n1,1\n", r"a\.csv, line 2: 2 columns; channel should be in column 3"),
         ("x,y,channel\n0,0,north\n1,1\n", r"a\.csv: its channels cannot be read"),
         ("0,0\n# c\n1,nan\n2,2\n", r"a\.csv, line 3: y is nan"),
@@ -122,7 +122,7 @@ def test_many_rows(tmp_path):
         ("# order=sideways\n0,0\n1,1\n2,2\n", "order=sideways"),
         ("x,y\n0,0\n100,0\n200,0\n", r"gives no width; pass width= \(bankfull width in m\)"),
         ("x,y,width\n5,5,1\n5,5,1\n", "only one distinct point"),
-        ("x,y,width\n0,0,1\n50,5,-1\n99,9,1\n", r"a\.csv: width of channel 0 is -1 m; it must be positive"),
+        ("x,y,width\n0,0,-1\n50,5,-1\n99,9,-1\n", "the file gives no width"),
         ("\x89PNG\x00\x00", "zero bytes"),
     ],
 )

@@ -25,7 +25,7 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import cutoffs
-from warpriver.kernels.polyline import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, DONE, FAULT
+from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, DONE, FAULT
 
 SPACING = 10.0
 FAULT_OXBOWS_FULL = 2

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels.polyline import HALT, STATUS_SIZE, Marks, Work
+from warpriver.kernels import channels, raster
+from warpriver.kernels.channels import Marks, Work
+from warpriver.kernels.status import HALT, STATUS_SIZE
 
 REALS = {"float64": np.float64, "float32": np.float32}
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
@@ -171,10 +173,45 @@ def vec2_of(scalar):
     return wp.types.vector(2, scalar)
 
 
+def structs(columns, kind, device):
+    """Array of structs on the device from a column for each member."""
+    columns = np.broadcast_arrays(*columns)
+    table = np.zeros(len(columns[0]), kind.numpy_dtype())
+    for name, column in zip(table.dtype.names, columns, strict=True):
+        table[name] = column
+    return to_device(table, kind, device)
+
+
 def forms(width, depth, widest, spacing, scalar, device):
-    """The vec4 a channel that the kernels read: mean width, mean depth, greatest width, spacing asked for."""
-    table = np.stack(np.broadcast_arrays(width, depth, widest, spacing), axis=1)
-    return to_device(table, wp.types.vector(4, scalar), device)
+    """Form of each channel as the kernels read it: mean width, mean depth, greatest width, target spacing."""
+    return structs((width, depth, widest, spacing), channels.build(scalar).Form, device)
+
+
+def struct_of(kind, **members):
+    """A struct of kernels with those members; those that are None are left out."""
+    struct = kind()
+    for name, value in members.items():
+        if value is not None:
+            setattr(struct, name, value)
+    return struct
+
+
+def channels_of(scalar, **members):
+    """The channels of a launch; their members are arrays on a device."""
+    return struct_of(channels.build(scalar).Channels, **members)
+
+
+def points_of(scalar, xy, section=None):
+    """The points of a launch, with widths and depths or without."""
+    return struct_of(channels.build(scalar).Points, xy=xy, section=section)
+
+
+def ground_of(scalar, height, grid, device):
+    """The ground of a launch: heights, or None for a plain, and (west, north, cell size)."""
+    kernel = raster.build(scalar)
+    west, north, cell_size = grid
+    place = struct_of(kernel.RasterGrid, west=west, north=north, cell_size=cell_size, cells_per_meter=1.0 / cell_size)
+    return struct_of(kernel.Ground, height=to_device(height, wp.float64, device), grid=place)
 
 
 def ring_flags(rings, channels, device):

@@ -6,7 +6,22 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import SCALARS, bits_of, forms, ring_flags, share_out, split, starts_of, to_device, unwritten
+from kernel_arrays import (
+    SCALARS,
+    bits_of,
+    channels_of,
+    forms,
+    ground_of,
+    points_of,
+    ring_flags,
+    share_out,
+    split,
+    starts_of,
+    struct_of,
+    structs,
+    to_device,
+    unwritten,
+)
 
 from warpriver.kernels import migration, schedule
 
@@ -52,13 +67,11 @@ def stacked_lines(seed=3, counts=(3, 4, 5, 130, 3, 3, 67, 3, 300, 6)):
     ]
 
 
-def device_law(kernel, law):
+def device_constants(kernel, law):
     """The struct that the kernels read."""
-    struct = kernel.MigrationLaw()
-    for name, value in dataclasses.asdict(law).items():
-        if name != "time_step":  # each channel has its own
-            setattr(struct, name, value)
-    return struct
+    members = dataclasses.asdict(law)
+    del members["time_step"]  # each channel has its own
+    return struct_of(kernel.MigrationConstants, **members)
 
 
 def channel_means(sections):
@@ -107,6 +120,7 @@ class Case:
         self.channel_start = to_device(self.start, wp.int32, device)
         self.form = forms(self.width, self.depth, self.widest, self.spacing, scalar, device)
         self.channel_spacing = to_device(self.spacing, scalar, device)
+        self.points = points_of(scalar, self.point_xy, self.section)
 
     def launch(self, kernel, deal, inputs, outputs):
         """Launch a kernel over the points; the inputs after the work, if any, follow a ``...``."""
@@ -114,31 +128,28 @@ class Case:
             given = [part.work if value is ... else value for value in inputs]
             wp.launch(kernel, dim=part.threads, inputs=given, outputs=outputs, device=self.device)
 
-    def steps(self, law):
-        """Time step of each channel on the device, 0 for those that rest."""
+    def channels(self, law, deal=64):
+        """The channels with their time steps, 0 for the inactive ones, and the areas of rings."""
         step = np.full(len(self.lines), law.time_step)
         step[list(self.resting)] = 0.0
-        return to_device(step, self.scalar, self.device)
-
-    def areas(self, law, deal=64):
-        """Area of each ring in 2^-62 of its length squared, on the device; None where there are no rings."""
-        if self.closed is None:
-            return None
-        out = wp.zeros(len(self.lines), dtype=wp.int64, device=self.device)
-        inputs = [self.point_xy, self.channel_start, self.channel_spacing, self.steps(law), self.closed, ...]
-        self.launch(self.kernel.measure_rings, deal, inputs, [out])
-        return out
+        channels = channels_of(
+            self.scalar, start=self.channel_start, form=self.form, spacing=self.channel_spacing,
+            step=to_device(step, self.scalar, self.device), closed=self.closed,
+        )  # fmt: skip
+        if self.closed is not None:
+            channels.area = wp.zeros(len(self.lines), dtype=wp.int64, device=self.device)
+            self.launch(self.kernel.measure_rings, deal, [channels, self.point_xy, ...], [channels.area])
+        return channels
 
     def rates(self, law, deal=64):
         """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel rests."""
         out = unwritten(self.capacity, self.scalar, self.device)
-        inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [self.steps(law), self.closed, self.areas(law, deal), device_law(self.kernel, law), ...]
+        inputs = [self.channels(law, deal), self.points, device_constants(self.kernel, law), ...]
         self.launch(self.kernel.compute_rate, deal, inputs, [out])
         packed = out.numpy().astype(np.float64)
         for c in self.resting:
             first, stop = self.start[c : c + 2]
-            assert np.isnan(packed[first:stop]).all(), "a rate of a channel at rest was written"
+            assert np.isnan(packed[first:stop]).all(), "a rate of an inactive channel was written"
             packed[first:stop] = 0.0
         return self._channels(packed)
 
@@ -151,18 +162,10 @@ class Case:
         rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         section = None if self.section is None else unwritten(self.capacity, self.kernel.vec2, self.device)
-        inputs = [self.point_xy, self.section, self.channel_start, self.form, self.channel_spacing]
-        inputs += [
-            self.steps(law),
-            self.closed,
-            self.areas(law, deal),
-            *self.ground(height),
-            device_law(self.kernel, law),
-            ...,
-            rate,
-        ]
+        constants, ground = device_constants(self.kernel, law), ground_of(self.scalar, height, GRID, self.device)
+        inputs = [self.channels(law, deal), self.points, ground, constants, ..., rate]
         pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        self.launch(self.kernel.move_points, deal, inputs, [out, section, bits_of(pace)])
+        self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(pace)])
         if section is not None:
             np.testing.assert_array_equal(section.numpy(), self.section.numpy())
         moved = self._channels(out.numpy().astype(np.float64))
@@ -175,28 +178,17 @@ class Case:
             assert pace.numpy()[c] == pytest.approx(farthest, rel=1e-5, abs=rounding), f"pace of channel {c}"
         return moved
 
-    def ground(self, height):
-        """Heights and grid as the kernels read them."""
-        grid = self.kernel.RasterGrid()
-        grid.west, grid.north, grid.cell_size = GRID
-        grid.cells_per_meter = 1.0 / GRID[2]
-        return to_device(height, wp.float64, self.device), grid
-
     def mobility(self, law, height, deal=64, planned=0, limit=0.0):
         """How the ground lets each channel move, (C,) of the case's precision; 0 where the step is planned before."""
         out = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        inputs = [
-            self.point_xy,
-            self.channel_start,
-            self.form,
-            *self.ground(height),
-            law.slope_threshold,
-            law.time_step,
-            ...,
-        ]
         kernel = schedule.build(self.scalar)
-        limits = to_device(np.full((len(self.lines), 3), limit), kernel.vec3, self.device)
-        inputs += [limits, to_device([0, 1, planned], wp.int32, self.device)]
+        limits = structs(np.full((3, len(self.lines)), limit), kernel.Limits, self.device)
+        constants = struct_of(kernel.StepConstants, time_step=law.time_step, slope_threshold=law.slope_threshold)
+        ground, substep = (
+            ground_of(self.scalar, height, GRID, self.device),
+            to_device([0, 1, planned], int, self.device),
+        )
+        inputs = [self.channels(law), self.point_xy, ground, constants, ..., limits, substep]
         self.launch(kernel.measure_mobility, deal, inputs, [bits_of(out)])
         return out.numpy()
 

@@ -2,7 +2,18 @@
 
 import numpy as np
 import warp as wp
-from kernel_arrays import SCALARS, forms, ring_flags, share_out, split, starts_of, to_device, vec2_of
+from kernel_arrays import (
+    SCALARS,
+    channels_of,
+    forms,
+    points_of,
+    ring_flags,
+    share_out,
+    split,
+    starts_of,
+    to_device,
+    vec2_of,
+)
 
 SPACING = 10.0
 
@@ -41,7 +52,7 @@ class PackedLines:
         vec2 = vec2_of(self.scalar)
         packed = np.full((self.capacity, 2), np.nan)
         packed[: self.count] = np.concatenate(lines)
-        self.points = to_device(packed, vec2, device)
+        self.xy = to_device(packed, vec2, device)
         self.mean = self.widest = np.broadcast_to(np.float64(width), len(lines))
         self.sections, self.section = sections, None
         if sections is not None:
@@ -55,6 +66,11 @@ class PackedLines:
         step[list(resting)] = 0.0
         self.rings, self.closed = rings, ring_flags(rings, len(lines), device)
         self.resting, self.step = resting, to_device(step, self.scalar, device)
+        self.channels = channels_of(
+            self.scalar, start=self.channel_start, form=self.form, spacing=self.spacing, step=self.step,
+            closed=self.closed,
+        )  # fmt: skip
+        self.points = points_of(self.scalar, self.xy, self.section)
         # Not 0 where the status says halt.
         self.halt = 0
 

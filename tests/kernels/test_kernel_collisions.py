@@ -20,7 +20,8 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import collisions
-from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, HALT
+from warpriver.kernels.channels import COARSEST_SPACING
+from warpriver.kernels.status import CONTACTS, HALT
 
 SPACING, WIDTH, REACH = 10.0, 12.0, 10.0
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import REALS, SCALARS, forms, starts_of, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, channels_of, forms, starts_of, struct_of, to_device, unwritten
 
 from warpriver.kernels import junctions
 
@@ -58,18 +58,19 @@ def test_drift_matches_the_twin(device, dtype, number):
         drift, step = rng.uniform(0.0, 40.0, count), rng.choice([0.0, STEP, STEP, STEP, STEP], count)
         points = to_device(np.concatenate(lines).astype(REALS[dtype]), kernel.vec2, device)
         start = to_device(starts_of(lines), wp.int32, device)
-        arrays = {"below": below, "tributaries": arrivals, "awake": np.zeros(count)}
-        arrays = {key: to_device(value.astype(np.int32), wp.int32, device) for key, value in arrays.items()}
-        drifts, steps = (to_device(v, scalar, device) for v in (drift, step))
-        spacing = to_device(np.full(count, SPACING), scalar, device)
-        form = forms(WIDTH, 1.0, np.full(count, WIDTH), SPACING, scalar, device)
-        substep = to_device([number, 3], wp.int32, device)
-        wp.launch(kernel.count_awake, count, [arrays["below"], steps], [arrays["awake"]], device=device)
-        inputs = [start, form, spacing, steps, arrays["tributaries"], drifts, scalar(STEP), substep, arrays["awake"]]
+        downstream, tributaries = (to_device(v.astype(np.int32), wp.int32, device) for v in (below, arrivals))
+        meet = struct_of(
+            kernel.Junctions, downstream=downstream, tributaries=tributaries, drift=to_device(drift, scalar, device)
+        )
+        form, spacing = forms(WIDTH, 1.0, np.full(count, WIDTH), SPACING, scalar, device), np.full(count, SPACING)
+        spacing, steps = (to_device(v, scalar, device) for v in (spacing, step))
+        channels = channels_of(scalar, start=start, form=form, spacing=spacing, step=steps)
+        active, substep = wp.zeros(count, dtype=int, device=device), to_device([number, 3], wp.int32, device)
+        wp.launch(kernel.count_active, count, [channels, meet], [active], device=device)
         shift = unwritten(count, kernel.vec2, device)
+        inputs = [channels, meet, scalar(STEP), substep, active]
         wp.launch(kernel.shift_heads, count, inputs, [shift, points], device=device)
-        inputs = [start, form, spacing, arrays["below"], scalar(REACH), shift]
-        wp.launch(kernel.follow_heads, count, inputs, [points], device=device)
+        wp.launch(kernel.follow_heads, count, [channels, meet, scalar(REACH), shift], [points], device=device)
         moves = np.hypot(*shift.numpy().T) > 0.0
         expected = np.concatenate(twin(lines, below, arrivals, drift, step, number))
         np.testing.assert_allclose(points.numpy(), expected, atol=TOLERANCE[dtype], rtol=0.0)

@@ -18,7 +18,7 @@ from migration_case import (
     SUM_TOLERANCE_32,
     Case,
     assert_rates,
-    device_law,
+    device_constants,
     heading_line,
     meander,
     stacked_lines,
@@ -29,7 +29,7 @@ from reference import Law
 from scipy.integrate import quad
 
 from warpriver.engine.state import State
-from warpriver.kernels import migration
+from warpriver.kernels import migration, polyline
 from warpriver.meander import migration as launcher
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
@@ -324,17 +324,20 @@ def test_single_precision_rates_and_moves(device):
 
 def device_roots(time_steps, width, spacing, law, factor, device="cpu"):
     kernel = migration.build(wp.float64)
-    smoothing_root = nested(kernel.compute_rate, "smoothing_root")
-    Struct = kernel.MigrationLaw
+    smoothing_root = nested(kernel.compute_rate, "terms_of", "smoothing_root")
+    Constants, Run = kernel.MigrationConstants, polyline.build(wp.float64).Run
 
     @wp.kernel(module="unique", enable_backward=False)
-    def evaluate(step: wp.array[wp.float64], law: Struct, width: wp.float64, spacing: wp.float64, factor: wp.float64,
-                 root_out: wp.array[wp.float64]):  # fmt: skip
+    def evaluate(step: wp.array[wp.float64], constants: Constants, width: wp.float64, spacing: wp.float64,
+                 factor: wp.float64, root_out: wp.array[wp.float64]):  # fmt: skip
         i = wp.tid()
-        root_out[i] = smoothing_root(width, spacing, factor, step[i], law)
+        run = Run()
+        run.spacing = spacing
+        run.step = step[i]
+        root_out[i] = smoothing_root(width, run, factor, constants)
 
     out = unwritten(len(time_steps), wp.float64, device)
-    inputs = [to_device(np.array(time_steps, np.float64), wp.float64, device), device_law(kernel, law)]
+    inputs = [to_device(np.array(time_steps, np.float64), wp.float64, device), device_constants(kernel, law)]
     inputs += [width, spacing, factor]
     wp.launch(evaluate, dim=len(time_steps), inputs=inputs, outputs=[out], device=device)
     return out.numpy()

@@ -115,7 +115,7 @@ class RingCase(paths.Case):
             self.zeros(self.capacity),
         )
         head = self.ints(len(self.lines))
-        inputs = [self.channel_start, self.closed, longer, ..., self.points, *self.arcs(deal), given["links"]]
+        inputs = [self.channel_start, self.closed, longer, ..., self.xy, *self.arcs(deal), given["links"]]
         inputs += [given["first"], given["total"], given["by_channel"], given["marks"], given["end"]]
         self.launch(routes.build(self.scalar).open_rings, deal, inputs, [save, ends, head], by_channel=True)
         return head.numpy() - self.start[:-1], save.numpy(), ends, head

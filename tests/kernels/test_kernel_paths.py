@@ -8,7 +8,7 @@ import reference
 import reference_paths as twin
 import reference_rings as rings
 import warp as wp
-from kernel_arrays import DEALS, REALS, bits_of, to_device, unwritten
+from kernel_arrays import DEALS, REALS, bits_of, ground_of, points_of, struct_of, to_device, unwritten
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 from reference_paths import PathLaw
 
@@ -22,12 +22,10 @@ MOVE_TOLERANCE, MOVE_TOLERANCE_32 = 4e-12, 1e-3
 CELL = 100.0
 
 
-def device_law(kernel, law):
-    struct = kernel.PathLaw()
-    for name, value in dataclasses.asdict(law).items():
-        if name != "time_step":  # each channel has its own
-            setattr(struct, name, value)
-    return struct
+def device_constants(kernel, law):
+    members = dataclasses.asdict(law)
+    del members["time_step"]  # each channel has its own
+    return struct_of(kernel.PathConstants, **members)
 
 
 class Case(PackedLines):
@@ -36,14 +34,14 @@ class Case(PackedLines):
     def __init__(self, lines, **options):
         super().__init__(lines, **options)
         self.kernel = paths.build(self.scalar)
-        area = np.sign([rings.area(xy) for xy in lines])
-        self.area = to_device(area, wp.int64, self.device) if self.rings else None
-        self.shape = [self.points, self.section, self.channel_start, self.form, self.spacing, self.step, self.closed]
+        if self.rings:
+            self.channels.area = to_device(np.sign([rings.area(xy) for xy in lines]), wp.int64, self.device)
 
     def pushes(self, law, deal=64):
-        """Pushes and pulls by channel, blurred downstream; those of channels at rest are not written."""
+        """Pushes and pulls by channel, blurred downstream; those of inactive channels are not written."""
         out = unwritten(self.capacity, self.kernel.vec4, self.device)
-        self.launch(self.kernel.compute_push, deal, [*self.shape, device_law(self.kernel, law), ...], [out])
+        constants = device_constants(self.kernel, law)
+        self.launch(self.kernel.compute_push, deal, [self.channels, self.points, constants, ...], [out])
         packed = out.numpy().astype(np.float64)
         assert np.isnan(packed[self.count :]).all()
         found = self.by_channel(packed)
@@ -52,22 +50,19 @@ class Case(PackedLines):
         return found
 
     def ground(self, slope):
-        """A plain that falls south, and its grid."""
-        grid = self.kernel.RasterGrid()
-        grid.west, grid.north, grid.cell_size, grid.cells_per_meter = -8000.0, 8000.0, CELL, 1.0 / CELL
-        height = -slope * CELL * np.arange(160.0)[:, None] * np.ones(160)
-        return to_device(height, wp.float64, self.device), grid
+        """A plain that falls south; level where the slope is None."""
+        height = None if slope is None else -slope * CELL * np.arange(160.0)[:, None] * np.ones(160)
+        return ground_of(self.scalar, height, (-8000.0, 8000.0, CELL), self.device)
 
     def shifted(self, law, halves, deal=64, slope=None):
         """Points and pace by channel after a step with those pushes and pulls; checks the sections."""
-        height, grid = (None, self.kernel.RasterGrid()) if slope is None else self.ground(slope)
         packed = np.concatenate([*halves, np.full((self.capacity - self.count, 4), np.nan)])
         out, section = (unwritten(self.capacity, self.kernel.vec2, self.device) for _ in range(2))
         pace = to_device(np.zeros(len(self.lines)), self.scalar, self.device)
-        inputs = [*self.shape, self.area, height, grid, device_law(self.kernel, law), ...]
+        inputs = [self.channels, self.points, self.ground(slope), device_constants(self.kernel, law), ...]
         inputs += [to_device(packed, self.kernel.vec4, self.device)]
-        moved_section = None if self.section is None else section
-        self.launch(self.kernel.shift_points, deal, inputs, [out, moved_section, bits_of(pace)])
+        written = points_of(self.scalar, out, None if self.section is None else section)
+        self.launch(self.kernel.shift_points, deal, inputs, [written, bits_of(pace)])
         moved = out.numpy().astype(np.float64)
         assert np.isfinite(moved[: self.count]).all() and np.isnan(moved[self.count :]).all()
         if self.section is not None:
@@ -78,7 +73,7 @@ class Case(PackedLines):
 @pytest.mark.parametrize("deal", DEALS)
 @pytest.mark.parametrize("varies", [False, True])
 def test_push_and_shift_match_the_twins(device, dtype, deal, varies):
-    """Channels at rest among them keep their points, and have no pace."""
+    """Inactive channels among them keep their points, and have no pace."""
     rng = np.random.default_rng(3)
     counts = (3, 4, 130, 3, 67, 300, 5)
     lines = [wandering_line(rng, n, curl=0.3) for n in counts]

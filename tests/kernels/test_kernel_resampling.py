@@ -28,7 +28,7 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import polyline, resampling
-from warpriver.kernels.polyline import (
+from warpriver.kernels.status import (
     CUT_POINTS,
     CUT_POINTS_NEEDED,
     CUTS,
@@ -753,12 +753,16 @@ def test_curvature_of_degenerate_points_is_zero():
 
 def test_extended_points_are_point_reflections(device):
     line = polyline.build(wp.float64)
-    extended_point, vec2 = line.extended_point, line.vec2
+    extended_point, vec2, Run = line.extended_point, line.vec2, line.Run
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(point: wp.array[vec2], first: int, last: int, closed: int, point_out: wp.array[vec2]):
         i = wp.tid()
-        point_out[i] = extended_point(point, first + i - 2, first, last, closed)
+        run = Run()
+        run.first = first
+        run.last = last
+        run.closed = closed
+        point_out[i] = extended_point(point, first + i - 2, run)
 
     # Three points of a channel between two others.
     xy = np.array([[9.0, 9.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [9.0, 9.0]])

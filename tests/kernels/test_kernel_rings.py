@@ -17,6 +17,8 @@ from kernel_arrays import (
     SCALARS,
     SLABS,
     Backwards,
+    channels_of,
+    forms,
     ring_flags,
     share_out,
     split,
@@ -127,7 +129,7 @@ def test_the_area_does_not_depend_on_the_division(device):
     lines, rings = mixed(5)
     case = moving.Case(lines, rings=rings, device=device)
     law = Law()
-    found = {deal: case.areas(law, deal).numpy() for deal in DEALS}
+    found = {deal: case.channels(law, deal).area.numpy() for deal in DEALS}
     for c in rings:
         exact = twin.area(lines[c]) / (50.0 * len(lines[c])) ** 2 * 2.0**62
         for deal in DEALS:
@@ -302,11 +304,14 @@ def smoothed(lines, rings, numbers, *, deal=64, resting=(), dtype="float64", dev
     step[list(resting)] = 0.0
     before = to_device(np.concatenate(lines), kernel.vec2, device)
     after = unwritten(int(start[-1]), kernel.vec2, device)
-    inputs = [to_device(start, wp.int32, device), to_device(step, scalar, device)]
-    inputs += [ring_flags(rings, len(lines), device), *numbers]
+    steps = to_device(step, scalar, device)
+    channels = channels_of(
+        scalar, start=to_device(start, wp.int32, device), form=forms(*np.ones((4, len(lines))), scalar, device),
+        spacing=steps, step=steps, closed=ring_flags(rings, len(lines), device),
+    )  # fmt: skip
     for part in share_out(deal, len(lines), int(start[-1]), device):
-        wp.launch(kernel.smooth_points, dim=part.threads, inputs=[*inputs, part.work, before], outputs=[after],
-                  device=device)  # fmt: skip
+        inputs = [channels, *numbers, part.work, before]
+        wp.launch(kernel.smooth_points, dim=part.threads, inputs=inputs, outputs=[after], device=device)
     return split(after.numpy().astype(np.float64), start)
 
 

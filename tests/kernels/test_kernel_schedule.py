@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, status_of, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, status_of, structs, to_device, unwritten
 
 from warpriver.kernels import schedule
-from warpriver.kernels.polyline import CONTACTS, DONE, FAULT, GOAL, HALT, PARTS, STEPS, TOUCH
+from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, STEPS, SUBSTEPS, TOUCH
 
 
 def planned(limit, pace, mobility, time_step, dtype, device, before=0):
@@ -19,7 +19,7 @@ def planned(limit, pace, mobility, time_step, dtype, device, before=0):
     mobility, pace = (
         None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, pace)
     )
-    limits = to_device(np.array(limit, np.float64), kernel.vec3, device)
+    limits = structs(np.transpose(limit), kernel.Limits, device)
     parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
     inputs = [limits, time_step, to_device([0, 1, 0], wp.int32, device), going_on(device), mobility, pace]
     wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
@@ -45,8 +45,8 @@ def test_faults_contacts_and_the_goal_halt_what_is_to_follow(device, status, con
     assert (mobility.numpy() == (0.5 if halts or planned else 0.0)).all()
     assert most.numpy()[0] == (4 if halts or planned else 0)
     parts = unwritten(3, wp.int32, device)
-    limit = to_device(np.full((3, 3), 10.0), kernel.vec3, device)
-    inputs, outputs = [limit, 0.3, substep, state, mobility, pace], [parts, most]
+    limits = structs(np.full((3, 3), 10.0), kernel.Limits, device)
+    inputs, outputs = [limits, 0.3, substep, state, mobility, pace], [parts, most]
     wp.launch(kernel.plan_steps, dim=3, inputs=inputs, outputs=outputs, device=device)
     if halts or planned:
         assert (parts.numpy() == UNWRITTEN).all() and most.numpy()[0] == 4
@@ -60,7 +60,7 @@ def test_faults_contacts_and_the_goal_halt_what_is_to_follow(device, status, con
     else:
         assert bool((out.numpy() > 0.0).all()) == bool(planned) and (pace.numpy() == 0.0).all()
         total = 4 if planned else 1
-        assert substep.numpy().tolist() == [0, total, 1] and state.numpy()[PARTS] == total
+        assert substep.numpy().tolist() == [0, total, 1] and state.numpy()[SUBSTEPS] == total
 
 
 def scheduled(parts, time_step, total, dtype, device):

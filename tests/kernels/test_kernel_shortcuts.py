@@ -24,7 +24,8 @@ from kernel_arrays import (
 from path_lines import SPACING, PackedLines, varying_sections, wandering_line
 
 from warpriver.kernels import cutoffs, resampling, routes, shortcuts
-from warpriver.kernels.polyline import FAULT, LINKS_NEEDED, Links
+from warpriver.kernels.polyline import Links
+from warpriver.kernels.status import FAULT, LINKS_NEEDED
 
 FAULT_SHORTCUTS_FULL = 3
 
@@ -64,7 +65,7 @@ class Case(PackedLines):
         """Grid of the points: (next, head); with chunks a bucket has two fields, slabs empty their own."""
         chunked = isinstance(deal, int)
         after, head = self.ints(), self.zeros(8 * self.capacity) if chunked else self.ints(4 * self.capacity)
-        inputs = [self.channel_start, self.form, self.step, radius, ..., self.points]
+        inputs = [self.channel_start, self.form, self.step, radius, ..., self.xy]
         self.launch(cutoffs.build(self.scalar).insert_points, deal, inputs, [after, by_fours(head), head])
         return after, head
 
@@ -87,7 +88,7 @@ class Case(PackedLines):
 
     def counted(self, radius, min_arc, cone, deal=64):
         """Grid, shortcuts of each point and channel, and running sums over the shares; checks what is cleared."""
-        near = [self.points, self.section, *self.linked(radius, deal)]
+        near = [self.xy, self.section, *self.linked(radius, deal)]
         law, chunked = self.law(radius, min_arc, cone), isinstance(deal, int)
         found = self.search(law, near, deal)
         links, neck, before, by_share, cuts, by_channel = (a.numpy() for a in found)
@@ -173,7 +174,7 @@ class Case(PackedLines):
         arc = unwritten(self.capacity, wp.float64, self.device)
         length = unwritten(self.chunks(deal), wp.int64, self.device)
         kernel, status = resampling.build(self.scalar).measure_arcs, status_of({}, self.device)
-        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.points], [arc, length, status])
+        self.launch(kernel, deal, [self.channel_start, self.step, ..., self.xy], [arc, length, status])
         assert status.numpy()[FAULT] == 0
         return arc, to_device(np.cumsum(length.numpy()), wp.int64, self.device)
 
@@ -181,7 +182,7 @@ class Case(PackedLines):
         """What each shortcut saves, in the order of the list; checks the chunks where any begins or ends."""
         given, marks = self.packed_links(pairs, deal), self.zeros(self.chunks(deal), wp.vec2i)
         saving = unwritten(given["begin"].shape[0], wp.float64, self.device)
-        inputs = [..., self.points, *self.arcs(deal), given["total"], given["begin"], given["end"]]
+        inputs = [..., self.xy, *self.arcs(deal), given["total"], given["begin"], given["end"]]
         self.launch(self.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
         flags = [0] if given["flags"] is None else given["flags"]
         assert marks.numpy().tolist() == [[int(flag), 0] for flag in flags]
@@ -407,7 +408,7 @@ def test_a_halted_step_finds_no_shortcuts_and_no_route(device, deal):
     assert all((array.numpy() == UNWRITTEN).all() for array in (first, begin, end)) and not status.numpy().any()
     saving, marks = unwritten(found, wp.float64, device), case.zeros(case.chunks(deal), wp.vec2i)
     given = case.packed_links(pairs, deal)
-    inputs = [..., case.points, *case.arcs(deal), total, given["begin"], given["end"]]
+    inputs = [..., case.xy, *case.arcs(deal), total, given["begin"], given["end"]]
     case.launch(case.kernel.weigh_shortcuts, deal, inputs, [saving, marks])
     assert np.isnan(saving.numpy()).all() and not marks.numpy().any()
     assert case.path(pairs, np.ones(found), deal) == [[], []]

@@ -14,7 +14,7 @@ from phases import any_step, crossings
 import warpriver as wr
 from warpriver.cli import main
 from warpriver.engine import state as engine
-from warpriver.kernels.polyline import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT
+from warpriver.kernels.status import CUT_POINTS_NEEDED, CUTS_NEEDED, FAULT
 from warpriver.meander.resampling import Resample
 from warpriver.shortest_path.push import Push, push_limits
 from warpriver.shortest_path.route import TakeShortcuts

@@ -9,7 +9,7 @@ import numpy as np
 from warpriver.engine.stages import Stage
 from warpriver.engine.state import Member, State
 from warpriver.history.events import Event
-from warpriver.kernels.polyline import DONE, HALT, STATUS_SIZE, TOUCH
+from warpriver.kernels.status import DONE, HALT, STATUS_SIZE, TOUCH
 from warpriver.network import RiverNetwork
 
 __all__ = ["Phase", "Row"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import itertools
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -14,13 +15,16 @@ import warp as wp
 from warpriver.device import load_kernel
 from warpriver.errors import InternalError
 from warpriver.kernels import replay as kernels
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.channels import Work
+from warpriver.kernels.status import STATUS_SIZE
 
-__all__ = ["Share", "Stage", "clear", "launch", "noted_launches", "run_stages"]
+__all__ = ["CUDA_CHUNK", "Share", "Stage", "clear", "launch", "noted_launches", "run_stages", "whole_share"]
 
 # Threads of a block on a GPU. The kernels of a step need up to 150 registers a thread: in blocks of 64 more of them fit
 # on a multiprocessor (65,536 registers) than in Warp's usual 256, and those that need few are not worse off.
 BLOCK_DIM = 64
+# Consecutive points that a thread takes on a GPU.
+CUDA_CHUNK = 32
 
 
 class _Notes(threading.local):
@@ -95,6 +99,14 @@ class Share:
         work.status, work.slab_channel = self.work.status, self.work.slab_channel
         work.chunk, work.first = self.work.chunk, k
         return Share(work, 1, 1)
+
+
+def whole_share(points: int, device: Any) -> Share:
+    """Return the share of a launch over so many points outside of any step: all of them, on the CPU by one thread."""
+    work = Work()
+    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
+    work.chunk = points if device.is_cpu else CUDA_CHUNK
+    return Share(work, math.ceil(points / work.chunk), 0)
 
 
 @dataclasses.dataclass(frozen=True)

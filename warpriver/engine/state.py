@@ -11,29 +11,22 @@ import warp as wp
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.checks import require
-from warpriver.engine.stages import Share, Stage, launch, run_stages
+from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
 from warpriver.errors import InputError
 from warpriver.graph.edits import EditedChannels
-from warpriver.kernels import runs, schedule
-from warpriver.kernels.polyline import (
-    COARSEST_SPACING,
-    GOAL,
-    POINTS,
-    POINTS_NEEDED,
-    STATUS_SIZE,
-    SUBSTEP_SIZE,
-    Work,
-)
+from warpriver.kernels import channels, raster, runs, schedule
+from warpriver.kernels.channels import COARSEST_SPACING, Work
+from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "CUDA_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
 SUBSTEPS_IN_A_ROW = 16
-# Consecutive points that a thread takes, on a GPU and on the CPU; 0: slabs of whole channels.
-CUDA_CHUNK, CPU_CHUNK = 32, 0
+# Consecutive points that a thread takes on the CPU; 0: slabs of whole channels.
+CPU_CHUNK = 0
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
 # cache when the next one reads it.
 SLAB_POINTS = 16_384
@@ -142,6 +135,7 @@ class State:
         seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
         edits: Edits of the network so far.
+        next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
         substeps: Equal parts in which the last step was done.
@@ -154,10 +148,11 @@ class State:
         section_moved: (P,) vec2, width and depth that go with ``point_moved``, or None where they are constant.
         spare: Two (P,) int32 arrays that a phase may use from one of its stages to the next, and no longer.
         start: (C + 1,) offsets of the channels' points; the network's ``channel_start`` is a view of it.
-        form: (C,) vec4 of mean width, mean depth, greatest width and spacing asked for, all in m.
+        form: (C,) ``Form`` of ``kernels/channels.py``: mean width, mean depth, greatest width and target spacing, m.
         spacing: (C,) even spacing of the points, m.
-        limit: (C,) vec3 of the two limits of a sub-step, yr, and the least width, m.
+        limits: (C,) ``Limits`` of ``kernels/schedule.py``: the two limits of a sub-step, yr, and the smallest width, m.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
+        area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
@@ -248,7 +243,10 @@ class State:
             respaced = not np.array_equal(fixed, saved["channel_fixed"])
         needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
         self.channel_length = length
+        self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
+            # Runs recorded before this was do not have it.
+            self.next_identity = max([self.next_identity, *saved.get("next_identity", np.zeros(0, int)).tolist()])
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()
@@ -297,11 +295,13 @@ class State:
         scalar, zeros = self.scalar, self.zeros
         self.channel_capacity = count
         self.start = zeros(count + 1)
-        self.form, self.limit = zeros(count, wp.types.vector(4, scalar)), zeros(count, wp.types.vector(3, scalar))
+        self.form = zeros(count, channels.build(scalar).Form)
+        self.limits = zeros(count, schedule.build(scalar).Limits)
         self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
         self.parts = zeros(count)
         self.mobility = None if self.terrain is None else zeros(count, scalar)
-        self.closed = zeros(count) if network.channel_closed.any() else None
+        ringed = network.channel_closed.any()
+        self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
 
@@ -355,10 +355,9 @@ class State:
             carried: (C,) arrays of ``pace``, ``parts`` and ``mobility`` from before an edit; else they begin at 0.
         """
         network, self._fixed, carried = self.network, fixed, carried or {}
-        limit = np.column_stack(
-            [*self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params), fixed[:, NARROWEST]]
-        )
-        self.stable_dt = float(np.min(limit[:, :2]))
+        travel, growth = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        limits = _columns(travel=travel, growth=growth, width=fixed[:, NARROWEST])
+        self.stable_dt = float(np.minimum(travel, growth).min())
         needed = self.params.time_step / self.stable_dt
         if needed > MAX_SUBSTEPS:
             raise InputError(
@@ -375,7 +374,7 @@ class State:
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
         for array, values in (
-            (self.form, self.channel_form), (self.spacing, spacing), (self.limit, limit),
+            (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
             *((getattr(self, name), carried.get(name, np.zeros(0))) for name in ("pace", "parts", "mobility")),
         ):  # fmt: skip
@@ -394,9 +393,9 @@ class State:
 
     @property
     def channel_form(self) -> np.ndarray:
-        """(C, 4) mean width, mean depth, greatest width and spacing asked for of the network's channels, m."""
-        network = self.network
-        return np.column_stack([network.channel_width, network.channel_depth, self._fixed[:, [WIDEST, WANTED]]])
+        """(C,) ``Form`` of the network's channels, in float64, with its members as named columns."""
+        width, depth, fixed = self.network.channel_width, self.network.channel_depth, self._fixed
+        return _columns(width=width, depth=depth, widest=fixed[:, WIDEST], target_spacing=fixed[:, WANTED])
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
@@ -404,15 +403,43 @@ class State:
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
-        host = np.zeros(array.shape + values.shape[1:], values.dtype)
+        structs = hasattr(array.dtype, "numpy_dtype")
+        host = np.zeros(array.shape + values.shape[1:], array.dtype.numpy_dtype() if structs else values.dtype)
         host[: len(values)] = values
         array.assign(host)
 
-    def ground(self, grid: Any) -> tuple[wp.array | None, Any]:
-        """Return the heights of the ground and their grid as kernels take them; ``grid``: without ground."""
-        if self.terrain is None:
-            return None, grid
-        return self.terrain.height, self.terrain.grid(self.network.dtype, self.network.origin)
+    # ---- as kernels take it, of the arrays as they are now: not to be kept beyond ``edition``
+
+    def channels(self) -> Any:
+        """Return the channels."""
+        struct = channels.build(self.scalar).Channels()
+        struct.start, struct.form, struct.spacing, struct.step = self.start, self.form, self.spacing, self.step
+        if self.closed is not None:
+            struct.closed, struct.area = self.closed, self.area
+        return struct
+
+    def points(self) -> Any:
+        """Return the points of the network."""
+        return self._points(self.network.point_xy, self.network.point_section)
+
+    def moved(self) -> Any:
+        """Return the points on their way."""
+        return self._points(self.point_moved, self.section_moved)
+
+    def _points(self, xy: wp.array, section: wp.array | None) -> Any:
+        struct = channels.build(self.scalar).Points()
+        struct.xy = xy
+        if section is not None:
+            struct.section = section
+        return struct
+
+    def ground(self) -> Any:
+        """Return the ground; without heights where there is no terrain."""
+        struct = raster.build(self.scalar).Ground()
+        if self.terrain is not None:
+            struct.height = self.terrain.height
+            struct.grid = self.terrain.grid(self.network.dtype, self.network.origin)
+        return struct
 
     # ---- running
 
@@ -482,6 +509,7 @@ class State:
             self.allocate_points(int(HEADROOM * needed))
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
+        self.next_identity = max(self.next_identity, int(edited.channels.id.max()) + 1)
         if network.point_section is not None and self.section_moved is not None:
             wp.copy(network.point_section, self.section_moved, count=network.point_count)
         spacing = self.spacing.numpy()[edited.channel_old].astype(np.float64)
@@ -549,6 +577,7 @@ class State:
             "channel_spacing": self.spacing.numpy()[:count].copy(),
             "channel_fixed": self._fixed,
             "channel_pace": self.pace.numpy()[:count].copy(),
+            "next_identity": np.array([self.next_identity]),
         }
         for phase in self.phases:
             own |= phase.saved(self)
@@ -582,6 +611,14 @@ def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
             yield from arrays_of(value.values())
         elif type(value).__module__.startswith("warpriver.") and not isinstance(value, (RiverNetwork, Terrain, State)):
             yield from arrays_of(getattr(value, "__dict__", {}).values())
+
+
+def _columns(**columns: np.ndarray) -> np.ndarray:
+    """Return columns of equal length as an array of structs."""
+    table = np.zeros(len(next(iter(columns.values()))), [(name, np.float64) for name in columns])
+    for name, column in columns.items():
+        table[name] = column
+    return table
 
 
 def _bits(array: wp.array) -> wp.array:

@@ -21,16 +21,16 @@ from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
 from warpriver.history.events import Event
-from warpriver.kernels.polyline import (
+from warpriver.kernels.status import (
     CONTACTS,
     DONE,
     FAULT,
     FAULT_NONE,
     FAULT_NOT_FINITE,
-    PARTS,
     POINTS,
     POINTS_NEEDED,
     STEPS,
+    SUBSTEPS,
 )
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -152,7 +152,7 @@ class Stepper:
             status = self._launch(length, steps)
             if status[DONE] > 0:
                 state.network.point_count = status[POINTS]
-                state.substeps = status[PARTS]
+                state.substeps = status[SUBSTEPS]
             self._calm += status[DONE]
             self._settle(status)
             self.step_count += status[STEPS]

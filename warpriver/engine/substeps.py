@@ -16,8 +16,10 @@ def begin_substep(state: State) -> list[Stage]:
     longer by 1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
     go to ``state.most``. Nothing changes while ``state.substep`` says that the step is planned.
     """
-    kernel, device, params, terrain = kernels.build(state.scalar), state.device, state.params, state.terrain
-    network, status = state.network, state.status.array
+    kernel, device, params = kernels.build(state.scalar), state.device, state.params
+    status, channels, ground = state.status.array, state.channels(), state.ground()
+    constants = kernel.StepConstants()
+    constants.time_step, constants.slope_threshold = params.time_step, params.slope_threshold
 
     def clear(_: Share) -> None:
         launch(
@@ -29,23 +31,19 @@ def begin_substep(state: State) -> list[Stage]:
         )
 
     def measure(share: Share) -> None:
-        assert terrain is not None
         launch(
             kernel.measure_mobility,
             dim=share.point_threads,
-            inputs=[
-                network.point_xy, state.start, state.form, terrain.height, terrain.grid(network.dtype, network.origin),
-                params.slope_threshold, params.time_step, share.work, state.limit, state.substep,
-            ],
+            inputs=[channels, state.network.point_xy, ground, constants, share.work, state.limits, state.substep],
             outputs=[state.mobility_bits],
             device=device,
-        )  # fmt: skip
+        )
 
     def choose(_: Share) -> None:
         launch(
             kernel.plan_steps,
             dim=state.channel_capacity,
-            inputs=[state.limit, params.time_step, state.substep, status, state.mobility, state.pace],
+            inputs=[state.limits, params.time_step, state.substep, status, state.mobility, state.pace],
             outputs=[state.parts, state.most],
             device=device,
         )
@@ -53,7 +51,7 @@ def begin_substep(state: State) -> list[Stage]:
     def deal_out(_: Share) -> None:
         state.schedule(state.substep, state.most, state.pace)
 
-    felt = [] if terrain is None else [Stage("migrate", measure)]
+    felt = [] if state.terrain is None else [Stage("migrate", measure)]
     return [
         Stage("migrate", clear, shared=False),
         *felt,

@@ -1,4 +1,4 @@
-"""Rings that necks split in two, where both parts go on."""
+"""Rings that necks split in two, where both continue."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from warpriver.network import RiverNetwork
 __all__ = ["split_rings"]
 
 
-def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> EditedChannels:
+def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray, next_identity: int = 0) -> EditedChannels:
     """Make channels of loops that were cut off rings: what is left of a ring keeps its place, its loops come last.
 
     A loop becomes a ring with all that its parent has but an identity of its own, the next that is free in the order of
@@ -20,7 +20,9 @@ def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> 
         network: The network, the loops cut off.
         cut: (K, 3) int, for each loop its ring, and its first point and number of points among the loops' points.
         loop_xy: (M, 2) points of the step's loops, m, absolute.
+        next_identity: Least identity that a new ring may get; by default the first beyond those in use.
     """
+    next_identity = max(next_identity, int(network.channel_id.max()) + 1)
     parent, begin, count = (np.asarray(column, np.int64) for column in cut.T)
     channels, points = network.channel_count, network.point_count
     old = np.concatenate([np.arange(channels), parent])
@@ -30,7 +32,7 @@ def split_rings(network: RiverNetwork, cut: np.ndarray, loop_xy: np.ndarray) -> 
         channel_old=old,
         channel_start=np.concatenate([network.starts(), points + np.cumsum(count)]),
         channels=table.replace(
-            id=np.concatenate([network.channel_id, network.channel_id.max() + 1 + np.arange(len(parent))]),
+            id=np.concatenate([network.channel_id, next_identity + np.arange(len(parent))]),
             from_node=np.concatenate([network.channel_from, node]),
             to_node=np.concatenate([network.channel_to, node]),
         ),

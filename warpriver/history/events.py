@@ -85,10 +85,13 @@ class Collision(Event):
 
     Attributes:
         time: yr.
-        case: "upstream" (two tributaries meet above their junction), "downstream" (a tributary meets, below their
-            junction, the channel that it flows into) or "disconnected".
-        channel: Identity of the channel that gave way.
-        other: Identity of the channel that kept its course.
+        case: "upstream": two tributaries of a junction meet upstream of it, and the junction moves up.
+            "downstream": a tributary meets the river that it flows into downstream of its mouth, which moves down.
+            "neck": a river meets itself across nodes; the upper channel is the largest that arrives at each of them.
+            "disconnected": neither flows into the other, and the smaller one is captured.
+        channel: Identity of the channel that gave way; it ends at ``other`` now. In a neck it is the upper one.
+        other: Identity of the channel that kept its course. What lies downstream of where they meet keeps it, except in
+            an upstream collision, where that is a piece of the channel that both flow into.
         width: Bankfull width of the channel that gave way, m.
         xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order; pieces of several channels lie one
             after the other, cut by ``start``.

@@ -4,79 +4,86 @@ from __future__ import annotations
 
 import logging
 import math
-import re
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from warpriver.crs import is_geographic, pyproj_or_none, short_name
+from warpriver.crs import CRSLike, crs_text, is_geographic, length_unit, pyproj_or_none, same_crs, short_name
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.io.vector.source import Line, Source
 
-__all__ = ["crs_text", "one_crs", "reproject", "settled_crs", "within_degrees"]
+__all__ = ["full_turn", "one_crs", "reproject", "settled_crs", "within_degrees"]
 
 log = logging.getLogger("warpriver")
 
 MERCATOR_RADIUS = 6378137.0  # m, the sphere of EPSG:3857
 
-# Lengths in a projection may differ from those on the ground by this part: first a warning, then a refusal.
+# Lengths in a projection may differ from those on the ground by this fraction: first a warning, then a refusal.
 SCALE_WARN = 0.01
 SCALE_REFUSE = 0.05
+# How WKT begins for systems of a building site or a laboratory, which state a unit and no place on Earth.
+LOCAL = ("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")
 
 
-def crs_text(crs: Any, where: str) -> str | None:
-    """Return a CRS as "AUTHORITY:CODE" or else as WKT; None for none, and for the "undefined" ones of GIS files."""
-    if crs is None:
+def within_degrees(lines: list[Line], east: float = 180.0) -> bool:
+    """Tell whether all points could be longitude and latitude; ``east`` is 360 where longitudes may run to that."""
+    return all(((line.xy >= (-180.0, -90.0)) & (line.xy <= (east, 90.0))).all() for line in lines)
+
+
+def full_turn(crs: str | None) -> float | None:
+    """Return what a full turn of longitude is in the unit of a geographic CRS, 360 in degrees; None for others."""
+    if crs is None or not is_geographic(crs):
         return None
-    text = crs.to_wkt() if hasattr(crs, "to_wkt") else str(crs).strip()
-    if re.match(r'\w+\["Undefined', text, re.IGNORECASE):
-        return None
-    code = re.fullmatch(r"(?:urn:ogc:def:crs:)?(EPSG|OGC|ESRI):(?:[^:]*:)?(\w+)", text, re.IGNORECASE)
-    if code:
-        text = f"{code[1]}:{code[2]}".upper()
-    pyproj = pyproj_or_none()
-    if pyproj is None:
-        return text
-    try:
-        known = pyproj.CRS.from_user_input(text)
-    except pyproj.exceptions.CRSError as error:
-        raise InputError(f'{where}: pyproj does not know the CRS {text!r}; write it like "EPSG:32619"') from error
-    authority = known.to_authority(min_confidence=100)
-    return ":".join(authority) if authority else known.to_wkt()
+    unit = length_unit(crs)[1]  # radians
+    return 360.0 if unit == 1.0 else math.tau / unit
 
 
-def within_degrees(lines: list[Line]) -> bool:
-    """Tell whether all points could be longitude and latitude."""
-    return all((np.abs(line.xy) <= (180.0, 90.0)).all() for line in lines)
+def settled_crs(source: Source, stated: CRSLike | None) -> tuple[str | None, float]:
+    """Return the CRS of a file from what it says and what the caller says, and metres in its unit of length.
 
-
-def settled_crs(source: Source, stated: str | None) -> str | None:
-    """Return the CRS of a file from what it says and what the caller says."""
+    The second is 1 but for local systems, which state a unit and no place on Earth and count as no CRS.
+    """
     said = crs_text(stated, "crs=")
-    if source.crs is not None and said is not None and not _same_crs(source.crs, said):
+    overruled = said is not None and source.crs_beside
+    known = None if overruled else crs_text(source.crs, str(source.path))
+    if overruled and source.crs is not None:
+        log.info("%s: crs= overrules the file beside it", source.path)
+    if known is not None and known.startswith(LOCAL):
+        if said is not None:
+            return said, 1.0
+        unit, factor = length_unit(known)
+        if abs(factor - 1.0) > 1e-9:
+            warnings.warn(
+                f"{source.path}: its coordinates are in {unit!r} of a local system; they were multiplied by "
+                f"{factor:.10g} to be metres",
+                UserWarning,
+                stacklevel=4,
+            )
+        return None, factor
+    if known is not None and said is not None and not same_crs(known, said):
         raise InputError(
-            f"{source.path}: the file is in {short_name(source.crs)} but crs= says {short_name(said)}; "
+            f"{source.path}: the file is in {short_name(known)} but crs= says {short_name(said)}; "
             "leave crs= out, or use to_crs= to reproject"
         )
-    found = source.crs or said
+    found = known or said
     if not source.lonlat:
-        return found
+        return found, 1.0
     if found is not None and not is_geographic(found):
         raise InputError(
             f"{source.path}: its coordinates are longitude and latitude by format or name, but its CRS is "
             f"said to be {short_name(found)}; correct one of them"
         )
-    return found or "EPSG:4326"
+    return found or "EPSG:4326", 1.0
 
 
 def one_crs(sources: list[Source]) -> str | None:
     """Return the CRS that all files share, or raise ``ValueError`` if they differ or it is not metric."""
     first = sources[0]
     for source in sources[1:]:
-        if not _same_crs(first.crs, source.crs):
+        if not same_crs(first.crs, source.crs):
             raise InputError(
                 f"{first.path} is in {short_name(first.crs)} and {source.path} in "
                 f"{short_name(source.crs)}; pass to_crs= to bring them together, or read them one by one"
@@ -86,17 +93,18 @@ def one_crs(sources: list[Source]) -> str | None:
     return first.crs
 
 
-def reproject(sources: list[Source], to_crs: str) -> str:
+def reproject(sources: list[Source], to_crs: CRSLike) -> str:
     """Bring the lines of all files into one CRS and return it."""
     (pyproj,) = need("to_crs", "pyproj")
     for source in sources:
         if source.crs is None:
             raise InputError(f"{source.path}: the file states no CRS to reproject from; pass it as crs=")
-    target = _utm_zone(pyproj, sources) if to_crs.lower() == "utm" else crs_text(to_crs, "to_crs=")
+    zone = isinstance(to_crs, str) and to_crs.strip().lower() == "utm"
+    target = _utm_zone(pyproj, sources) if zone else crs_text(to_crs, "to_crs=")
     if target is None:
-        raise InputError(f'to_crs= is {short_name(to_crs)!r}, an undefined CRS; write it like "EPSG:32619"')
+        raise InputError(f'to_crs= is {short_name(str(to_crs))!r}, an undefined CRS; write it like "EPSG:32619"')
     for source in sources:
-        if not _same_crs(source.crs, target):
+        if not same_crs(source.crs, target):
             xy = _transformed(pyproj, source, target)
             parts = np.split(xy, np.cumsum([len(line.xy) for line in source.lines])[:-1])
             for line, part in zip(source.lines, parts, strict=True):
@@ -138,13 +146,13 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
     advice = 'pass to_crs="utm" or to_crs="EPSG:..."'
     if is_geographic(crs):
         raise InputError(f"{path}: {short_name(crs)} is longitude and latitude, not metres; {advice}")
+    unit, factor = length_unit(crs)
+    if abs(factor - 1.0) > 1e-9:
+        raise InputError(f"{path}: {short_name(crs)} is in {unit}, not metres; {advice}")
     mean = _packed(lines).mean(axis=0)
     pyproj, scale = pyproj_or_none(), 1.0
     if pyproj is not None:
         system = pyproj.CRS(crs)
-        unit = system.axis_info[0] if system.axis_info else None
-        if unit is not None and abs(unit.unit_conversion_factor - 1.0) > 1e-9:
-            raise InputError(f"{path}: {short_name(crs)} is in {unit.unit_name}, not metres; {advice}")
         if system.is_projected:
             scale = _ground_scale(pyproj, system, mean)
     elif crs == "EPSG:3857":
@@ -170,14 +178,6 @@ def _ground_scale(pyproj: Any, system: Any, xy: np.ndarray) -> float:
         ground = system.get_geod().inv(lon[0], lat[0], lon[1], lat[1])[2]
         scales.append(2.0 * step / ground if ground > 0.0 else math.nan)
     return scales[int(np.abs(np.array(scales) - 1.0).argmax())]
-
-
-def _same_crs(a: str | None, b: str | None) -> bool:
-    """Tell whether two CRS, as :func:`crs_text` gives them, are the same."""
-    pyproj = pyproj_or_none()
-    if a == b or a is None or b is None or pyproj is None:
-        return a == b
-    return bool(pyproj.CRS(a).equals(pyproj.CRS(b), ignore_axis_order=True))
 
 
 def _packed(lines: list[Line]) -> np.ndarray:

@@ -14,10 +14,12 @@ from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.extras import IMPORTING
-from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin, check_forest
+from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin
+from warpriver.graph.forest import check_forest
 from warpriver.history.events import Collision, Event
 from warpriver.kernels import collisions as kernels
-from warpriver.kernels.polyline import COARSEST_SPACING, CONTACTS, FAULT, FAULT_NONE
+from warpriver.kernels.channels import COARSEST_SPACING
+from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 
@@ -38,7 +40,7 @@ def collision_law(
     Args:
         network: The network.
         params: ``collision_distance`` and ``junction_reach``.
-        form: (C, 4) as in :class:`~warpriver.engine.state.State`.
+        form: (C,) structs, as ``State.channel_form``.
         before: What holds until now; it is returned where it serves these channels as well.
     """
     lines = ~network.channel_closed
@@ -49,7 +51,7 @@ def collision_law(
     law.distance = params.collision_distance
     law.node_reach = params.junction_reach
     law.block = BLOCK_WIDTHS
-    width, spacing = form[:, 2], COARSEST_SPACING * form[:, 3]
+    width, spacing = form["widest"], COARSEST_SPACING * form["target_spacing"]
     reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
     reach += kernels.SLACK_SPACINGS * spacing
     # Powers of two, so that the levels of the channels do not depend on which others there are.
@@ -219,7 +221,7 @@ class Collide(Phase):
                 break
             contacts = self.contacts(state)
             state.place_nodes()
-            joined = join_channels(state.network, contacts)
+            joined = join_channels(state.network, contacts, state.next_identity)
             if joined is None:
                 break
             edited, done = joined
@@ -244,12 +246,15 @@ def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[
     return events
 
 
-def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedChannels, list[Rejoin]] | None:
+def join_channels(
+    network: RiverNetwork, contacts: np.ndarray, next_identity: int = 0
+) -> tuple[EditedChannels, list[Rejoin]] | None:
     """Join the channels that touch, each pair at its uppermost contact on the channel that gives way.
 
     Args:
         network: The network.
         contacts: (K, 2) pairs of points of different channels.
+        next_identity: Least identity that a new channel may get.
 
     Returns:
         The channels afterwards and what was done; None when no contact could be acted on.
@@ -262,7 +267,7 @@ def join_channels(network: RiverNetwork, contacts: np.ndarray) -> tuple[EditedCh
     order = np.lexsort((contacts[:, 0], on_minor, -flow.min(axis=1), -flow.max(axis=1)))
     pair = owner[order].min(axis=1) * np.int64(network.channel_count) + owner[order].max(axis=1)
     first = order[np.sort(np.unique(pair, return_index=True)[1])]
-    edit, done = NetworkEdit(network), []
+    edit, done = NetworkEdit(network, next_identity), []
     for (a, b), (point_a, point_b) in zip(owner[first].tolist(), contacts[first].tolist(), strict=True):
         result = edit.rejoin(a, point_a, b, point_b)
         if result is not None:

@@ -18,7 +18,7 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
-from warpriver.graph.edits import check_forest
+from warpriver.graph.forest import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
@@ -173,28 +173,28 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 class DriftJunctions(Phase):
-    """Lets junctions wander down the channel below them, in ``state.point_moved``; none where ``junction_drift`` is 0.
+    """Lets junctions wander downstream, in ``state.point_moved``; not part of a step where ``junction_drift`` is 0.
 
     Attributes:
-        below: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
-        drift: (C,) speed of the junction above, m/yr; ``awake``, ``shift``: scratch.
+        downstream: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
+        drift: (C,) speed of the junction at its head, m/yr; ``active``, ``shift``: scratch.
     """
 
     name = "drift"
     moves_nodes = True
 
     def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray]):
-        """Take (width, params) -> the rate k of channels, m/yr: junctions drift at a part of it."""
+        """Take (width, params) -> the rate k of channels, m/yr: junctions drift at a fraction of it."""
         self._rate = rate
 
     def check_network(self, network: RiverNetwork) -> None:
-        """Junctions have one channel below them."""
+        """Junctions have one channel downstream of them."""
         check_forest(network)
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
         count = state.channel_capacity
-        self.below, self.tributaries, self.awake = state.zeros(count), state.zeros(count), state.zeros(count)
+        self.downstream, self.tributaries, self.active = state.zeros(count), state.zeros(count), state.zeros(count)
         self.drift, self.shift = state.zeros(count, state.scalar), state.zeros(count, state.vec2)
 
     def install(self, state: State) -> None:
@@ -202,39 +202,38 @@ class DriftJunctions(Phase):
         network, count = state.network, state.network.channel_count
         leaving = np.full(network.node_count, -1)
         leaving[network.channel_from] = np.arange(count)
-        below = np.where(network.channel_closed, -1, leaving[network.channel_to])
+        downstream = np.where(network.channel_closed, -1, leaving[network.channel_to])
         # Beyond the channels nothing flows on.
-        state.assign(self.below, np.concatenate([below, np.full(state.channel_capacity - count, -1)]))
-        state.assign(self.tributaries, np.bincount(below[below >= 0], minlength=count))
+        state.assign(self.downstream, np.concatenate([downstream, np.full(state.channel_capacity - count, -1)]))
+        state.assign(self.tributaries, np.bincount(downstream[downstream >= 0], minlength=count))
         state.assign(self.drift, state.params.junction_drift * self._rate(network.channel_width, state.params))
 
     def stages(self, state: State) -> list[Stage]:
-        """Return the stage: heads of channels below junctions move, and the ends of their tributaries follow."""
-        kernel, device, params = kernels.build(state.scalar), state.device, state.params
+        """Return the stage: heads of channels at junctions move, and the ends of their tributaries follow."""
+        kernel, device, params, channels = kernels.build(state.scalar), state.device, state.params, state.channels()
+        junctions = kernel.Junctions()
+        junctions.downstream, junctions.tributaries, junctions.drift = self.downstream, self.tributaries, self.drift
 
         def drift(_: Share) -> None:
-            clear(self.awake)
+            clear(self.active)
             launch(
-                kernel.count_awake,
+                kernel.count_active,
                 dim=state.channel_capacity,
-                inputs=[self.below, state.step],
-                outputs=[self.awake],
+                inputs=[channels, junctions],
+                outputs=[self.active],
                 device=device,
             )
             launch(
                 kernel.shift_heads,
                 dim=state.channel_capacity,
-                inputs=[
-                    state.start, state.form, state.spacing, state.step, self.tributaries, self.drift,
-                    params.time_step, state.substep, self.awake,
-                ],
+                inputs=[channels, junctions, params.time_step, state.substep, self.active],
                 outputs=[self.shift, state.point_moved],
                 device=device,
-            )  # fmt: skip
+            )
             launch(
                 kernel.follow_heads,
                 dim=state.channel_capacity,
-                inputs=[state.start, state.form, state.spacing, self.below, params.junction_reach, self.shift],
+                inputs=[channels, junctions, params.junction_reach, self.shift],
                 outputs=[state.point_moved],
                 device=device,
             )

@@ -13,15 +13,8 @@ from warpriver.engine.state import State
 from warpriver.graph.rings import split_rings
 from warpriver.history.events import Cutoff, Event, Split
 from warpriver.kernels import cutoffs as kernels
-from warpriver.kernels.polyline import (
-    CUT_POINTS,
-    CUT_POINTS_NEEDED,
-    CUTS,
-    CUTS_NEEDED,
-    FAULT,
-    FAULT_OXBOWS_FULL,
-    Marks,
-)
+from warpriver.kernels.channels import Marks
+from warpriver.kernels.status import CUT_POINTS, CUT_POINTS_NEEDED, CUTS, CUTS_NEEDED, FAULT, FAULT_OXBOWS_FULL
 
 __all__ = ["ChunkMarks", "Loops", "PointTable"]
 
@@ -201,7 +194,7 @@ class Loops:
         xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
         section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()
         split = network.channel_closed[cut[:, 0]] & (state.params.ring_policy == "both")
-        edited = split_rings(network, cut[split, :3], xy) if split.any() else None
+        edited = split_rings(network, cut[split, :3], xy, state.next_identity) if split.any() else None
         added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width = float(network.channel_width[channel] if section is None else section[begin, 0])

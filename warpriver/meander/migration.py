@@ -18,7 +18,7 @@ __all__ = [
     "Migrate",
     "explicit_dt",
     "measure_rings",
-    "migration_law",
+    "migration_constants",
     "rate_of",
     "stable_dt",
     "step_limits",
@@ -90,28 +90,28 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
         return np.where(diffusivity > 0, 9.0 / 32.0 * params.spacing**2 / diffusivity, np.inf)
 
 
-def migration_law(params: MeanderParams, dtype: str) -> Any:
-    """Pack the scalars of migration for the kernels of that precision."""
-    law = kernels.build(PRECISIONS[dtype][0]).MigrationLaw()
-    law.migration_rate = params.migration_rate
-    law.reference_width = params.reference_width or 0.0
-    law.friction = params.friction
-    law.local_weight = params.local_weight
-    law.upstream_weight = params.upstream_weight
-    law.scale_local = int(params.sinuosity_scaling == "whole")
-    law.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
-    law.end_damping = params.end_damping
-    law.slope_threshold = params.slope_threshold
-    return law
+def migration_constants(params: MeanderParams, dtype: str) -> Any:
+    """Pack the constants of migration for the kernels of that precision."""
+    constants = kernels.build(PRECISIONS[dtype][0]).MigrationConstants()
+    constants.migration_rate = params.migration_rate
+    constants.reference_width = params.reference_width or 0.0
+    constants.friction = params.friction
+    constants.local_weight = params.local_weight
+    constants.upstream_weight = params.upstream_weight
+    constants.scale_local = int(params.sinuosity_scaling == "whole")
+    constants.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
+    constants.end_damping = params.end_damping
+    constants.slope_threshold = params.slope_threshold
+    return constants
 
 
-def measure_rings(state: State, area: wp.array | None) -> list[Stage]:
-    """Return the stages that measure the area of every ring that moves; none without rings.
+def measure_rings(state: State) -> list[Stage]:
+    """Return the stages that measure ``state.area``, that of every active ring; none without rings.
 
     Args:
         state: Its points are evenly spaced along each channel.
-        area: (C,) int64, gets the areas.
     """
+    area, channels = state.area, state.channels()
     if area is None:
         return []
 
@@ -122,7 +122,7 @@ def measure_rings(state: State, area: wp.array | None) -> list[Stage]:
         launch(
             kernels.build(state.scalar).measure_rings,
             dim=share.point_threads,
-            inputs=[state.network.point_xy, state.start, state.spacing, state.step, state.closed, share.work],
+            inputs=[channels, state.network.point_xy, share.work],
             outputs=[area],
             device=state.device,
         )
@@ -135,43 +135,37 @@ class Migrate(Phase):
 
     Attributes:
         point_rate: (P,) migration rate, m/yr, positive to the right.
-        area: (C,) int64, area of each ring, see the kernel ``measure_rings``; None without rings.
     """
 
     name = "migrate"
     point_rate: wp.array
-    area: wp.array | None
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
         self.point_rate = state.zeros(state.point_capacity, state.scalar)
-        self.area = None if state.closed is None else state.zeros(state.channel_capacity, wp.int64)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: areas of rings, rates, the move."""
-        kernel, network = kernels.build(state.scalar), state.network
-        law = migration_law(state.params, network.dtype)
-        height, grid = state.ground(kernel.RasterGrid())
-        shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
-        shape += [state.closed, self.area]
+        kernel, constants = kernels.build(state.scalar), migration_constants(state.params, state.network.dtype)
+        channels, points, ground, moved = state.channels(), state.points(), state.ground(), state.moved()
 
         def move(share: Share) -> None:
             launch(
                 kernel.compute_rate,
                 dim=share.point_threads,
-                inputs=[*shape, law, share.work],
+                inputs=[channels, points, constants, share.work],
                 outputs=[self.point_rate],
                 device=state.device,
             )
             launch(
                 kernel.move_points,
                 dim=share.point_threads,
-                inputs=[*shape, height, grid, law, share.work, self.point_rate],
-                outputs=[state.point_moved, state.section_moved, state.pace_bits],
+                inputs=[channels, points, ground, constants, share.work, self.point_rate],
+                outputs=[moved, state.pace_bits],
                 device=state.device,
             )
 
-        return [*measure_rings(state, self.area), Stage("migrate", move)]
+        return [*measure_rings(state), Stage("migrate", move)]
 
     def check(self, state: State) -> None:
         """Points are finite, and the ends of channels have not moved."""

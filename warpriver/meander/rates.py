@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import warp as wp
 
 from warpriver.device import PRECISIONS
-from warpriver.engine.stages import launch
-from warpriver.engine.state import CUDA_CHUNK
+from warpriver.engine.stages import launch, whole_share
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
 from warpriver.extras import IMPORTING
 from warpriver.kernels import migration as kernels
-from warpriver.kernels.polyline import STATUS_SIZE, Work
-from warpriver.meander.migration import migration_law
+from warpriver.meander.migration import migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
@@ -151,33 +147,30 @@ def _compute_rates(network: RiverNetwork, lines: list[_Line], params: MeanderPar
     def on_device(values: np.ndarray, kind: type, dtype: type = real) -> wp.array:
         return wp.array(values.astype(dtype), dtype=kind, device=device)
 
-    section, widest = None, network.channel_width
+    points, widest = kernel.Points(), network.channel_width
+    points.xy = on_device(np.concatenate([line.xy for line in lines]) - network.origin, vec2)
     if network.point_section is not None:
         of_points = [network.point_widths(), network.point_depths()]
         even = [np.concatenate([line.at_even(v) for line, v in zip(lines, part, strict=True)]) for part in of_points]
         widest = np.maximum.reduceat(even[0], start[:-1])
-        section = on_device(np.column_stack(even), vec2)
+        points.section = on_device(np.column_stack(even), vec2)
     spacing = np.array([line.spacing for line in lines])
-    form = np.column_stack([network.channel_width, network.channel_depth, widest, spacing])
-    # A channel of two points is straight: it rests, and its rates stay 0.
+    form = np.zeros(len(lines), kernel.Form.numpy_dtype())
+    form["width"], form["depth"], form["widest"] = network.channel_width, network.channel_depth, widest
+    # A channel of two points is straight: it is inactive, and its rates stay 0.
     step = np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0)
-    closed = on_device(network.channel_closed, wp.int32, np.int32) if network.channel_closed.any() else None
-    area = None if closed is None else wp.zeros(len(lines), dtype=wp.int64, device=device)
-    point_xy = on_device(np.concatenate([line.xy for line in lines]) - network.origin, vec2)
-    work = Work()
-    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=device)
-    work.chunk = network.point_count if device.is_cpu else CUDA_CHUNK
-    threads = math.ceil(network.point_count / work.chunk)
-    channel_start, channel_step = on_device(start, wp.int32, np.int32), on_device(step, scalar)
-    channel_spacing, rate = on_device(spacing, scalar), wp.zeros(network.point_count, dtype=scalar, device=device)
-    if closed is not None:
-        inputs = [point_xy, channel_start, channel_spacing, channel_step, closed, work]
-        launch(kernel.measure_rings, threads, inputs, [area], device)
-    inputs = [
-        point_xy, section, channel_start, on_device(form, wp.types.vector(4, scalar)), channel_spacing, channel_step,
-        closed, area, migration_law(params, network.dtype), work,
-    ]  # fmt: skip
-    launch(kernel.compute_rate, threads, inputs, [rate], device)
+    channels = kernel.Channels()
+    channels.start, channels.form = on_device(start, wp.int32, np.int32), wp.array(form, kernel.Form, device=device)
+    channels.spacing, channels.step = on_device(spacing, scalar), on_device(step, scalar)
+    whole = whole_share(network.point_count, device)
+    if network.channel_closed.any():
+        channels.closed = on_device(network.channel_closed, wp.int32, np.int32)
+        channels.area = wp.zeros(len(lines), dtype=wp.int64, device=device)
+        inputs = [channels, points.xy, whole.work]
+        launch(kernel.measure_rings, whole.point_threads, inputs, [channels.area], device)
+    rate = wp.zeros(network.point_count, dtype=scalar, device=device)
+    inputs = [channels, points, migration_constants(params, network.dtype), whole.work]
+    launch(kernel.compute_rate, whole.point_threads, inputs, [rate], device)
     return np.split(rate.numpy().astype(np.float64), start[1:-1])
 
 

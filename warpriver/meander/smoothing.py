@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,10 @@ import warp as wp
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
-from warpriver.engine.stages import Share, Stage, launch
-from warpriver.engine.state import CPU_COPY_CHUNK, CUDA_CHUNK, State
+from warpriver.engine.stages import Share, Stage, launch, whole_share
+from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.kernels import smoothing as kernels
-from warpriver.kernels.polyline import STATUS_SIZE, Work
 from warpriver.network import RiverNetwork
 from warpriver.validate import whole
 
@@ -27,10 +25,10 @@ LONGEST_WAVE = -1.0
 
 
 class Smooth(Phase):
-    """Smooths ``state.point_moved`` by ``params.taubin_passes`` pairs of passes; channels at rest are left as they are.
+    """Smooths ``state.point_moved`` by ``params.taubin_passes`` pairs of passes; inactive channels stay as they are.
 
     Attributes:
-        point_smoothed: (P,) vec2, room for a pass; None where no pass is asked for.
+        point_smoothed: (P,) vec2, what a pass gives; None without passes.
     """
 
     name = "smooth"
@@ -42,18 +40,17 @@ class Smooth(Phase):
         self.point_smoothed = state.zeros(state.point_capacity, state.vec2) if passes > 0 else None
 
     def stages(self, state: State) -> list[Stage]:
-        """Return the stage of all passes; none where no pass is asked for."""
+        """Return the stage of all passes; none without passes."""
         if self.point_smoothed is None:
             return []
         there, back, passes = state.point_moved, self.point_smoothed, int(state.params.taubin_passes)
+        kernel, channels = kernels.build(state.scalar), state.channels()
 
         def run(share: Share) -> None:
             for _ in range(passes):
                 for swell, before, after in ((0, there, back), (1, back, there)):
-                    _launch(
-                        state.network, [state.start, state.step, state.closed, STRENGTH, LONGEST_WAVE, swell],
-                        share.work, share.point_threads, before, after,
-                    )  # fmt: skip
+                    inputs = [channels, STRENGTH, LONGEST_WAVE, swell, share.work, before]
+                    launch(kernel.smooth_points, share.point_threads, inputs, [after], state.device)
 
         return [Stage("smooth", run)]
 
@@ -100,28 +97,25 @@ def taubin_smooth(
         width = length / max(len(line), 1) if length > 0.0 else 1.0
         network = RiverNetwork.from_polylines([line], width=width, closed=closed)
     band = LONGEST_WAVE if pass_band is None else pass_band
-    scalar, _, _ = PRECISIONS[network.dtype]
-    step = wp.full(network.channel_count, 1.0, dtype=scalar, device=network.device)
-    ring: wp.array | None = None
-    if network.channel_closed.any():
-        ring = wp.array(network.channel_closed.astype(np.int32), dtype=wp.int32, device=network.device)
-    work = Work()
-    work.status = wp.zeros(STATUS_SIZE, dtype=wp.int32, device=network.device)
-    work.chunk = CPU_COPY_CHUNK if network.device.is_cpu else CUDA_CHUNK
-    threads = math.ceil(network.point_count / work.chunk)
+    kernel, channels = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)
+    share = whole_share(network.point_count, network.device)
     there, back = network.point_xy, wp.empty_like(network.point_xy)
     for _ in range(passes):
         for swell, before, after in ((0, there, back), (1, back, there)):
-            numbers = [network.channel_start, step, ring, strength, band, swell]
-            _launch(network, numbers, work, threads, before, after)
+            inputs = [channels, strength, band, swell, share.work, before]
+            launch(kernel.smooth_points, share.point_threads, inputs, [after], network.device)
     return network if given else network.polylines()[0]
 
 
-def _launch(network: RiverNetwork, numbers: list[Any], work: Any, threads: int, before: Any, after: Any) -> None:
-    launch(
-        kernels.build(PRECISIONS[network.dtype][0]).smooth_points,
-        dim=threads,
-        inputs=[*numbers, work, before],
-        outputs=[after],
-        device=network.device,
-    )
+def _all_active(network: RiverNetwork) -> Any:
+    """Return the channels of a network as the kernel takes them, all of them active, without form and spacing."""
+    scalar, device, count = PRECISIONS[network.dtype][0], network.device, network.channel_count
+    kernel = kernels.build(scalar)
+    channels = kernel.Channels()
+    channels.start = network.channel_start
+    channels.form = wp.zeros(count, dtype=kernel.Form, device=device)
+    channels.spacing = wp.zeros(count, dtype=scalar, device=device)
+    channels.step = wp.full(count, 1.0, dtype=scalar, device=device)
+    if network.channel_closed.any():
+        channels.closed = wp.array(network.channel_closed.astype(np.int32), dtype=wp.int32, device=device)
+    return channels

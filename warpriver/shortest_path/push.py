@@ -19,7 +19,7 @@ from warpriver.kernels import paths as kernels
 from warpriver.meander.migration import measure_rings
 from warpriver.params import PathMeander
 
-__all__ = ["Push", "path_law", "push_limits", "push_rate"]
+__all__ = ["Push", "path_constants", "push_limits", "push_rate"]
 
 
 def push_limits(width: Any, depth: Any, params: PathMeander) -> tuple[Any, Any]:
@@ -50,16 +50,16 @@ def push_rate(width: np.ndarray, params: PathMeander) -> np.ndarray:
     return np.full(width.shape, params.displacement_rate)
 
 
-def path_law(params: PathMeander, dtype: str) -> Any:
-    """Pack the scalars of the push for the kernels of that precision."""
-    law = kernels.build(PRECISIONS[dtype][0]).PathLaw()
-    law.displacement_rate = params.displacement_rate
-    law.downstream_share = params.downstream_share
-    law.blur_length = params.blur_length
-    law.smoothing = params.smoothing
-    law.end_damping = params.end_damping
-    law.slope_threshold = params.slope_threshold
-    return law
+def path_constants(params: PathMeander, dtype: str) -> Any:
+    """Pack the constants of the push for the kernels of that precision."""
+    constants = kernels.build(PRECISIONS[dtype][0]).PathConstants()
+    constants.displacement_rate = params.displacement_rate
+    constants.downstream_share = params.downstream_share
+    constants.blur_length = params.blur_length
+    constants.smoothing = params.smoothing
+    constants.end_damping = params.end_damping
+    constants.slope_threshold = params.slope_threshold
+    return constants
 
 
 class Push(Phase):
@@ -67,43 +67,37 @@ class Push(Phase):
 
     Attributes:
         point_push: (P,) vec4, push and smoothing of each point, half blurred, m.
-        area: (C,) int64, area of each ring, see ``measure_rings``; None without rings.
     """
 
     name = "migrate"
     point_push: wp.array
-    area: wp.array | None
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
-        self.point_push = state.zeros(state.point_capacity, wp.types.vector(4, state.scalar))
-        self.area = None if state.closed is None else state.zeros(state.channel_capacity, wp.int64)
+        self.point_push = state.zeros(state.point_capacity, kernels.build(state.scalar).vec4)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: areas of rings, the push, the move."""
-        kernel, network = kernels.build(state.scalar), state.network
-        law = path_law(state.params, network.dtype)
-        height, grid = state.ground(kernel.RasterGrid())
-        shape = [network.point_xy, network.point_section, state.start, state.form, state.spacing, state.step]
-        shape += [state.closed]
+        kernel, constants = kernels.build(state.scalar), path_constants(state.params, state.network.dtype)
+        channels, points, ground, moved = state.channels(), state.points(), state.ground(), state.moved()
 
         def move(share: Share) -> None:
             launch(
                 kernel.compute_push,
                 dim=share.point_threads,
-                inputs=[*shape, law, share.work],
+                inputs=[channels, points, constants, share.work],
                 outputs=[self.point_push],
                 device=state.device,
             )
             launch(
                 kernel.shift_points,
                 dim=share.point_threads,
-                inputs=[*shape, self.area, height, grid, law, share.work, self.point_push],
-                outputs=[state.point_moved, state.section_moved, state.pace_bits],
+                inputs=[channels, points, ground, constants, share.work, self.point_push],
+                outputs=[moved, state.pace_bits],
                 device=state.device,
             )
 
-        return [*measure_rings(state, self.area), Stage("migrate", move)]
+        return [*measure_rings(state), Stage("migrate", move)]
 
     def check(self, state: State) -> None:
         """Points are finite, and the ends of channels have not moved."""

@@ -12,7 +12,8 @@ from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.kernels import shortcuts as kernels
-from warpriver.kernels.polyline import FAULT, FAULT_SHORTCUTS_FULL, LINKS_NEEDED, Links
+from warpriver.kernels.polyline import Links
+from warpriver.kernels.status import FAULT, FAULT_SHORTCUTS_FULL, LINKS_NEEDED
 from warpriver.meander.loops import ChunkMarks, PointTable
 from warpriver.meander.resampling import Arcs
 from warpriver.network import RiverNetwork

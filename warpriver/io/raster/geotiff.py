@@ -1,35 +1,44 @@
-"""GeoTIFF by rasterio."""
+"""GeoTIFF, and the rasters of other programs, by rasterio."""
 
 from __future__ import annotations
 
 import math
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpriver.crs import crs_text
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.io.crs import crs_text
-from warpriver.io.files import filtered_warnings
-from warpriver.io.raster.source import RasterSource, with_gaps
+from warpriver.io.files import filtered_warnings, plain_path
+from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["TIFF", "read_geotiff", "write_geotiff"]
+__all__ = ["FOREIGN", "TIFF", "read_gdal", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
+# Formats that are read and not written, by the driver of GDAL. No other driver ever opens a file: some, such as VRT,
+# read whatever files or addresses their text names.
+FOREIGN = {
+    ".dem": "USGSDEM", ".img": "HFA", ".bil": "EHdr", ".flt": "EHdr", ".sdat": "SAGA", ".hgt": "SRTMHGT",
+}  # fmt: skip
+DRIVERS = dict.fromkeys(TIFF, "GTiff") | FOREIGN
+NAMES = {
+    "GTiff": "a GeoTIFF", "USGSDEM": "a USGS DEM", "HFA": "an Erdas Imagine file", "EHdr": "an ESRI .bil or .flt",
+    "SAGA": "a SAGA grid", "SRTMHGT": "an SRTM .hgt",
+}  # fmt: skip
 
 
-def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
+def read_gdal(path: Path, band: int, nodata: float | None, *, heights: bool) -> RasterSource:
     """Read one band; masked cells, and those of the value ``nodata``, become NaN; whole numbers may stay whole."""
     rasterio, errors = need(f"reading {path.suffix}", "rasterio", "rasterio.errors")
-    try:
-        with filtered_warnings("ignore", errors.NotGeoreferencedWarning):
-            dataset = rasterio.open(path)
-    except errors.RasterioError as error:
-        raise InputError(f"{path}: not a GeoTIFF that rasterio can open ({error})") from error
-    with dataset:
+    with _opened(path, rasterio, errors) as dataset:
         if not 1 <= band <= dataset.count:
             raise InputError(f"{path}: there is no band {band}; it has 1 to {dataset.count}")
         kind = np.dtype(dataset.dtypes[band - 1])
@@ -40,23 +49,47 @@ def read_geotiff(path: Path, band: int, nodata: float | None) -> RasterSource:
             raw = dataset.read(band, masked=True)
         except errors.RasterioError as error:
             raise InputError(f"{path}: its cells cannot be read ({error}); is the file whole?") from error
-        gap = np.ma.getmaskarray(raw)
-        if nodata is not None:
-            gap = gap | (raw.data == nodata)
+        declared = dataset.nodatavals[band - 1] is not None
+        gap = cells_without_data(path, raw.data, np.ma.getmaskarray(raw), nodata, declared=declared, heights=heights)
         scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
         plain = scale == 1.0 and offset == 0.0
         values = with_gaps(raw.data if plain else raw.data.astype(np.float64) * scale + offset, gap)
         affine = None if dataset.transform.is_identity else tuple(dataset.transform)[:6]
         units = dataset.units[band - 1] or dataset.tags(band).get("units") or dataset.tags().get("units")
-        name = dataset.descriptions[band - 1]
-        return RasterSource(path, values, affine, _stated_crs(dataset.crs, path), units=units, name=name)
+        crs = crs_text(dataset.crs if dataset.crs is not None and dataset.crs.to_wkt() else None, str(path))
+        return RasterSource(
+            path,
+            values,
+            affine,
+            crs,
+            units=units,
+            name=dataset.descriptions[band - 1],
+            crs_beside=_crs_beside(path),
+        )
 
 
-def _stated_crs(crs: Any, path: Path) -> str | None:
-    """CRS of a dataset as text; a local one, which tells the unit alone, counts as none."""
-    if crs is None or not crs.to_wkt() or crs.to_wkt().startswith(("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")):
-        return None
-    return crs_text(crs, str(path))
+@contextmanager
+def _opened(path: Path, rasterio: Any, errors: Any) -> Iterator[Any]:
+    """Open a file by the one driver of its suffix, or raise ``ValueError``."""
+    driver = DRIVERS[path.suffix.lower()]
+    with plain_path(path) as plain, filtered_warnings("ignore", errors.NotGeoreferencedWarning):
+        try:
+            dataset = rasterio.open(plain, driver=driver)
+        except errors.RasterioError as error:
+            why = str(error).replace(str(plain), path.name)
+            raise InputError(f"{path}: not {NAMES[driver]} that rasterio can open ({why})") from error
+        with dataset:
+            yield dataset
+
+
+def _crs_beside(path: Path) -> bool:
+    """Tell whether the CRS that GDAL states comes from a file beside the raster."""
+    side = path.with_name(f"{path.name}.aux.xml")
+    if side.is_file() and re.search(rb"<SRS\b", side.read_bytes()[:1_000_000]):
+        return True
+    if path.suffix.lower() in TIFF:
+        return False
+    return any(os.path.isfile(path.with_suffix(suffix)) for suffix in (".prj", ".PRJ"))
 
 
 def write_geotiff(raster: Raster, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-import zipfile
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,10 +13,12 @@ import numpy as np
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, filtered_warnings, is_number
-from warpriver.io.raster.source import RasterSource, north_up, with_gaps
+from warpriver.io.raster.npz import load_cells
+from warpriver.io.raster.source import RasterSource, cells_without_data, north_up, with_gaps
 from warpriver.raster import Raster
+from warpriver.sentinels import equal_cells
+from warpriver.validate import whole
 
 __all__ = [
     "ASCII",
@@ -41,16 +43,39 @@ HEADER = re.compile(r"[ \t]*([A-Za-z_]+)[ \t]+(\S+)[ \t]*(?:\r\n|\n|\r)")
 KEYS = "ncols nrows xllcorner yllcorner xllcenter yllcenter cellsize dx dy nodata_value nodata".split()
 NO_DATA = -9999.0
 # Names of heights in an npz, the first as it is written here; and of other values.
-HEIGHTS = ("height", "elevation", "dem", "z", "topographic__elevation")
+LANDLAB = "topographic__elevation"
+HEIGHTS = ("height", "elevation", "dem", "z", LANDLAB)
 VALUES = "values"
 # A body of an ASCII grid without any of these holds whole numbers; they stay so up to this size, which float64 has.
 FRACTION = re.compile(r"[.eEnN]")
 LARGEST_WHOLE = 2.0**53
 
 
-def read_ascii(path: Path, nodata: float | None) -> RasterSource:
+def read_ascii(path: Path, nodata: float | None, *, heights: bool) -> RasterSource:
     """Read an ESRI ASCII grid, its CRS from the .prj file beside it, unit and name from the .aux.xml if there are."""
     text = decoded(path)
+    header, start = _header(path, text)
+    rows, columns = int(header["nrows"]), int(header["ncols"])
+    require_memory((rows, columns), 17, what=f"{path}: a raster")
+    values = _numbers(path, text[start:], rows * columns).reshape(rows, columns)
+    # Where the header names no value, heights have ESRI's default.
+    stated = header.get("nodata_value", header.get("nodata", NO_DATA if heights else None))
+    gap = np.zeros(values.shape, bool) if stated is None else equal_cells(values, stated)
+    declared = bool({"nodata_value", "nodata"} & set(header))
+    gap = cells_without_data(path, values, gap, nodata, declared=declared, heights=heights)
+    if not FRACTION.search(text, start) and np.abs(values).max(initial=0.0) < LARGEST_WHOLE:
+        small = np.abs(values).max(initial=0.0) <= np.iinfo(np.int32).max
+        values = values.astype(np.int32 if small else np.int64)
+    projections = [path.with_suffix(s) for s in (PROJECTION, PROJECTION.upper())]
+    crs = next((decoded(side).strip() for side in projections if side.is_file()), None)
+    unit, name = _read_labels(path)
+    return RasterSource(
+        path, with_gaps(values, gap), _placed(path, header, rows), crs, units=unit, name=name, crs_beside=True
+    )
+
+
+def _header(path: Path, text: str) -> tuple[dict[str, float], int]:
+    """Return the header of a grid by lower-case name, and where the numbers begin."""
     header: dict[str, float] = {}
     start = 0
     while match := HEADER.match(text, start):
@@ -68,25 +93,13 @@ def read_ascii(path: Path, nodata: float | None) -> RasterSource:
             f"{path}: not an ESRI ASCII grid: its header has {', '.join(header) or 'no line'}; "
             "it needs ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize"
         )
-    rows, columns = int(header["nrows"]), int(header["ncols"])
-    require_memory((rows, columns), 17, what=f"{path}: a raster")
-    values = _numbers(path, text[start:], rows * columns).reshape(rows, columns)
-    gap = np.zeros(values.shape, bool)
-    for value in (nodata, header.get("nodata_value", header.get("nodata"))):
-        if value is not None:
-            gap |= values == value
-    if not FRACTION.search(text, start) and np.abs(values).max(initial=0.0) < LARGEST_WHOLE:
-        small = np.abs(values).max(initial=0.0) <= np.iinfo(np.int32).max
-        values = values.astype(np.int32 if small else np.int64)
-    values = with_gaps(values, gap)
-    beside = [path.with_suffix(s) for s in (PROJECTION, PROJECTION.upper()) if path.with_suffix(s).is_file()]
-    crs = crs_text(decoded(beside[0]).strip(), str(beside[0])) if beside else None
-    unit, name = _read_labels(path)
-    return RasterSource(path, values, _placed(path, header, rows), crs, units=unit, name=name)
+    for key in ("nrows", "ncols"):
+        whole(header[key], f"{path}: {key}", 1)
+    return header, start
 
 
 def _numbers(path: Path, body: str, count: int) -> np.ndarray:
-    """Return the numbers below a header."""
+    """Return the numbers after a header."""
     # NumPy says of text that it cannot read that the feature is deprecated.
     with filtered_warnings("error", DeprecationWarning):
         try:
@@ -167,41 +180,38 @@ def _read_labels(path: Path) -> tuple[str | None, str | None]:
     if not side.is_file():
         return None, None
     try:
-        band = ElementTree.parse(side).getroot().find("PAMRasterBand")
+        text = decoded(side)
+        if "<!DOCTYPE" in text:
+            raise InputError(f"{side}: holds a document type, which such files have no use for; remove it")
+        band = ElementTree.fromstring(text).find("PAMRasterBand")
     except ElementTree.ParseError as error:
         raise InputError(f"{side}: not XML ({error}); repair or remove it") from error
     return (None, None) if band is None else (band.findtext("UnitType"), band.findtext("Description"))
 
 
-def read_numpy(path: Path, nodata: float | None, names: Sequence[str] = HEIGHTS) -> RasterSource:
+def read_numpy(path: Path, nodata: float | None, names: Sequence[str], *, heights: bool) -> RasterSource:
     """Read values from .npy, or from .npz the first array of those names, with what else it holds of a raster."""
-    try:
-        loaded = np.load(path, mmap_mode="r" if path.suffix.lower() == ".npy" else None)
-        if isinstance(loaded, np.ndarray):
-            return RasterSource(path, _cells(path, loaded, nodata))
-        with loaded as file:
-            held = [name for name in names if name in file.files]
-            if not held:
-                raise InputError(f"holds {', '.join(file.files) or 'nothing'}, but no array named {names[0]}")
-            values = _cells(path, file[held[0]], nodata)
-            found = {n: file[n] for n in ("cell_size", "origin", "crs", "unit", "name") if n in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read as NumPy's {path.suffix} ({error}); is the file whole?") from error
+    key, cells, facts = load_cells(path, names, ("cell_size", "origin", "crs", "unit", "name"))
+    gap = cells_without_data(path, cells, np.zeros(cells.shape, bool), nodata, declared=False, heights=heights)
+    values = with_gaps(np.array(cells), gap)
+    if key == LANDLAB:
+        values = values[::-1]
+        warnings.warn(
+            f"{path}: {LANDLAB} is taken as landlab has it, row 0 in the south, and turned; if its row 0 is in the "
+            f"north, name the array {HEIGHTS[0]}",
+            UserWarning,
+            stacklevel=5,
+        )
     affine = None
-    if "cell_size" in found:
-        size = float(found["cell_size"])
-        west, north = (float(v) for v in found.get("origin", (0.0, 0.0)))
-        affine = north_up(west, north, size, size)
-    crs, unit, name = (str(found[key]) if key in found else "" for key in ("crs", "unit", "name"))
+    try:
+        if "cell_size" in facts:
+            size = float(facts["cell_size"])
+            west, north = (float(v) for v in facts.get("origin", (0.0, 0.0)))
+            affine = north_up(west, north, size, size)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: its cell_size or origin is not what write_terrain writes ({error})") from error
+    crs, unit, name = (str(facts[key]) if key in facts else "" for key in ("crs", "unit", "name"))
     return RasterSource(path, values, affine, crs or None, units=unit or None, name=name or None)
-
-
-def _cells(path: Path, array: np.ndarray, nodata: float | None) -> np.ndarray:
-    """A copy of an array as the values of cells."""
-    if array.ndim != 2 or array.dtype.kind not in "iuf":
-        raise InputError(f"an array of shape {array.shape} and type {array.dtype} where (rows, columns) numbers belong")
-    require_memory(array.shape, 17, what=f"{path}: a raster")
-    return with_gaps(np.array(array), np.zeros(array.shape, bool) if nodata is None else array == nodata)
 
 
 def write_numpy(raster: Raster, path: Path, key: str) -> None:

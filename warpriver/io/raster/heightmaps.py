@@ -6,6 +6,7 @@ import json
 import logging
 import math
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[
     if side_file(path).is_file():
         try:
             side = json.loads(decoded(side_file(path)))
-        except json.JSONDecodeError as error:
+        except (json.JSONDecodeError, RecursionError) as error:
             raise InputError(f"{side_file(path)}: not JSON ({error})") from error
         if not isinstance(side, dict):
             raise InputError(f"{side_file(path)}: not a JSON object")
@@ -47,7 +48,7 @@ def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[
         pixel = float(side["metres_per_pixel"]) if "metres_per_pixel" in side else None
         west, north = (float(v) for v in side.get("origin", (0.0, 0.0)))
         rows_columns = (int(side["rows"]), int(side["columns"])) if "rows" in side else None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{side_file(path)}: not what write_terrain writes ({error!r})") from error
     found = limits or stated
     if found is None:
@@ -61,13 +62,14 @@ def read_heightmap(path: Path, limits: tuple[float, float] | None, shape: tuple[
     if first:
         height[step == 0] = np.nan
     affine = None if pixel is None else north_up(west, north, pixel, pixel)
-    return RasterSource(path, height, affine, side.get("crs"))
+    return RasterSource(path, height, affine, side.get("crs"), units="m", crs_beside=True, place_beside=True)
 
 
 def _read_png(path: Path) -> tuple[np.ndarray, int]:
     """Return the steps of a grey PNG, and the highest step that it can hold."""
     (image,) = need(f"reading {path.suffix}", "PIL.Image")
-    head = path.read_bytes()[:26]
+    with path.open("rb") as file:
+        head = file.read(26)
     if len(head) < 26 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
         raise InputError(f"{path}: not a PNG file, or cut short")
     columns, rows, bits, color = struct.unpack(">IIBB", head[16:26])
@@ -75,7 +77,10 @@ def _read_png(path: Path) -> tuple[np.ndarray, int]:
         raise InputError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
     require_memory((rows, columns), 22, what=f"{path}: a raster")
     try:
-        with filtered_warnings("ignore", image.DecompressionBombWarning), image.open(path) as picture:
+        with (
+            filtered_warnings("ignore", image.DecompressionBombWarning),
+            image.open(path, formats=["PNG"]) as picture,
+        ):
             return np.array(picture), 2**bits - 1
     except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
         raise InputError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
@@ -124,12 +129,12 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     side_file(path).write_text(json.dumps(side, indent=1) + "\n", encoding="utf-8")
 
 
-def checked_limits(limits: Any) -> tuple[float, float]:
+def checked_limits(limits: Sequence[float]) -> tuple[float, float]:
     """Return (low, high) in m, or raise ``ValueError``."""
     try:
         low, high = (float(v) for v in limits)
     except (TypeError, ValueError) as error:
-        raise InputError(f"range is {limits!r}; give (low, high) in m") from error
+        raise InputError(f"range is {limits!r}; give range=(low, high) in m") from error
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"range is ({low:g}, {high:g}); give (low, high) in m with low below high")
+        raise InputError(f"range is ({low:g}, {high:g}); give range=(low, high) in m with low below high")
     return low, high

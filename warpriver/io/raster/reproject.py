@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 
 import numpy as np
 
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
+from warpriver.io.crs import full_turn
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.raster import Raster
 
@@ -17,13 +19,16 @@ __all__ = ["warp"]
 
 # Points along each side of a raster whose places in another CRS tell its extent there; points looked up at a time.
 OUTLINE, STRIP = 33, 1_000_000
+# Cells keep their area, so that their number stays about the same; where it falls below this fraction that is told.
+KEPT = 0.75
 
 
 def warp(raster: RasterSource, target: str) -> RasterSource:
     """Return a raster on north-up square cells in another CRS, its values as by ``Raster.sample``.
 
     Exact on planes, as the filters of GDAL's warper are not where cells shrink or turn: there slopes of 0.2 came out
-    0.008 off. A cell in the middle keeps its area.
+    0.008 off. A cell in the middle keeps its area. Longitudes are those nearest to the middle of the raster, so that
+    one across the 180th meridian, or from 0 to 360 degrees, stays whole.
     """
     (pyproj,) = need("to_crs", "pyproj")
     there = pyproj.Transformer.from_crs(raster.crs, target, always_xy=True)
@@ -46,13 +51,26 @@ def warp(raster: RasterSource, target: str) -> RasterSource:
     require_memory(shape, 18, what=f"{raster.path}: the reprojected raster")
     # The old raster with its cells as units: x counts columns, -y rows.
     old, to_cells = Raster(raster.values, 1.0), raster.to_cells()
+    turn = full_turn(raster.crs)
+    middle = float(raster.points(np.array([0.5 * columns]), np.array([0.5 * rows]))[0, 0])
     values = np.empty(shape)
     x = west + (np.arange(shape[1]) + 0.5) * size
     for first in range(0, shape[0], max(1, STRIP // shape[1])):
         strip = values[first : first + max(1, STRIP // shape[1])]
         y = north - (first + np.arange(len(strip)) + 0.5) * size
-        at = to_cells(*back.transform(*(a.ravel() for a in np.meshgrid(x, y))))
+        there_x, there_y = back.transform(*(a.ravel() for a in np.meshgrid(x, y)))
+        if turn is not None:
+            there_x = middle + np.remainder(there_x - middle + 0.5 * turn, turn) - 0.5 * turn
+        at = to_cells(there_x, there_y)
         strip[:] = old.sample(at * (1.0, -1.0)).reshape(strip.shape)
+    before, after = int(np.isfinite(raster.values).sum()), int(np.isfinite(values).sum())
+    if after < KEPT * before:
+        warnings.warn(
+            f"{raster.path}: of its {before} cells with data {after} are left in {target[:40]}; does it lie where that "
+            "CRS is meant for?",
+            UserWarning,
+            stacklevel=5,
+        )
     if old.is_integer and not np.isnan(values).any():
         values = values.astype(old.dtype)
     affine = north_up(float(west), float(north), size, size)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-__all__ = ["RasterSource", "north_up", "with_gaps"]
+from warpriver.sentinels import equal_cells, find_sentinels, listed
+
+__all__ = ["RasterSource", "cells_without_data", "north_up", "with_gaps"]
 
 
 @dataclasses.dataclass
@@ -21,10 +24,12 @@ class RasterSource:
         values: (rows, columns) float64, NaN without data; or whole numbers, where the file has them in every cell.
         affine: (a, b, c, d, e, f): the point j columns and i rows from the first cell's outer corner lies at
             x = a j + b i + c, y = d j + e i + f.
-        crs: CRS as ``crs_text`` gives it.
+        crs: CRS as the file states it.
         lonlat: Whether the coordinates are longitude and latitude by name.
         units: Unit of the values as the file names it.
         name: What the values are, as the file names them.
+        crs_beside: Whether the CRS comes from a file beside it, such as a .prj, which ``crs=`` overrules.
+        place_beside: Whether the origin does, which ``origin=`` overrules.
     """
 
     path: Path
@@ -34,6 +39,8 @@ class RasterSource:
     lonlat: bool = False
     units: str | None = None
     name: str | None = None
+    crs_beside: bool = False
+    place_beside: bool = False
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -64,6 +71,11 @@ class RasterSource:
         rows, columns = self.values.shape
         return max(abs(b) * rows, abs(d) * columns) > 1e-3 * min(self.cell)
 
+    def scale_place(self, factor: float) -> None:
+        """Multiply all coordinates by a number, as to turn feet into metres."""
+        if self.affine is not None and factor != 1.0:
+            self.affine = tuple(factor * v for v in self.affine)
+
     def put_north_up(self) -> None:
         """Turn a raster whose rows run east or west into one with row 0 in the north and column 0 in the west."""
         a, b, c, d, e, f = self.affine or (math.nan,) * 6
@@ -78,6 +90,45 @@ class RasterSource:
 def north_up(west: float, north: float, width: float, length: float) -> tuple[float, ...]:
     """Return the affine numbers of north-up cells ``width`` x ``length`` from their north-west corner."""
     return width, 0.0, west, 0.0, -length, north
+
+
+def cells_without_data(
+    path: Path, values: np.ndarray, gap: np.ndarray, nodata: float | None, *, declared: bool, heights: bool
+) -> np.ndarray:
+    """Return which cells have no data: those known, those of the caller's value, and what can be nothing else.
+
+    Where neither the file nor the caller says what no data is, heights such as -9999 that stand alone are taken for
+    it, with a warning. Where one does, or where values need not be heights, the warning says that they are there.
+
+    Args:
+        path: The file, for messages.
+        values: Its numbers as they are stored, before scale, offset and unit.
+        gap: Cells known to have no data.
+        nodata: Value that the caller names; NaN: no further one.
+        declared: Whether the file says what no data is.
+        heights: Whether the values are heights.
+    """
+    if nodata is not None:
+        return gap | equal_cells(values, nodata)
+    found = find_sentinels(values, ~gap)
+    if not found:
+        return gap
+    declared = declared or bool(gap.any()) or (values.dtype.kind == "f" and bool(np.isnan(values).any()))
+    text = f"{path}: of its cells {listed(found)}"
+    if declared or not heights:
+        warnings.warn(
+            f"{text}, which may stand for no data; if so, pass nodata={found[0][0]:.9g}", UserWarning, stacklevel=6
+        )
+        return gap
+    for value, _ in found:
+        gap = gap | equal_cells(values, value)
+    warnings.warn(
+        f"{text}, which nothing in the file explains; they are read as no data. Pass nodata=nan to keep them, or "
+        "nodata= with the value that has none",
+        UserWarning,
+        stacklevel=6,
+    )
+    return gap
 
 
 def with_gaps(values: np.ndarray, gap: np.ndarray) -> np.ndarray:

@@ -2,13 +2,13 @@
 
 :data:`WRITTEN` and :data:`READ` are the only places that name attributes; writers, readers and the tables in the
 documentation follow them. Units of the files of others are turned into ours by the factor beside the name: HydroRIVERS
-[Lehner2013], NHDPlus [McKay2012] and SWORD [Altenau2021].
+[Lehner2013], NHDPlus [McKay2012], SWORD [Altenau2021], TauDEM and the networks made by it, MERIT-Basins.
 """
 
 from __future__ import annotations
 
 import functools
-import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +22,8 @@ __all__ = [
     "FAMILIES",
     "GENERIC",
     "LISTS",
+    "NO_VALUE",
+    "NO_WORD",
     "READ",
     "ROLES",
     "SHORT_NAMES",
@@ -30,11 +32,14 @@ __all__ = [
     "Family",
     "Name",
     "family_of",
+    "is_no_value",
+    "is_ours",
     "list_names",
     "next_downstream",
     "read_names",
     "read_role",
     "read_table",
+    "tell_lost_names",
     "useful_names",
     "write_columns",
     "written_table",
@@ -42,8 +47,10 @@ __all__ = [
 
 SQUARE_KILOMETER = 1e6  # m2
 CUBIC_FOOT = 0.3048**3  # m3
-# What HydroSHEDS, the USGS and SWORD write for "no value", beside an empty field.
-NO_VALUE = (-9998.0, -9999.0, -999900.0)
+# What HydroSHEDS, the USGS, SWORD and others write for "no value", beside an empty field; and numbers beyond reason.
+NO_VALUE = (-999.0, -9998.0, -9999.0, -99999.0, -999900.0, -999999.0)
+BEYOND = 1e20
+NO_WORD = {"", "-", "?", "*", "na", "n/a", "nan", "null", "none", "nil", "unknown", "<null>"}
 
 # What is known of a channel; the last five say what it is joined to, closed that this is itself.
 ROLES = (
@@ -59,6 +66,8 @@ ROLES = (
     "closed",
 )
 IDENTITIES = ("channel_id", "next_down", "from_node", "to_node")
+# What cannot be 0 or less: such a number is none.
+POSITIVE = ("width", "depth", "discharge", "drainage_area")
 # Attributes that hold a list, a number a point.
 LISTS = ("width", "depth")
 
@@ -101,6 +110,8 @@ WRITTEN = (
     Attribute("point_depth_m", "", "m", "a list, a number a point; only where the depth varies"),
 )
 SHORT_NAMES = {a.name: a.short for a in WRITTEN if a.short}
+# By these a file is known as one that comes from us, also where a GIS has saved it anew.
+OURS = {"channel_id", "next_down", "from_node", "to_node", "length_m", "sinuosity"}
 
 
 class Name(NamedTuple):
@@ -111,12 +122,14 @@ class Name(NamedTuple):
         role: What it tells.
         unit: Its unit there.
         factor: What it is multiplied by to be in ours.
+        listed: Whether the documentation lists it.
     """
 
     name: str
     role: str
     unit: str
     factor: float = 1.0
+    listed: bool = True
 
 
 class Family(NamedTuple):
@@ -141,6 +154,8 @@ GENERIC = Family("any file", ())
 # The first that fits counts. SWOT's own products have reach_id as well, but not these beside it, and slopes in m/m.
 FAMILIES = (
     Family("HydroRIVERS", _marks("hyriv_id"), mean_flow=True),
+    Family("MERIT-Basins", _marks("comid nextdownid"), mean_flow=True),
+    Family("TauDEM", _marks("linkno dslinkno")),
     Family("NHDPlus", _marks("comid", "nhdplusid"), mean_flow=True),
     Family("SWORD", _marks("reach_id n_rch_up", "reach_id n_rch_dn", "reach_id facc"), mean_flow=True),
 )
@@ -152,16 +167,22 @@ READ: Mapping[str, tuple[Name, ...]] = {
         Name("width", "width", "m"),
         Name("width1", "width", "m"),
         Name("mean_width_m", "width", "m"),
+        Name("mean_width", "width", "m", listed=False),
         Name("median_width_m", "width", "m"),
+        Name("median_wid", "width", "m", listed=False),
         Name("depth_m", "depth", "m"),
         Name("depth", "depth", "m"),
         Name("discharge_m3s", "discharge", "m3/s"),
         Name("discharge", "discharge", "m3/s"),
         Name("dis_m3s", "discharge", "m3/s"),
+        # As GDAL cuts our names where it saves a shapefile: to ten characters, the second of two alike with a number.
+        Name("discharge_", "discharge", "m3/s", listed=False),
         Name("drainage_area_m2", "drainage_area", "m2"),
         Name("area_m2", "drainage_area", "m2"),
+        Name("drainage_1", "drainage_area", "m2", listed=False),
         Name("drainage_area_km2", "drainage_area", "km2", SQUARE_KILOMETER),
         Name("area_km2", "drainage_area", "km2", SQUARE_KILOMETER),
+        Name("drainage_a", "drainage_area", "km2", SQUARE_KILOMETER, listed=False),
         Name("slope", "slope", "m/m"),
         Name("channel_id", "channel_id", "-"),
         Name("seg_id", "channel_id", "-"),
@@ -176,6 +197,16 @@ READ: Mapping[str, tuple[Name, ...]] = {
         Name("DIS_AV_CMS", "discharge", "m3/s"),
         Name("HYRIV_ID", "channel_id", "-"),
         Name("NEXT_DOWN", "next_down", "-"),
+    ),
+    "MERIT-Basins": (
+        Name("uparea", "drainage_area", "km2", SQUARE_KILOMETER),
+        Name("COMID", "channel_id", "-"),
+        Name("NextDownID", "next_down", "-"),
+    ),
+    "TauDEM": (
+        Name("DSContArea", "drainage_area", "m2"),
+        Name("LINKNO", "channel_id", "-"),
+        Name("DSLINKNO", "next_down", "-"),
     ),
     "NHDPlus": (
         Name("TotDASqKm", "drainage_area", "km2", SQUARE_KILOMETER),
@@ -236,9 +267,53 @@ def useful_names(names: Iterable[str], wanted: Iterable[str], extra: Iterable[st
     return {name for name in names if name.lower() in useful}
 
 
-def list_names(role: str) -> tuple[str, str]:
-    """Return the names of a list of one number a point."""
-    return f"point_{role}_m", f"point_{role}"
+def list_names(role: str) -> tuple[str, ...]:
+    """Return the names of a list of one number a point; the last is the first as a shapefile cuts it."""
+    return f"point_{role}_m", f"point_{role}", f"point_{role}_m"[:10]
+
+
+def is_ours(names: Iterable[str]) -> bool:
+    """Tell whether a file with these attributes comes from ``write_network``, whoever saved it last."""
+    return {name.lower() for name in names} >= OURS
+
+
+def tell_lost_names(path: object, names: Iterable[str], wanted: Iterable[str]) -> None:
+    """Warn of a file of ours whose attributes were renamed beyond recognition, or so that they may mean two things.
+
+    Args:
+        path: The file.
+        names: Its attributes.
+        wanted: Roles that are read from it.
+    """
+    there = {name.lower() for name in names}
+    if not is_ours(there):
+        return
+    lost = [
+        role
+        for role in ("width", "depth", "discharge")
+        if role in wanted and not any(name.name.lower() in there for name in read_names(GENERIC, role))
+    ]
+    told = []
+    if lost:
+        told.append(
+            f"it comes from write_network, but has lost its {' and '.join(lost)}, perhaps to a program that shortens "
+            f"names; {'they follow' if len(lost) > 1 else 'it follows'} from what is left"
+        )
+    if "drainage_a" in there and not there & {"drainage_1", "area_m2", "area_km2"} and "drainage_area" in wanted:
+        told.append("drainage_a is taken as drainage_area_km2")
+    if told:
+        warnings.warn(f"{path}: {'; '.join(told)}", UserWarning, stacklevel=5)
+
+
+def is_no_value(numbers: np.ndarray, role: str) -> np.ndarray:
+    """Return where numbers of a role stand for nothing: NaN, -9999 and its kin, and 0 or less where that cannot be."""
+    none = ~(np.abs(numbers) < BEYOND) | np.isin(numbers, NO_VALUE)
+    return none | (numbers <= 0.0) if role in POSITIVE else none
+
+
+def _is_none(number: float, role: str) -> bool:
+    """Return :func:`is_no_value` of one number, at a fraction of its cost."""
+    return not abs(number) < BEYOND or number in NO_VALUE or (number <= 0.0 and role in POSITIVE)
 
 
 def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: str) -> Any:
@@ -255,7 +330,7 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
     """
     for name in read_names(family, role):
         value = attributes.get(name.name.lower())
-        if value is None or (isinstance(value, str) and not value.strip()):
+        if value is None or (isinstance(value, str) and value.strip().lower() in NO_WORD):
             continue
         if role in IDENTITIES:
             found = _identity(value)
@@ -264,16 +339,12 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
             continue
         try:
             number = float(value)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             if role == "closed":  # a word of others, of a road or a lock for one
                 continue
             raise InputError(f"{where}: {name.name.lower()} is {value!r}, not a number") from error
-        if math.isnan(number) or number in NO_VALUE:
-            continue
-        # Rasters give a reach that they do not resolve no area and no flow.
-        if role in ("discharge", "drainage_area") and number <= 0.0:
-            continue
-        return number * name.factor
+        if not _is_none(number, role):
+            return number * name.factor
     return None
 
 
@@ -283,16 +354,22 @@ def _identity(value: Any) -> tuple[int, ...] | None:
         words = list(value)
     else:
         words = str(value).replace(",", " ").split() if isinstance(value, str) else [value]
-    found = []
-    for word in words:
-        try:
-            number = int(word)
-        except (TypeError, ValueError, OverflowError):
-            return None
-        if not isinstance(word, str) and number != word:
-            return None
-        found.append(number)
-    return tuple(found) or None
+    found = tuple(_whole(word) for word in words)
+    whole = tuple(number for number in found if number is not None)
+    return whole if whole and len(whole) == len(found) and float(whole[0]) not in NO_VALUE else None
+
+
+def _whole(word: Any) -> int | None:
+    """Return a whole number, also one that is written with decimals of 0, or None."""
+    try:
+        number = int(word)
+        return number if isinstance(word, str) or number == word else None
+    except (TypeError, ValueError, OverflowError):
+        pass
+    try:
+        return int(float(word)) if isinstance(word, str) and float(word).is_integer() else None
+    except (ValueError, OverflowError):
+        return None
 
 
 def next_downstream(network: RiverNetwork) -> np.ndarray:
@@ -374,9 +451,10 @@ def read_table() -> str:
     rows = []
     for family in (GENERIC, *FAMILIES):
         for role in ROLES:
-            names = [n.name + ("" if n.factor == 1.0 else f" ({n.unit})") for n in READ[family.name] if n.role == role]
+            listed = [name for name in READ[family.name] if name.role == role and name.listed]
+            names = [name.name + ("" if name.factor == 1.0 else f" ({name.unit})") for name in listed]
             if family is GENERIC and role in LISTS:
-                names += list_names(role)
+                names += list_names(role)[:2]
             if names:
                 rows.append((family.name, f"{role.replace('_', ' ')}{_UNIT.get(role, '')}", ", ".join(names)))
     return _table(("file", "what", "attribute or column, unit if it is another"), rows)

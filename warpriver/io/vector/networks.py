@@ -25,13 +25,11 @@ from warpriver.io.vector.features import (
     OGR,
     PARQUET,
     SHAPEFILE_PARTS,
-    read_geojson,
-    read_ogr,
-    read_parquet,
     write_geojson,
     write_ogr,
     write_parquet,
 )
+from warpriver.io.vector.read_features import read_geojson, read_ogr, read_parquet
 from warpriver.io.vector.source import Line, Source
 from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
@@ -206,7 +204,8 @@ def read_network(
     if short == "error" and width is None and all(source.origin is not None for source in sources):  # our own files
         short = "keep"
     for source in sources:
-        source.crs = settled_crs(source, crs)
+        source.crs, factor = settled_crs(source, crs)
+        source.scale_place(factor)
     found = one_crs(sources) if to_crs is None else reproject(sources, to_crs)
     lines = [line for source in sources for line in source.lines]
     for name, value in given.items():
@@ -482,9 +481,9 @@ def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) ->
     count = sum(wide)
     if not count or short == "keep":
         return lines
-    if crs is None and 2 * count >= len(lines) and within_degrees(lines):
+    if crs is None and 2 * count >= len(lines) and within_degrees(lines, 360.0):
         raise InputError(
-            f"{label}: x and y look like longitude and latitude (within 180 and 90, lines shorter than wide) "
+            f"{label}: x and y look like longitude and latitude (within 360 and 90, lines shorter than wide) "
             'and no CRS is stated; pass crs="EPSG:4326" and to_crs="utm", or check the unit of the width'
         )
     if short == "error" or count == len(lines):

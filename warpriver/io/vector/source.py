@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.io.vector.attributes import GENERIC, Family
+from warpriver.crs import CRSLike
+from warpriver.errors import InputError
+from warpriver.io.vector.attributes import GENERIC, NO_VALUE, Family
 
-__all__ = ["Line", "Source"]
+__all__ = ["Line", "Source", "checked_points"]
 
 
 @dataclasses.dataclass
@@ -34,6 +36,7 @@ class Line:
         closed: Not 0 for a ring.
         z: (n,) elevation of the points, m.
         extra: What it has of free columns, by name.
+        lists: Which of width and depth come from a list that is stated downstream, however the points run.
     """
 
     xy: np.ndarray
@@ -53,6 +56,14 @@ class Line:
     closed: float | None = None
     z: np.ndarray | None = None
     extra: dict[str, Any] = dataclasses.field(default_factory=dict)
+    lists: tuple[str, ...] = ()
+
+    def reverse(self) -> None:
+        """Let the points run the other way, and what goes with them."""
+        kept = {name: getattr(self, name) for name in self.lists}
+        self.map_points(lambda a: a[::-1].copy())
+        for name, value in kept.items():
+            setattr(self, name, value)
 
     def map_points(self, change: Callable[[np.ndarray], np.ndarray]) -> None:
         """Apply ``change`` to every array that has one entry a point."""
@@ -69,19 +80,42 @@ class Source:
     Attributes:
         path: The file.
         lines: Its channels.
-        crs: Its CRS, as ``crs_text`` gives it, or None.
+        crs: Its CRS as the file states it, or None.
         lonlat: Whether the coordinates are longitude and latitude by format or name.
         family: Whose attributes it has.
         origin: (x, y) zero of the device coordinates, where the file states it.
         node_xy: Positions of nodes by the names that the file gives them, where it states them.
         extra: Names of the free columns that are read from it, each with its kind where the file states it.
+        ours: Whether it comes from ``write_network``, also where a GIS has saved it since.
+        crs_beside: Whether the CRS comes from a file beside it, such as a .prj, which ``crs=`` overrules.
     """
 
     path: Path
     lines: list[Line]
-    crs: str | None
+    crs: CRSLike | None
     lonlat: bool = False
     family: Family = GENERIC
     origin: tuple[float, float] | None = None
     node_xy: dict[int, tuple[float, float]] = dataclasses.field(default_factory=dict)
     extra: Mapping[str, str | None] = dataclasses.field(default_factory=dict)
+    ours: bool = False
+    crs_beside: bool = False
+
+    def scale_place(self, factor: float) -> None:
+        """Multiply all coordinates by a number, as to turn feet into metres."""
+        if factor != 1.0:
+            self.origin, self.node_xy = None, {}
+            for line in self.lines:
+                line.xy = factor * line.xy
+
+
+def checked_points(xy: np.ndarray, where: str) -> np.ndarray:
+    """Return (n, 2) points, or raise ``ValueError`` for one that is not finite or stands for no value."""
+    wrong = ~np.isfinite(xy).all(axis=1)
+    if wrong.any():
+        raise InputError(f"{where}: point {int(wrong.argmax())} is not finite; remove or repair it")
+    none = (xy[:, 0] == xy[:, 1]) & np.isin(xy[:, 0], NO_VALUE)
+    if none.any():
+        k = int(none.argmax())
+        raise InputError(f"{where}: point {k} is at ({xy[k, 0]:g}, {xy[k, 1]:g}), which stands for no value; remove it")
+    return xy

@@ -9,19 +9,21 @@ import itertools
 import json
 import math
 import re
-from collections import Counter
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpriver.crs import crs_text
 from warpriver.errors import InputError
-from warpriver.io.crs import crs_text
 from warpriver.io.files import decoded, is_number
-from warpriver.io.vector.attributes import GENERIC, read_names, write_columns
+from warpriver.io.vector.attributes import GENERIC, LISTS, NO_VALUE, NO_WORD, is_no_value, read_names, write_columns
+from warpriver.io.vector.breaks import breaks_by_blank, breaks_by_name, channel_columns, tell_jumps
 from warpriver.io.vector.extras import EXTRA, extra_kinds, stated_extra, wanted_extra
-from warpriver.io.vector.source import Line, Source
+from warpriver.io.vector.point_lists import filled_gaps
+from warpriver.io.vector.source import Line, Source, checked_points
 from warpriver.network import RiverNetwork
 
 __all__ = ["TEXT", "read_text", "write_text"]
@@ -34,13 +36,12 @@ NAMES = {
     "y": ("y", "y_m", "northing", "north", "y_coord", "point_y"),
     "lon": ("lon", "longitude", "long", "lng"),
     "lat": ("lat", "latitude"),
-    "channel": ("channel", "channel_id", "seg_id", "id"),
     "z": ("z", "z_m", "elevation", "elevation_m", "point_z"),
 }
 # What is the same in all rows of a channel; left alone where it is no number, as elsewhere a column may be anything.
 OPTIONAL = ("drainage_area", "slope", "from_node", "to_node", "z")
-# What a row may leave open, as NaN.
-OPEN = ("slope", "z")
+# What every row must have; the rest may be left open.
+NEEDED = ("x", "y", "channel")
 # The attributes that have a column in what is written; width and depth are those of the point.
 COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
 
@@ -51,7 +52,8 @@ DEGREES = ("degree", "degrees", "deg")
 def read_text(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read points from columns of numbers; ``wanted`` are the roles to look for, ``asked`` names of free columns."""
     wanted = [role for role in wanted if role not in ("channel_id", "next_down")]  # told by the column of channels
-    rows = decoded(path).replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
+    text = decoded(path).replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
+    rows = text.rstrip().split("\n")
     first, names, comments = _scan_head(path, rows)
     comments, stated = _split_comments(comments)
     extra = wanted_extra(path, stated, asked, names)
@@ -60,40 +62,73 @@ def read_text(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) ->
         rows[first:] = [row.replace(",", ".") for row in rows[first:]]
     columns, lonlat = _columns(names, wanted)
     crs, upstream, degrees = _header_facts(path, comments)
-    channel, fields = columns.get("channel"), _fields(rows[first])
-    if channel is not None and channel < len(fields) and not is_number(fields[channel]):
-        del columns["channel"]
+    fields = _fields(rows[first])
     for role in OPTIONAL:
-        if role in columns and (columns[role] >= len(fields) or not is_number(fields[columns[role]])):
+        if role in columns and (columns[role] >= len(fields) or not _may_be_number(fields[columns[role]])):
             del columns[role]
     table = dict(zip(columns, _load_columns(path, rows, first, separator, columns).T, strict=True))
-    if channel is None:
-        breaks = _breaks_by_blank(rows[first:])
-        labels: list[Any] = list(range(len(breaks) + 1))
-    else:
-        ids = table["channel"] if "channel" in table else _load_words(path, rows[first:], separator, channel)
-        breaks, labels = _breaks_by_id(path, ids, names[channel])
+    breaks, labels, named = _parted(path, rows, first, separator, names)
     words = {name: _load_words(path, rows[first:], separator, names.index(name.lower())) for name in extra}
     extra = {name: kind or _kind_of(words[name]) for name, kind in extra.items()}
     factors = {role: _factor(names[columns[role]], role) for role in wanted if role in table}
+
+    def line_number(row: int) -> int:
+        return next(itertools.islice(_data_rows(rows, first), row, None))[0]
+
+    _tell_open(path, {role: table[role] for role in LISTS if role in factors})
+    origin = _stated_origin(comments)
+    ours = origin is not None
     lines: list[Line] = []
     for begin, end, label in zip([0, *breaks], [*breaks, len(table["x"])], labels, strict=True):
-        part = slice(begin, end)
-        xy = np.stack([table["x"][part], table["y"][part]], axis=1)
-        line = Line(xy, f"{path}, channel {label}" if len(labels) > 1 else str(path))
-        line.feature = len(lines)
+        span = slice(begin, end)
+        where = f"{path}, channel {label}" if len(labels) > 1 else str(path)
+        line = Line(checked_points(np.stack([table["x"][span], table["y"][span]], axis=1), where), where, len(lines))
+        if not ours and (not named or len(labels) == 1):
+            tell_jumps(where, line.xy, begin, line_number)
         for role, factor in factors.items():
-            _take_column(line, role, factor * table[role][part], upstream)
+            _take_column(line, role, table[role][span], factor, upstream)
         if "z" in table:
-            line.z = table["z"][part].copy()
+            z = table["z"][span]
+            line.z = np.where(is_no_value(z, "z"), np.nan, z)
         for name, values in words.items():
-            line.extra[name] = _one_word(values[part], name, line.where)
-        if channel is not None and isinstance(label, int):
+            line.extra[name] = _one_word(values[span], name, line.where)
+        if named and isinstance(label, int) and label not in NO_VALUE:
             line.channel_id = label
         if upstream:
-            line.map_points(lambda a: a[::-1].copy())
+            line.reverse()
         lines.append(line)
-    return Source(path, lines, crs, lonlat or degrees, origin=_stated_origin(comments), extra=extra)
+    return Source(path, lines, crs, lonlat or degrees, origin=origin, extra=extra, ours=ours)
+
+
+def _tell_open(path: Path, columns: dict[str, np.ndarray]) -> None:
+    """Warn of points without a width or depth, which are given that between the others."""
+    for role, values in columns.items():
+        count = int(is_no_value(values, role).sum())
+        if 0 < count < len(values):
+            warnings.warn(
+                f"{path}: {count} of {len(values)} rows have no {role}; it is interpolated along each channel that has "
+                "others",
+                UserWarning,
+                stacklevel=5,
+            )
+
+
+def _parted(
+    path: Path, rows: list[str], first: int, separator: str | None, names: list[str]
+) -> tuple[list[int], list[Any], bool]:
+    """Return the rows at which channels begin, but for the first, their labels, and whether a column names them."""
+    fields = _fields(rows[first])
+    for name in channel_columns(names):
+        column = names.index(name)
+        if column < len(fields) and not is_number(fields[column]):
+            ids = _load_words(path, rows[first:], separator, column)
+        else:
+            ids = _load_columns(path, rows, first, separator, {"channel": column})[:, 0]
+        found = breaks_by_name(path, ids, name)
+        if found is not None:
+            return *found, True
+    breaks = breaks_by_blank(rows[first:])
+    return breaks, list(range(len(breaks) + 1)), False
 
 
 def _factor(name: str, role: str) -> float:
@@ -101,21 +136,23 @@ def _factor(name: str, role: str) -> float:
     return next(n.factor for n in read_names(GENERIC, role) if n.name == name)
 
 
-def _take_column(line: Line, role: str, values: np.ndarray, upstream: bool) -> None:
-    """Give a channel what a column says of it."""
-    constant = bool((values == values[0]).all())
+def _take_column(line: Line, role: str, values: np.ndarray, factor: float, upstream: bool) -> None:
+    """Give a channel what a column says of it; rows of no value are left to the others."""
+    known = values[~is_no_value(values, role)]
+    if not len(known):
+        return
+    constant = bool((known == known[0]).all())
     if role in ("from_node", "to_node"):
-        if constant and float(values[0]).is_integer():
-            setattr(line, role, int(values[0]))
+        if constant and float(known[0]).is_integer():
+            setattr(line, role, int(known[0]))
     elif role == "drainage_area":  # that of the downstream end
-        area = float(values[0] if upstream else values[-1])
-        line.drainage_area = area if area > 0.0 else None
+        line.drainage_area = factor * float(known[0] if upstream else known[-1])
     elif constant:
-        setattr(line, role, values[0])
+        setattr(line, role, factor * known[0])
     elif role in ("discharge", "slope"):
-        setattr(line, role, values.mean())
+        setattr(line, role, factor * known.mean())
     else:
-        setattr(line, role, values.copy())
+        setattr(line, role, factor * filled_gaps(values, role))
 
 
 def _kind_of(words: np.ndarray) -> str:
@@ -249,7 +286,7 @@ def _columns(names: list[str], wanted: Sequence[str]) -> tuple[dict[str, int], b
         return {"x": 0, "y": 1}, False
     lonlat = any(_find(names, role) is None for role in "xy")
     found = {"x": _find(names, "lon" if lonlat else "x"), "y": _find(names, "lat" if lonlat else "y")}
-    found |= {role: _find(names, role) for role in ("channel", "z", *wanted)}
+    found |= {role: _find(names, role) for role in ("z", *wanted)}
     return {role: column for role, column in found.items() if column is not None}, lonlat
 
 
@@ -267,7 +304,7 @@ def _has_xy(names: Sequence[str]) -> bool:
 
 
 def _separator(row: str) -> str | None:
-    """Return what parts the columns of a row; None for spaces."""
+    """Return what separates the columns of a row; None for spaces."""
     return next((s for s in (";", ",", "\t") if s in row), None)
 
 
@@ -291,32 +328,50 @@ def _data_rows(rows: list[str], first: int) -> Iterator[tuple[int, str]]:
             yield k + 1, rows[k]
 
 
+def _may_be_number(word: str) -> bool:
+    """Tell whether a field is a number or is left open."""
+    return is_number(word) or word.strip(" \"'").lower() in NO_WORD
+
+
 def _load_columns(
     path: Path, rows: list[str], first: int, separator: str | None, columns: dict[str, int]
 ) -> np.ndarray:
-    """Return columns of finite numbers, (rows, columns) float64, or raise ``ValueError`` with the line."""
+    """Return columns of numbers, (rows, columns) float64, NaN where a field is open.
+
+    Raises:
+        ValueError: A field that is no number, or an open one of a column that needs them; the line is named.
+    """
     try:
         table = np.loadtxt(rows[first:], delimiter=separator, usecols=tuple(columns.values()), quotechar='"', ndmin=2)
-    except ValueError as error:
-        for number, row in _data_rows(rows, first):
-            fields = _fields(row)
-            for role, column in columns.items():
-                if column >= len(fields):
-                    text = f"{len(fields)} columns; {role} should be in column {column + 1}"
-                    raise InputError(f"{path}, line {number}: {text}") from error
-                if not is_number(fields[column]):
-                    text = f"{fields[column]!r} is not a number (column {column + 1}, {role})"
-                    raise InputError(f"{path}, line {number}: {text}") from error
-        raise InputError(f"{path}: its numbers cannot be read ({error})") from error
+    except ValueError:
+        table = _load_open_columns(path, rows, first, columns)
     bad = ~np.isfinite(table)
-    for role in OPEN:
-        if role in columns:
-            bad[:, list(columns).index(role)] = False
+    for k, role in enumerate(columns):
+        if role not in NEEDED:
+            bad[:, k] &= ~np.isnan(table[:, k])
     if bad.any():
         row, column = np.argwhere(bad)[0]
         number, _ = next(itertools.islice(_data_rows(rows, first), int(row), None))
         raise InputError(f"{path}, line {number}: {list(columns)[column]} is {table[row, column]}; remove or repair it")
     return table
+
+
+def _load_open_columns(path: Path, rows: list[str], first: int, columns: dict[str, int]) -> np.ndarray:
+    """Return columns of numbers of which some are left open, or raise ``ValueError`` with the line."""
+    table = []
+    for number, row in _data_rows(rows, first):
+        fields, values = _fields(row), []
+        for role, column in columns.items():
+            if column >= len(fields):
+                text = f"{len(fields)} columns; {role} should be in column {column + 1}"
+                raise InputError(f"{path}, line {number}: {text}")
+            field = fields[column].strip(" \"'")
+            if not is_number(field) and (role in NEEDED or field.lower() not in NO_WORD):
+                text = f"{fields[column]!r} is not a number (column {column + 1}, {role})"
+                raise InputError(f"{path}, line {number}: {text}")
+            values.append(float(field) if is_number(field) else np.nan)
+        table.append(values)
+    return np.array(table)
 
 
 def _load_words(path: Path, rows: list[str], separator: str | None, column: int) -> np.ndarray:
@@ -325,37 +380,3 @@ def _load_words(path: Path, rows: list[str], separator: str | None, column: int)
         return np.loadtxt(rows, delimiter=separator, usecols=column, quotechar='"', dtype=str, ndmin=1)
     except ValueError as error:
         raise InputError(f"{path}: its channels cannot be read ({error})") from error
-
-
-# ---- where channels begin: the points at which a new one starts (but for the first)
-
-
-def _breaks_by_id(path: Path, ids: np.ndarray, name: str) -> tuple[list[int], list[Any]]:
-    """Return the breaks where a column changes, and the label of each channel."""
-    breaks = np.flatnonzero(ids[1:] != ids[:-1]) + 1
-    if name == "id" and len(breaks) == len(ids) - 1:  # it numbers points, not channels
-        return [], [0]
-    labels = ids[np.concatenate([[0], breaks])].tolist()
-    labels = [int(v) if isinstance(v, float) and v.is_integer() else v for v in labels]
-    label, times = Counter(labels).most_common(1)[0]
-    if times > 1:
-        raise InputError(f"{path}: the rows of channel {label} do not stand together; sort them by channel")
-    return breaks.tolist(), labels
-
-
-def _breaks_by_blank(rows: list[str]) -> list[int]:
-    """Return the breaks at blank lines."""
-    # Most files have none, and a million rows are searched in no time before they are counted.
-    if "" not in map(str.strip, rows):
-        return []
-    breaks, seen, gap = [], 0, False
-    for row in rows:
-        bare = row.strip()
-        if not bare:
-            gap = True
-        elif not bare.startswith("#"):
-            if gap and seen:
-                breaks.append(seen)
-            gap = False
-            seen += 1
-    return breaks

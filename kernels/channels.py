@@ -1,0 +1,183 @@
+"""Channels as kernels take them, and how their points are dealt out to the threads of a launch."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels.status import HALT
+from warpriver.kernels.variants import once
+
+wp.set_module_options({"enable_backward": False})
+
+# A channel of few points may be sampled by so much more coarsely than its target spacing.
+COARSEST_SPACING = 1.25
+# Minimum number of points of a ring, when it is made and when a loop is cut off it.
+RING_POINTS = 8
+
+
+@wp.struct
+class Work:
+    """How the points of a network are dealt out to the threads of a launch.
+
+    A thread takes a *slab*, the whole channels slab_channel[k] .. slab_channel[k + 1] - 1, or, where ``chunk`` is not
+    0, that many consecutive points. ``first`` is the slab or chunk of the launch's first thread. Where ``status`` says
+    halt, there is nothing to do.
+    """
+
+    status: wp.array[int]
+    slab_channel: wp.array[int]
+    chunk: int
+    first: int
+
+
+@wp.struct
+class Marks:
+    """The chunks that hold something, such as necks: a list of them, in ascending order.
+
+    ``place``, one longer than there are chunks, has the number of marked chunks before each. Where a thread takes a
+    slab, there are no chunks, and both arrays are missing.
+    """
+
+    place: wp.array[int]
+    chunk: wp.array[int]
+
+
+@once
+def build(scalar):
+    """Make the structs and functions of channels for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.channels_{scalar.__name__}"
+    vec2 = wp.types.vector(2, scalar)
+
+    @wp.struct
+    class Form:
+        """Size of a channel between edits, m: mean width and depth, greatest width, target spacing of its points."""
+
+        width: scalar
+        depth: scalar
+        widest: scalar
+        target_spacing: scalar
+
+    @wp.struct
+    class Channels:
+        """The channels of a network, whose points lie end to end.
+
+        ``start`` has their offsets and the number of points. ``spacing`` is that of the points in m, ``step`` the time
+        step in yr, 0 for a channel that is inactive. ``closed`` is 1 for a ring, and ``area`` what it encloses (see
+        ``measure_rings``); both are missing where a network has no rings.
+        """
+
+        start: wp.array[int]
+        form: wp.array[Form]
+        spacing: wp.array[scalar]
+        step: wp.array[scalar]
+        closed: wp.array[int]
+        area: wp.array[wp.int64]
+
+    @wp.struct
+    class Points:
+        """Points of channels, m, with width and depth where these vary along channels; else ``section`` is missing."""
+
+        xy: wp.array[vec2]
+        section: wp.array[vec2]
+
+    @wp.struct
+    class Run:
+        """Points begin .. stop - 1 of one channel, which a thread takes together, and what the channel is.
+
+        The channel has the points first .. last. ``end`` is where the last run of the thread ends.
+        """
+
+        channel: int
+        first: int
+        last: int
+        closed: int
+        form: Form
+        spacing: scalar
+        step: scalar
+        begin: int
+        stop: int
+        end: int
+
+    @wp.func(module=name)
+    def channel_at(channel_start: wp.array[int], channel_count: int, point: int) -> int:
+        """Channel that owns a point: the last one that starts at or before it."""
+        low = int(0)
+        high = channel_count
+        while high - low > 1:
+            middle = (low + high) // 2
+            if channel_start[middle] <= point:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    @wp.func(module=name)
+    def begin_runs(channels: Channels, work: Work, k: int) -> Run:
+        """The empty run before the first one of a slab or chunk: ``while run.stop < run.end``, take the next one."""
+        run = Run()
+        run.stop = 0
+        run.end = 0
+        if work.status[HALT] == 0:
+            if work.chunk == 0:
+                run.channel = work.slab_channel[k] - 1
+                run.stop = channels.start[run.channel + 1]
+                run.end = channels.start[work.slab_channel[k + 1]]
+            else:
+                count = channels.start.shape[0] - 1
+                run.stop = k * work.chunk
+                run.end = wp.min(run.stop + work.chunk, channels.start[count])
+                if run.stop < run.end:
+                    run.channel = channel_at(channels.start, count, run.stop) - 1
+        return run
+
+    @wp.func(module=name)
+    def next_run(channels: Channels, run: Run) -> Run:
+        """The run after another one: of the next channel."""
+        after = Run()
+        channel = run.channel + 1
+        after.channel = channel
+        after.first = channels.start[channel]
+        after.last = channels.start[channel + 1] - 1
+        after.closed = 0
+        if channels.closed:
+            after.closed = channels.closed[channel]
+        after.form = channels.form[channel]
+        after.spacing = channels.spacing[channel]
+        after.step = channels.step[channel]
+        after.begin = run.stop
+        after.stop = wp.min(run.end, after.last + 1)
+        after.end = run.end
+        return after
+
+    @wp.func(module=name)
+    def section_at(points: Points, i: int, run: Run) -> vec2:
+        """Width and depth at a point: its own where they vary along the channel, else the channel's."""
+        if points.section:
+            return points.section[i]
+        return vec2(run.form.width, run.form.depth)
+
+    @wp.func(module=name)
+    def round_index(i: int, run: Run) -> int:
+        """Point of a ring that an index beyond either end comes round to."""
+        count = run.last - run.first + 1
+        away = (i - run.first) % count
+        if away < 0:
+            away += count
+        return run.first + away
+
+    return SimpleNamespace(
+        vec2=vec2,
+        Form=Form,
+        Channels=Channels,
+        Points=Points,
+        Run=Run,
+        channel_at=channel_at,
+        begin_runs=begin_runs,
+        next_run=next_run,
+        section_at=section_at,
+        round_index=round_index,
+    )
