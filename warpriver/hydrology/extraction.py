@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from warpriver.channel_table import ChannelTable
 from warpriver.errors import InputError
-from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT, bankfull_depth, channel_width, discharge
+from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT, bankfull_depth, bankfull_discharge, channel_width
 from warpriver.hydrology.cells import Edges, NoData
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.routing import Flow, checked_areas, host_areas, route
@@ -141,7 +141,8 @@ def extract_network(
 
     Returns:
         The network, in the terrain's CRS. ``channel_drainage_area`` is that just above the node at the downstream end,
-        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`. ``channel_slope`` is the drop
+        and ``channel_discharge`` is the bankfull discharge of a channel as wide as it is there,
+        :func:`warpriver.hydrology.bankfull_discharge`. ``channel_slope`` is the drop
         from the cell at the channel's upper end to the one at its lower end, over the length of its line. Heights are
         those of the surface that water was routed on, carved or filled: the raw terrain rises along a course wherever
         it crosses a pit or noise. So it is never below 0, 0 (or nearly) across a filled lake, and near an outlet of a
@@ -512,7 +513,7 @@ def _build(
         ChannelTable(
             width=mean,
             depth=depth,
-            discharge=discharge(above[last]),
+            discharge=bankfull_discharge(channel_width(above[last], coefficient)),
             drainage_area=above[last],
             slope=drop / np.add.reduceat(pace, start[:-1]),
             from_node=number[first],
