@@ -8,40 +8,53 @@ import warnings
 from collections.abc import Sequence
 
 from warpriver import __version__
-from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
-from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
+from warpriver.cli import bench, convert, demo, erode, info, network, render, simulate, valley
+from warpriver.cli.output import complain, flush, use_any_console
+from warpriver.cli.parser import BAD_INPUT, Parser
+from warpriver.cli.shared import INTERRUPTED
+from warpriver.cli.words import flag_names, in_flags, naming, typed
 from warpriver.errors import WarpriverError
 
 __all__ = ["main"]
 
 # In the order in which --help lists them.
-COMMANDS = (demo, network, simulate, erode, valley, render, bench, info)
+COMMANDS = (demo, network, simulate, erode, valley, render, convert, bench, info)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 stopped early, 2 bad input, 130 interrupted."""
-    options = _parser().parse_args(arguments)
+    use_any_console()
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        options = _parser().parse_args(words)
+        with naming(**flag_names(options.parser)), typed(words):
+            return _run(options)
+    finally:
+        flush()
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: print(
-                f"warpriver {options.name}: warning: {message}", file=sys.stderr
+            warnings.showwarning = lambda message, *_: complain(
+                f"warpriver {options.name}: warning: {in_flags(' '.join(str(message).split()))}"
             )
             return options.command(options)
     except (WarpriverError, ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
-        text = " ".join(str(error).split())
+        text = in_flags(" ".join(str(error).split()))
         if isinstance(error, OSError) and error.filename and str(error.filename) not in text:
             text += f": {error.filename}"
-        print(f"warpriver {options.name}: {text}", file=sys.stderr)
+        complain(f"warpriver {options.name}: {text}")
         return BAD_INPUT
     except KeyboardInterrupt:
-        print(f"warpriver {options.name}: interrupted", file=sys.stderr)
+        complain(f"warpriver {options.name}: interrupted")
         return INTERRUPTED
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="warpriver",
-        description="Rivers that meander, on the GPU or the CPU: migrate channel networks, real or not, and draw them.",
+        description="Find the rivers of a terrain, let rivers meander on the GPU or the CPU, and draw them.",
         epilog="warpriver COMMAND --help explains the flags of a command with their units and defaults.",
     )
     parser.add_argument("--version", action="version", version=f"warpriver {__version__}")

@@ -6,22 +6,33 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.runs import add_run_options, draw_results, make_simulation, run_simulation, write_results
+from warpriver.cli.output import say
+from warpriver.cli.parser import number
+from warpriver.cli.runs import add_run_options, draw_map, make_params, run_simulation, write_results
 from warpriver.cli.shared import (
-    add_ground,
+    HEIGHT_FLAGS,
+    LINE_FLAGS,
     add_line_options,
+    add_systems,
+    add_terrain,
     command,
     fresh_folder,
+    given_flags,
     quiet_warp,
     read_ground,
     read_lines,
     stored_run,
 )
+from warpriver.errors import InputError
 
 if TYPE_CHECKING:
-    pass
+    from warpriver.simulation import Simulation
+    from warpriver.terrain import Terrain
 
 __all__ = ["add"]
+
+# What is written into the folder of results.
+RESULTS = ("run", "channels.csv", "belt.png")
 
 
 def add(commands: Any) -> None:
@@ -31,51 +42,108 @@ def add(commands: Any) -> None:
         "simulate",
         _simulate,
         help="let the rivers of a file migrate, or go on with a stored run",
-        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; downstream order), let\n"
+        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; points run downstream), let\n"
         "them migrate and cut off their bends, and write the run, the final lines and a map into a folder.\n"
-        "INPUT may also be the run folder of an earlier command: it is then continued and grows.",
+        "\n"
+        "INPUT may also be the run of an earlier command: it goes on from its last record, over the terrain\n"
+        "that it was run on, and grows. With -o it is copied first, and the copy goes on. Flags of the model\n"
+        "change constants from there on; the change is recorded in the run. Flags that only say how lines\n"
+        "are read are refused.",
         epilog="examples:\n"
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
-        "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
+        "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 10yr -o out/rivers\n"
         "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
         "  warpriver simulate river.csv --solver path --search-radius 2 --years 300\n"
-        "  warpriver simulate out/river/run --years 100",
+        "  warpriver simulate out/river/run --years 100\n"
+        "  warpriver simulate out/river/run --migration-rate 20 --years 100 -o out/slower",
     )
     parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
-    parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
-    parser.add_argument("--to-crs", help='reproject rivers and terrain, e.g. EPSG:32619, or "utm" for their zone')
-    parser.add_argument(
-        "--terrain",
-        metavar="FILE",
-        help="heights under the river (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope",
+    lines = parser.add_argument_group("river lines")
+    lines.add_argument(
+        "--width", type=number(above=0.0, unit="m"), metavar="M", help="bankfull width in m (default: the file's)"
     )
-    add_ground(parser)
+    lines.add_argument(
+        "--depth", type=number(above=0.0, unit="m"), metavar="M", help="bankfull depth in m (default: from the width)"
+    )
+    add_line_options(lines)
+    add_systems(lines, "a file")
+    ground = add_terrain(
+        parser,
+        "heights under the rivers (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope; a run that goes on "
+        "finds its own",
+    )
+    ground.add_argument(
+        "--change-terrain",
+        action="store_true",
+        help="let a run go on over the --terrain that is given, or over a plain without one, also if it is not its own",
+    )
     add_run_options(parser, out=None, years=200.0)
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from warpriver.simulation import Simulation
-
     quiet_warp()
     source = Path(options.input)
+    if options.terrain is None and (useless := given_flags(options, HEIGHT_FLAGS)):
+        raise InputError(f"{useless[0]} says how a --terrain is read, and none is given; leave it out")
     terrain = None
     if options.terrain is not None:
         terrain = read_ground(options.terrain, options.terrain_crs, options)
     run = stored_run(source)
-    if run is not None:
-        simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
-        folder = Path(options.out) if options.out else run.parent
-        if options.out or run.is_file():
-            folder = fresh_folder(options.out or f"out/{run.stem}")
-    else:
-        network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
-        simulation = make_simulation(network, options, terrain)
-        folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
-    code = run_simulation(simulation, options, folder)
-    write_results(simulation, folder)
-    draw_results(simulation.history, folder, terrain)
+    make = _begun if run is None else _resumed
+    simulation, folder, store = make(run or source, terrain, options)
+    code, told = run_simulation(simulation, options, store)
+    try:
+        told += write_results(simulation, folder)
+        told += draw_map(simulation.history, folder, simulation.terrain)
+    finally:
+        for line in told:
+            say(line)
     return code
+
+
+def _begun(source: Path, terrain: Terrain | None, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+    """Begin a run on the lines of a file."""
+    from warpriver.simulation import Simulation
+
+    if options.change_terrain:
+        raise InputError(f"--change-terrain is for a run that goes on, and {source} is none; leave it out")
+    params = make_params(options)
+    out = options.out or f"out/{source.name.split('.')[0]}"
+    fresh_folder(out, *RESULTS, make=False)
+    network = read_lines(
+        source, options, depth=options.depth, dtype=options.dtype or "float64", device=options.device
+    )
+    simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
+    folder = fresh_folder(out, *RESULTS)
+    return simulation, folder, folder / "run"
+
+
+def _resumed(run: Path, terrain: Terrain | None, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+    """Go on with a stored run, or with a copy of it."""
+    from warpriver.history import read_history
+    from warpriver.simulation import Simulation
+
+    if useless := given_flags(options, LINE_FLAGS):
+        raise InputError(f"{useless[0]} says how river lines are read, and {run} is a run; leave it out")
+    if terrain is None and options.to_crs is not None:
+        raise InputError(f"--to-crs is for lines and a --terrain, and {run} is a run in a system of its own; leave it out")
+    history = read_history(run)
+    if options.dtype not in (None, history.dtype):
+        raise InputError(f"--dtype {options.dtype}: the run has {history.dtype}, and goes on in that; leave it out")
+    copied = options.out is not None or run.is_file()
+    out = (options.out or f"out/{run.stem}") if copied else run.parent
+    if copied:
+        fresh_folder(out, *RESULTS, make=False)
+    simulation = Simulation.resume(
+        history,
+        params=make_params(options, history.last_params),
+        terrain=terrain,
+        change_terrain=options.change_terrain,
+        device=options.device,
+        check=options.check,
+        threads=options.threads,
+    )
+    if not copied:
+        return simulation, run.parent, run
+    folder = fresh_folder(out, *RESULTS)
+    return simulation, folder, folder / "run"
