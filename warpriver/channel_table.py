@@ -30,6 +30,17 @@ def _whole(dtype: Any) -> Callable[[Any, str], np.ndarray]:
     return check
 
 
+def _positive_or_unknown(values: Any, name: str) -> np.ndarray:
+    array = numbers(values, name)
+    wrong = array <= 0.0
+    if wrong.any():
+        c = int(wrong.argmax())
+        raise InputError(
+            f"{name} of channel {c} is {array.flat[c]:g}; it must be positive, or NaN where it is not known"
+        )
+    return array
+
+
 def _flags(values: Any, name: str) -> np.ndarray:
     array = np.array(values)
     if array.dtype.kind not in "biu" and array.size:
@@ -83,7 +94,7 @@ COLUMNS = {
     "width": _Column(positive_numbers, required=True),
     "depth": _Column(positive_numbers, required=True),
     "discharge": _Column(positive_numbers, required=True),
-    "drainage_area": _Column(positive_numbers),
+    "drainage_area": _Column(_positive_or_unknown),
     "slope": _Column(numbers, _unknown),
     "id": _Column(_whole(np.int64), np.arange),
     "from_node": _Column(_whole(np.int32), _no_node),
@@ -104,7 +115,8 @@ class ChannelTable:
         width: (C,) float64, bankfull width in m (the mean, where it varies along the channel).
         depth: (C,) float64, bankfull depth in m.
         discharge: (C,) float64, bankfull discharge in m3/s at the downstream end.
-        drainage_area: (C,) float64, drainage area in m2 at the downstream end, or None where it is not known.
+        drainage_area: (C,) float64, drainage area in m2 at the downstream end, NaN where it is not known; or None where
+            that of no channel is.
         slope: (C,) float64, drop of the channel over its length, m/m; NaN where it is not known.
         id: (C,) int64, identity that a channel keeps when others come and go; by default the indices.
         from_node: (C,) int32, node at the upstream end; -1 in a table that belongs to no network yet.

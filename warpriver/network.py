@@ -19,8 +19,8 @@ from warpriver.network_checks import (
     check_packed,
     check_rings_apart,
     checked_points,
-    checked_slope,
     find_nodes,
+    per_channel,
     per_point,
     ring_flags,
     ring_marks,
@@ -168,7 +168,7 @@ class RiverNetwork:
             width: Bankfull width in m: one number, one number a channel, or one (n,) array a channel where it varies.
             depth: Bankfull depth in m, in the same forms; by default from the width by w = 18.8 d^1.41.
             discharge: Bankfull discharge in m3/s, one number or one a channel; by default from the width.
-            drainage_area: Drainage area in m2 at the downstream end, one number a channel, where it is known.
+            drainage_area: Drainage area in m2 at the downstream end, one number a channel, NaN where it is not known.
             slope: Drop over length of each channel in m/m, one number or one a channel, NaN where it is not known.
             z: Elevation of the points in m, one (n,) array a channel, where it is known.
             channel_id: Identities of the channels, whole numbers; by default 0, 1, 2 ...
@@ -231,14 +231,13 @@ class RiverNetwork:
         if discharge is not None:
             flow = np.array([q[0] for q in per_point(discharge, [1] * len(lines), "discharge", "m3/s")])
         if drainage_area is not None:
-            area = per_point(drainage_area, [1] * len(lines), "drainage_area", "m2")
-            drainage_area = np.array([a[0] for a in area])
+            drainage_area = per_channel("drainage_area", drainage_area, len(lines))
         table = ChannelTable(
             width=channel_width,
             depth=np.array([_mean(d) for d in point_depth]),
             discharge=flow,
             drainage_area=drainage_area,
-            slope=None if slope is None else checked_slope(slope, len(lines)),
+            slope=None if slope is None else per_channel("slope", slope, len(lines)),
             id=channel_id,
             from_node=None if nodes is None else nodes[0],
             to_node=None if nodes is None else nodes[1],
@@ -282,7 +281,7 @@ class RiverNetwork:
 
     @property
     def channel_drainage_area(self) -> np.ndarray | None:
-        """(C,) float64, drainage area in m2 at the downstream end, or None where it is not known."""
+        """(C,) float64, drainage area in m2 at the downstream end, NaN where it is not known; or None."""
         return self._channels.drainage_area
 
     @property
@@ -357,8 +356,9 @@ class RiverNetwork:
         return self._copied(channels)
 
     def channel_flow(self) -> np.ndarray:
-        """Return what adds up at junctions, (C,): drainage area in m2 where it is known, else discharge in m3/s."""
-        return self.channel_discharge if self.channel_drainage_area is None else self.channel_drainage_area
+        """Return what adds up at junctions, (C,): drainage area in m2 if it is known of all, else discharge in m3/s."""
+        area = self.channel_drainage_area
+        return area if area is not None and np.isfinite(area).all() else self.channel_discharge
 
     def starts(self) -> np.ndarray:
         """Return ``channel_start`` as a host array, (C + 1,) int32."""

@@ -17,8 +17,8 @@ __all__ = [
     "check_packed",
     "check_rings_apart",
     "checked_points",
-    "checked_slope",
     "find_nodes",
+    "per_channel",
     "per_point",
     "ring_flags",
     "ring_marks",
@@ -187,14 +187,15 @@ def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray
     return array
 
 
-def checked_slope(slope: Any, count: int) -> np.ndarray:
-    """Return one slope a channel, NaN where it is not known, or raise ``ValueError``."""
-    array = np.array(slope, np.float64)
+def per_channel(name: str, values: Any, count: int) -> np.ndarray:
+    """Return one number a channel, NaN where it is not known, or raise ``ValueError``."""
+    array = np.array(values, np.float64)
     if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
-        raise InputError(f"slope: shape {array.shape} for {count} channels; give one number or one a channel")
+        raise InputError(f"{name}: shape {array.shape} for {count} channels; give one number or one a channel")
     array = np.broadcast_to(array, (count,)).copy()
     if np.isinf(array).any():
-        raise InputError(f"slope of channel {int(np.isinf(array).argmax())} is infinite; use NaN where it is not known")
+        c = int(np.isinf(array).argmax())
+        raise InputError(f"{name} of channel {c} is infinite; use NaN where it is not known")
     return array
 
 

@@ -15,8 +15,8 @@ KNOWN = (
 NEAR = 100.0
 # Beyond this no number is a measured one: 1e20, 9.97e36, 1.70141e38, 3.40282e38, 1.8e308 ...
 FAR = 1e9
-# From here on a value is matched by its first digits, as messages and people write them: -3.4e38.
-HUGE, ROUGHLY = 1e30, 0.01
+# Beyond it a value is matched by the digits that single precision keeps; from 1e30 on by two, as in -3.4e38.
+SINGLE, HUGE, ROUGHLY = 1e-6, 1e30, 0.01
 # Different values that one array may hold for no data.
 MOST = 6
 
@@ -61,14 +61,14 @@ def _stands_out(value: np.generic, values: np.ndarray, known: np.ndarray) -> boo
 
 
 def equal_cells(values: np.ndarray, value: float) -> np.ndarray:
-    """Return where values are ``value``, NaN included; from 1e30 on its first two digits count."""
+    """Return where values are ``value``, NaN included; of one beyond 1e9 its first digits count."""
     if np.isnan(value):
         return np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, bool)
     if values.dtype.kind != "f":
         return np.asarray(values == value)
     with np.errstate(over="ignore", invalid="ignore"):
-        if HUGE < abs(value) < np.inf:
-            return np.abs(values.astype(np.float64) / value - 1.0) < ROUGHLY
+        if FAR < abs(value) < np.inf:
+            return np.abs(values.astype(np.float64) / value - 1.0) < (ROUGHLY if abs(value) > HUGE else SINGLE)
         return np.asarray(values == value)
 
 

@@ -95,9 +95,9 @@ def test_every_parameter_of_erode_is_a_flag(tmp_path, capsys):
         (["--size", "300x1"], "at least 2 of each"),
         (["--size", "big"], "such as 300x200"),
         (["--events", "-1"], "events is -1"),
-        (["--depth", "0"], "LehenyParams.depth is 0"),
-        (["--flow-bias", "nan"], "LehenyParams.flow_bias is nan"),
-        (["--slide-threshold", "-5"], "LehenyParams.slide_threshold is -5"),
+        (["--depth", "0"], "--depth is 0"),
+        (["--flow-bias", "nan"], "--flow-bias is nan"),
+        (["--slide-threshold", "-5"], "--slide-threshold is -5"),
         (["--slope", "0"], "slope is 0"),
         (["--edges", "closed"], "water has nowhere to go"),
         (["--edges", "open,closed"], "edges is"),
@@ -388,7 +388,7 @@ def test_demo_refuses_bad_numbers_in_one_line(tmp_path, capsys, monkeypatch):
         (["--cell-size", 5000], "cell_size is 5000"),
         (["--relief", -1], "relief is -1"),
         (["--min-area", 1e6], "min_drainage_area"),
-        (["--cell-size", 250, "--min-area", 40, "--reference-width", -5], "reference_width"),
+        (["--cell-size", 250, "--min-area", 40, "--reference-width", -5], "--reference-width is -5"),
     ):
         code, _, err = run(capsys, "demo", *flags)
         assert code == 2 and err.count("\n") == 1 and words in err

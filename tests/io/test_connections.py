@@ -94,12 +94,13 @@ def test_some_without_a_node_or_identity_are_joined_where_they_meet(tmp_path):
     for name in ("from_node", "channel_id"):
         table = noded((0, 9), (1, 9), (2, 3)) if name == "from_node" else rows((0, -1), (1, -1), (2, -1))
         table[1][name] = None
-        network = read_network(foreign(tmp_path / "a.geojson", *table))
+        with pytest.warns(UserWarning, match="1 of 3 lines have no (nodes|whole number as its identity)"):
+            network = read_network(foreign(tmp_path / "a.geojson", *table))
         assert network.channel_to[0] == network.channel_to[1] == network.channel_from[2]
-    assert network.channel_id.tolist() == [0, 1, 2]
+    assert network.channel_id.tolist() == [0, 3, 2]
 
 
-def test_several_files_and_features_of_several_lines_are_numbered_anew(tmp_path):
+def test_several_files_are_numbered_anew_and_of_a_feature_its_further_lines(tmp_path):
     for name in "ab":
         foreign(tmp_path / f"{name}.geojson", *rows((5, -1), (6, -1), (7, -1)))
     far = collection(
@@ -110,7 +111,10 @@ def test_several_files_and_features_of_several_lines_are_numbered_anew(tmp_path)
     )
     both = read_network([tmp_path / "a.geojson", tmp_path / "b.geojson"])
     assert both.channel_id.tolist() == [0, 1, 2, 3, 4, 5]
-    for network in (both, read_network(far)):
+    with pytest.warns(UserWarning, match="1 of 3 lines have the identity of another: the first is feature 0"):
+        parts = read_network(far)
+    assert parts.channel_id.tolist() == [3, 5, 4]
+    for network in (both, parts):
         assert network.channel_to[0] == network.channel_to[1] == network.channel_from[2]
 
 
@@ -164,9 +168,8 @@ def test_a_damaged_frame_is_passed_over(tmp_path):
     ("table", "lines", "words"),
     [
         (rows((5, 6), (6, 7), (7, 5)), TRIANGLE, r"a\.geojson, feature \d: channels flow in a circle, \d -> \d -> \d"),
-        (rows((5, 5), (6, 7), (7, -1)), Y, r"feature 0: channels flow in a circle, 5 -> 5; correct what"),
-        (rows((5, 7), (5, 7), (7, -1)), Y, r"feature 1: its identity, 5, is also that of feature 0; make them differ"),
-        (rows((5, 7), (6, 7), (7, -1)), [*Y[:2], [[5, 5], [5, 5], [5, 5]]], r"feature 2: only one distinct point"),
+        (rows((5, 6), (6, 5), (7, -1)), Y, r"feature \d: channels flow in a circle, \d -> \d -> \d; correct what"),
+        (rows((5, 7), (6, 7), (7, -1)), [*Y[:2], [[5, 5], [5, 5], [5, 5]]], r"feature 2: no length, only one distinct"),
     ],
 )
 def test_bad_graphs_in_files_are_told_in_one_line(tmp_path, table, lines, words):
@@ -178,8 +181,9 @@ def test_bad_graphs_in_files_are_told_in_one_line(tmp_path, table, lines, words)
 
 def test_bad_numbers_do_not_stand_in_the_way_of_ends(tmp_path):
     path = foreign(tmp_path / "a.geojson", *rows((5, 7), (5, 7), (7, 5)))
-    network = read_network(path, topology="ends")
-    assert network.channel_id.tolist() == [0, 1, 2] and network.node_count == 4
+    with pytest.warns(UserWarning, match="1 of 3 lines have the identity of another: the first is feature 1"):
+        network = read_network(path, topology="ends")
+    assert network.channel_id.tolist() == [5, 8, 7] and network.node_count == 4
     with pytest.raises(ValueError, match="topology is 'nodes'; use one of 'file', 'ends'"):
         read_network(path, topology="nodes")
 

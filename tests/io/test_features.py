@@ -98,10 +98,7 @@ def test_bad_attributes(tmp_path):
     path = tmp_path / "a.geojson"
     for properties, message in (
         ({"width": "wide"}, "feature 0: width is 'wide', not a number"),
-        ({"point_width": [1.0, 2.0]}, r"point_width has 2 numbers for 3 points; remove it, or pass width="),
-        ({"point_width": "[1.0, 2.0"}, "point_width is not a list of numbers"),
-        ({"point_width": ["a", "b", "c"]}, "point_width is not a list of numbers"),
-        ({"width": -5}, "width of channel 0 is -5 m"),
+        ({"width": -5}, "gives no width"),
         ({"width": -9999}, "gives no width"),
         ({"breadth": 3}, "gives no width"),
     ):
@@ -109,9 +106,19 @@ def test_bad_attributes(tmp_path):
         with pytest.raises(ValueError, match=message):
             read_network(path)
         assert read_network(path, width=5.0).channel_count == 1
-    collection(path, feature("LineString", LINE, width=5), feature("LineString", LINE), crs=None)
-    with pytest.raises(ValueError, match=r"feature 1: no width .1 of 2"):
+    for properties, fate in (
+        ({"point_width": [1.0, 2.0]}, "belongs to a line of another length"),
+        ({"point_width": "[1.0, 2.0"}, "cannot be read"),
+        ({"point_width": ["a", "b", "c"]}, "cannot be read"),
+    ):
+        collection(path, feature("LineString", LINE, width=6, **properties), crs=None)
+        with pytest.warns(UserWarning, match=f"the list point_width of 1 line {fate}"):
+            assert read_network(path).channel_width.tolist() == [6.0]
+    rest = [feature("LineString", np.add(LINE, [0.0, 500.0 * k, 0.0]).tolist()) for k in (1, 2)]
+    collection(path, feature("LineString", LINE, width=5), *rest, crs=None)
+    with pytest.raises(ValueError, match=r"feature 1: no width .2 of 3 lines have none.; pass missing_width="):
         read_network(path)
+    assert read_network(path, missing_width=7).channel_width.tolist() == [5.0, 7.0, 7.0]
 
 
 @pytest.mark.parametrize("suffix", GIS + SHP)

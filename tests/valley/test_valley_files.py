@@ -197,10 +197,44 @@ def test_schema_errors_name_file_key_and_value(text, message, tmp_path, monkeypa
 def test_a_series_of_a_file_is_checked(tmp_path):
     (tmp_path / "widths.csv").write_text("s,width\n0,3\n1,x\n")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv", column = "depth"}]')
-    with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth'; widths\.csv has s, width"):
+    with pytest.raises(ValueError, match=r"control\.width\[0\]\.column = 'depth': widths\.csv has no column of that"):
         wr.io.read_valley(tmp_path / "v.toml")
     (tmp_path / "v.toml").write_text('control.width = [{kind = "series", file = "widths.csv"}]')
-    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': could not convert"):
+    with pytest.raises(ValueError, match=r"control\.width\[0\]\.file = 'widths\.csv': line 3 has no number in col"):
+        wr.io.read_valley(tmp_path / "v.toml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'control.width = [{{kind = "series", file = "{name}"}}]',
+        'control.width = [{{kind = "series", file = "{name}", column = "x"}}]',
+        '[line]\nfile = "{name}"\n',
+        '[[stamp]]\nfile = "{name}"\nplace = [20, 1]\n',
+    ],
+    ids=["column", "named column", "line", "stamp"],
+)
+def test_files_outside_of_the_folder_are_refused_and_those_in_it_not_shown(tmp_path, text):
+    (tmp_path / "in").mkdir()
+    for folder in (tmp_path, tmp_path / "in"):
+        for name in ("secret.csv", "secret.obj"):
+            (folder / name).write_text("root:x:0:0:password\nroot:x:0\n")
+    (tmp_path / "in" / "link.csv").symlink_to(tmp_path / "secret.csv")
+    path = tmp_path / "in" / "v.toml"
+    suffix = ".obj" if "stamp" in text else ".csv"
+    for name in (f"../secret{suffix}", f"{tmp_path}/secret{suffix}", "link.csv", f"x/../../secret{suffix}"):
+        path.write_text(text.format(name=name))
+        with pytest.raises(ValueError, match="lies outside of the folder of the valley file"):
+            wr.io.read_valley(path)
+    path.write_text(text.format(name=f"secret{suffix}"))
+    with pytest.raises(ValueError, match=r"v\.toml: |secret\.obj: holds no") as caught:
+        wr.io.read_valley(path)
+    assert "alice" not in str(caught.value) and "password" not in str(caught.value)
+
+
+def test_a_file_that_is_nested_too_deeply_is_no_traceback(tmp_path):
+    (tmp_path / "v.toml").write_text("slope = " + "[" * 100_000 + "]" * 100_000)
+    with pytest.raises(ValueError, match=r"v\.toml: not TOML"):
         wr.io.read_valley(tmp_path / "v.toml")
 
 

@@ -29,8 +29,8 @@ def add(commands: Any) -> None:
         "demo",
         _demo,
         help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
-        description="Make a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off their bends\n"
-        "and run into each other, and draw them before and after. Needs no file from outside.\n"
+        description="Make a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off their\n"
+        "bends and run into each other, and draw them before and after. Needs no file from outside.\n"
         "Into FOLDER go terrain.npz, network.csv and network.png (the rivers as found), run (the simulation),\n"
         "channels.csv and rivers.png (the rivers after it), before_after.png, and the movie rivers.gif.",
         epilog="examples:\n"

@@ -72,8 +72,8 @@ def add(commands: Any) -> None:
         "--cell-size",
         type=number(above=0.0, unit="m"),
         metavar="M",
-        help="size of a cell in m: of a plane or peak (default 1), of a file that does not state it; else the heights of "
-        "a file are resampled to it",
+        help="size of a cell in m: of a plane or peak (default 1), of a file that does not state it; else the heights "
+        "of a file are resampled to it",
     )
     start.add_argument("--slope", type=float, metavar="S", help="slope of a plane or peak in m/m (default 1)")
     start.add_argument(
@@ -196,7 +196,7 @@ def _erosion_start(options: argparse.Namespace) -> Terrain:
     if options.start not in made:
         if useless := given_flags(options, MADE_FLAGS):
             raise InputError(f"{useless[0]} is for a plane or peak, and {options.start} has its own; leave it out")
-        return read_ground(options.start, options.crs, options, options.device)
+        return read_ground(options.start, options, device=options.device)
     if useless := given_flags(options, FILE_FLAGS):
         raise InputError(f"{useless[0]} says how a file is read, and --start {options.start} is none; leave it out")
     try:

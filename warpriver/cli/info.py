@@ -174,8 +174,9 @@ def _attribute_summary(network: RiverNetwork) -> str:
     except ValueError as error:
         parts.append(f"no stream orders ({error})")
     parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
-    if network.channel_drainage_area is not None:
-        parts.append(f"drainage area {span(network.channel_drainage_area / 1e6, 'km2')}")
+    area = network.channel_drainage_area
+    if area is not None and np.isfinite(area).any():
+        parts.append(f"drainage area {span(area[np.isfinite(area)] / 1e6, 'km2')}")
     known = network.channel_slope[np.isfinite(network.channel_slope)]
     if len(known):
         some = "" if len(known) == network.channel_count else f" in {len(known)} channels"

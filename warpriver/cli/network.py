@@ -28,16 +28,15 @@ def add(commands: Any) -> None:
         "network",
         _network,
         help="find the rivers of a terrain and write them as lines",
-        description="Route water over a terrain, keep the channels that drain enough ground, and write them with their\n"
-        "width, depth and bankfull discharge. Depressions are opened by carving first. What is written is shown\n"
-        "by `warpriver info FILE`.",
+        description="Route water over a terrain, keep the channels that drain enough ground, and write them with\n"
+        "their width, depth and bankfull discharge. Depressions are opened by carving first.",
         epilog="examples:\n"
         "  warpriver network dem.tif --min-area 2 -o rivers.gpkg --picture rivers.png\n"
         "  warpriver network dem.asc --crs EPSG:4326 --to-crs utm -o rivers.csv",
     )
     parser.add_argument("terrain", metavar="TERRAIN", help="heights: GeoTIFF, ESRI ASCII, npz ...")
     parser.add_argument(
-        "-o", "--out", required=True, metavar="FILE", help="lines to write; the ending names the format: .gpkg, .csv ..."
+        "-o", "--out", required=True, metavar="FILE", help="lines to write; the ending names the format: .gpkg .csv ..."
     )
     parser.add_argument("--picture", metavar="FILE", help="also draw the network over the shaded terrain, by order")
     rivers = parser.add_argument_group("rivers")
@@ -78,7 +77,7 @@ def _network(options: argparse.Namespace) -> int:
     out = check_out(options.out, "-o", line_formats())
     picture = None if options.picture is None else check_picture(options.picture, "--picture")
     quiet_warp()
-    terrain = read_ground(options.terrain, options.crs, options)
+    terrain = read_ground(options.terrain, options)
     network = hydrology.extract_network(
         terrain,
         min_drainage_area=options.min_area.square_meters(terrain.cell_size),

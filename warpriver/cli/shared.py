@@ -36,6 +36,7 @@ __all__ = [
     "ending_of",
     "fresh_folder",
     "given_flags",
+    "ground_under",
     "quiet_warp",
     "read_ground",
     "read_lines",
@@ -45,7 +46,9 @@ __all__ = [
 OK, STOPPED_EARLY, INTERRUPTED = 0, 1, 130
 PICTURES, MOVIES = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 # Flags that only say how lines are read, and those that only say how a terrain is read.
-LINE_FLAGS = ("width", "depth", "layer", "short", "closed", "topology", "crs")
+LINE_FLAGS = (
+    "width", "depth", "missing_width", "layer", "short", "repeated", "closed", "topology", "reverse", "crs",
+)  # fmt: skip
 HEIGHT_FLAGS = ("terrain_crs", "z_factor", "nodata", "band", "cell_size", "range", "shape", "origin")
 
 
@@ -96,8 +99,7 @@ def check_out(path: str | Path, flag: str, formats: Mapping[str, bool] | Iterabl
     ending = ending_of(target, known)
     if ending not in known:
         raise InputError(
-            f"{flag} {target}: {ending or 'no ending'} names no format of what is to be written; use "
-            f"{', '.join(known)}"
+            f"{flag} {target}: {ending or 'no ending'} names no format of what is to be written; use {', '.join(known)}"
         )
     if not known[ending]:
         raise MissingExtraError(f'{flag} {target}: {ending} needs the extra "gis": pip install "warpriver[gis]"')
@@ -132,7 +134,7 @@ def fresh_folder(path: str | Path, *names: str, flag: str = "-o", make: bool = T
     if there is not None:
         again = f", or continue {folder / there}" if there == "run" else ""
         raise OutputExistsError(
-            f"{folder} holds an earlier {'run' if there == 'run' else there}; remove it, or choose another {flag}{again}"
+            f"{folder} holds an earlier {there}; remove it, or choose another {flag}{again}"
         )
     above = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not above.is_dir():
@@ -151,8 +153,8 @@ def add_line_options(parser: Any) -> None:
     parser.add_argument(
         "--short",
         choices=("error", "drop", "narrow", "keep"),
-        help="what to do about lines that are shorter than they are wide, as linework has at junctions: refuse the file, "
-        "drop them, narrow them to their length, or keep them (default error)",
+        help="what to do about lines that are shorter than they are wide, as linework has at junctions: refuse the "
+        "file, drop them, narrow them to their length, or keep them (default error)",
     )
     parser.add_argument(
         "--closed",
@@ -161,10 +163,22 @@ def add_line_options(parser: Any) -> None:
         "file marks)",
     )
     parser.add_argument(
+        "--missing-width",
+        type=number(above=0.0, unit="m"),
+        metavar="M",
+        help="width in m of lines that have neither a width nor anything that it follows from",
+    )
+    parser.add_argument(
+        "--repeated",
+        choices=("drop", "error"),
+        help="what to do about points that are repeated: drop them, or refuse the file (default drop)",
+    )
+    parser.add_argument(
         "--topology",
         choices=("file", "ends"),
         help="join channels as the file says, or only where their ends meet (default file)",
     )
+    parser.add_argument("--reverse", action="store_true", help="reverse all lines: points of the file run upstream")
 
 
 def add_systems(parser: Any, what: str) -> None:
@@ -192,9 +206,12 @@ def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> Riv
     return read_network(
         source,
         width=options.width,
+        missing_width=options.missing_width,
         layer=options.layer,
         short=options.short or "error",
+        repeated=options.repeated or "drop",
         topology=options.topology or "file",
+        reverse=options.reverse,
         closed=options.closed or None,
         crs=options.crs,
         to_crs=options.to_crs,
@@ -214,7 +231,10 @@ def add_heights(parser: Any, cell_size: bool = True) -> None:
         help="metres in the file's unit of height, 0.3048 for feet (default: by the unit that it states, else 1)",
     )
     parser.add_argument(
-        "--nodata", type=float, metavar="H", help="height that stands for no data, besides what the file says"
+        "--nodata",
+        type=float,
+        metavar="H",
+        help='height that stands for no data, besides what the file says, as it is stored there; "nan" for no other',
     )
     if cell_size:
         parser.add_argument(
@@ -254,18 +274,20 @@ def add_terrain(parser: argparse.ArgumentParser, what: str) -> Any:
     return group
 
 
-def read_ground(path: str | Path, crs: str | None, options: argparse.Namespace, device: str = "cpu") -> Terrain:
-    """Read a terrain as the flags say."""
+def read_ground(
+    path: str | Path, options: argparse.Namespace, *, to_crs: str | None = None, device: str = "cpu"
+) -> Terrain:
+    """Read a terrain as the flags say; ``to_crs`` in place of theirs is that of the rivers on it."""
     from warpriver.io.raster.terrains import read_terrain
 
-    own = {"crs": "--terrain-crs"} if hasattr(options, "terrain_crs") else {}
-    with naming(**own):
+    beside_rivers = hasattr(options, "terrain_crs")
+    with naming(**({"crs": "--terrain-crs"} if beside_rivers else {})):
         return read_terrain(
             path,
             cell_size=options.cell_size,
             origin=options.origin,
-            crs=crs,
-            to_crs=options.to_crs,
+            crs=options.terrain_crs if beside_rivers else options.crs,
+            to_crs=to_crs or options.to_crs,
             range=None if options.range is None else tuple(options.range),
             z_factor=options.z_factor,
             nodata=options.nodata,
@@ -273,6 +295,21 @@ def read_ground(path: str | Path, crs: str | None, options: argparse.Namespace, 
             band=options.band or 1,
             device=device,
         )
+
+
+def ground_under(options: argparse.Namespace, crs: str | None) -> Terrain | None:
+    """Read the terrain under rivers in that CRS, if there is to be one.
+
+    Where --to-crs is given it is brought into the CRS of the rivers: "utm" means one zone for both.
+
+    Raises:
+        ValueError: There is none, but flags that say how it is read.
+    """
+    if options.terrain is None:
+        if useless := given_flags(options, HEIGHT_FLAGS):
+            raise InputError(f"{useless[0]} says how a --terrain is read, and none is given; leave it out")
+        return None
+    return read_ground(options.terrain, options, to_crs=crs if options.to_crs is not None else None)
 
 
 # ---- runs

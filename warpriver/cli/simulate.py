@@ -10,7 +10,6 @@ from warpriver.cli.output import say
 from warpriver.cli.parser import number
 from warpriver.cli.runs import add_run_options, draw_map, make_params, run_simulation, write_results
 from warpriver.cli.shared import (
-    HEIGHT_FLAGS,
     LINE_FLAGS,
     add_line_options,
     add_systems,
@@ -18,8 +17,8 @@ from warpriver.cli.shared import (
     command,
     fresh_folder,
     given_flags,
+    ground_under,
     quiet_warp,
-    read_ground,
     read_lines,
     stored_run,
 )
@@ -27,7 +26,6 @@ from warpriver.errors import InputError
 
 if TYPE_CHECKING:
     from warpriver.simulation import Simulation
-    from warpriver.terrain import Terrain
 
 __all__ = ["add"]
 
@@ -42,8 +40,8 @@ def add(commands: Any) -> None:
         "simulate",
         _simulate,
         help="let the rivers of a file migrate, or go on with a stored run",
-        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; points run downstream), let\n"
-        "them migrate and cut off their bends, and write the run, the final lines and a map into a folder.\n"
+        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; points run downstream),\n"
+        "let them migrate and cut off their bends, and write the run, the final lines and a map into a folder.\n"
         "\n"
         "INPUT may also be the run of an earlier command: it goes on from its last record, over the terrain\n"
         "that it was run on, and grows. With -o it is copied first, and the copy goes on. Flags of the model\n"
@@ -83,14 +81,8 @@ def add(commands: Any) -> None:
 def _simulate(options: argparse.Namespace) -> int:
     quiet_warp()
     source = Path(options.input)
-    if options.terrain is None and (useless := given_flags(options, HEIGHT_FLAGS)):
-        raise InputError(f"{useless[0]} says how a --terrain is read, and none is given; leave it out")
-    terrain = None
-    if options.terrain is not None:
-        terrain = read_ground(options.terrain, options.terrain_crs, options)
     run = stored_run(source)
-    make = _begun if run is None else _resumed
-    simulation, folder, store = make(run or source, terrain, options)
+    simulation, folder, store = _begun(source, options) if run is None else _resumed(run, options)
     code, told = run_simulation(simulation, options, store)
     try:
         told += write_results(simulation, folder)
@@ -101,7 +93,7 @@ def _simulate(options: argparse.Namespace) -> int:
     return code
 
 
-def _begun(source: Path, terrain: Terrain | None, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+def _begun(source: Path, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
     """Begin a run on the lines of a file."""
     from warpriver.simulation import Simulation
 
@@ -110,23 +102,24 @@ def _begun(source: Path, terrain: Terrain | None, options: argparse.Namespace) -
     params = make_params(options)
     out = options.out or f"out/{source.name.split('.')[0]}"
     fresh_folder(out, *RESULTS, make=False)
-    network = read_lines(
-        source, options, depth=options.depth, dtype=options.dtype or "float64", device=options.device
-    )
+    network = read_lines(source, options, depth=options.depth, dtype=options.dtype or "float64", device=options.device)
+    terrain = ground_under(options, network.crs)
     simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
     folder = fresh_folder(out, *RESULTS)
     return simulation, folder, folder / "run"
 
 
-def _resumed(run: Path, terrain: Terrain | None, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+def _resumed(run: Path, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
     """Go on with a stored run, or with a copy of it."""
     from warpriver.history import read_history
     from warpriver.simulation import Simulation
 
     if useless := given_flags(options, LINE_FLAGS):
         raise InputError(f"{useless[0]} says how river lines are read, and {run} is a run; leave it out")
-    if terrain is None and options.to_crs is not None:
-        raise InputError(f"--to-crs is for lines and a --terrain, and {run} is a run in a system of its own; leave it out")
+    if options.terrain is None and options.to_crs is not None:
+        raise InputError(
+            f"--to-crs is for lines and a --terrain, and {run} is a run in a system of its own; leave it out"
+        )
     history = read_history(run)
     if options.dtype not in (None, history.dtype):
         raise InputError(f"--dtype {options.dtype}: the run has {history.dtype}, and goes on in that; leave it out")
@@ -134,6 +127,7 @@ def _resumed(run: Path, terrain: Terrain | None, options: argparse.Namespace) ->
     out = (options.out or f"out/{run.stem}") if copied else run.parent
     if copied:
         fresh_folder(out, *RESULTS, make=False)
+    terrain = ground_under(options, history.crs)
     simulation = Simulation.resume(
         history,
         params=make_params(options, history.last_params),

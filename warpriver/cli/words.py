@@ -25,7 +25,7 @@ OTHER_NAMES = {
 }
 VALUE = r"""("[^"]*"|'[^']*'|\([^()]*\)|[^\s,;:()"']+(?<![.?]))?"""
 
-_names: ContextVar[Mapping[str, str]] = ContextVar("names", default={})
+_names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
 _typed: ContextVar[Sequence[str]] = ContextVar("typed", default=())
 
 
@@ -43,8 +43,7 @@ def flag_names(parser: argparse.ArgumentParser) -> dict[str, str]:
 @contextlib.contextmanager
 def naming(**names: str) -> Iterator[None]:
     """Name these flags for these arguments in what is raised or warned of within, rather than those of the command."""
-    before = _names.get()
-    token = _names.set({**before, **names})
+    token = _names.set({**(_names.get() or {}), **names})
     try:
         yield
     except WarpriverError as error:
@@ -58,7 +57,9 @@ def naming(**names: str) -> Iterator[None]:
 def typed(words: Sequence[str]) -> Iterator[None]:
     """Leave these words, which the user typed, as they are: paths, and what looks like an argument."""
     known = _names.get()
-    token = _typed.set([word for word in words if re.search(r"[=/\\.]", word) and not _is_number(word) or word in known])
+    token = _typed.set(
+        [word for word in words if (re.search(r"[=/\\.]", word) and not _is_number(word)) or word in known]
+    )
     try:
         yield
     finally:
@@ -111,6 +112,8 @@ def _is_number(word: str) -> bool:
 def _plain(value: str) -> str:
     """A value as it is typed in a shell."""
     if value[0] == "(":
-        return " ".join(word.strip().upper() if word.strip().isalpha() else word.strip() for word in value[1:-1].split(","))
+        return " ".join(
+            word.strip().upper() if word.strip().isalpha() else word.strip() for word in value[1:-1].split(",")
+        )
     bare = value.strip("\"'")
     return bare if re.fullmatch(r"[\w.:+/-]+", bare) else f'"{bare}"'

@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import os
 import time
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.crs import short_name
+from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.stages import Stage
@@ -36,6 +37,12 @@ from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 __all__ = ["Stepper", "check_ground", "check_saved"]
+
+# More points than this fraction off the terrain are told.
+OFF_GROUND = 0.01
+# A channel climbs if it ends so much higher than it begins, m, which is more than the noise of elevations; that is told
+# if it holds for this fraction of the length.
+CLIMB, CLIMBING = 5.0, 0.8
 
 
 class Stepper:
@@ -277,19 +284,47 @@ def check_saved(saved: Any, count: int, step: int) -> None:
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
-    """Raise ``ValueError`` unless the terrain lies under the network."""
+    """Raise ``ValueError`` unless the terrain lies under the network; warn of gaps, and where it rises downstream.
+
+    Points off the terrain, or where it has no data, do not move.
+    """
     if terrain is None:
         return
-    if terrain.crs is not None and network.crs is not None and terrain.crs != network.crs:
+    if terrain.crs is not None and network.crs is not None and not same_crs(terrain.crs, network.crs):
+        common = f'"{network.crs}"' if len(network.crs) < 40 else ""
         raise InputError(
             f"the terrain is in {short_name(terrain.crs)}, the network in {short_name(network.crs)}; "
-            "read one of them with to_crs="
+            f"read both with to_crs={common}"
         )
     west, south, east, north = terrain.bounds
     xy = network.points()
-    inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
-    if not inside.any():
+    off = np.isnan(terrain.sample(xy))
+    if off.all():
         raise InputError(
             f"the terrain (west {west:g}, south {south:g}, east {east:g}, north {north:g} m) does not lie under the "
-            f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m)"
+            f"network (west, south, east, north {', '.join(f'{v:g}' for v in network.bounds())} m), or has no data "
+            "there"
+        )
+    if off.sum() > OFF_GROUND * len(off):
+        warnings.warn(
+            f"{int(off.sum())} of {len(off)} points lie off the terrain or where it has no data, and will not move; "
+            "give a terrain that covers the network, or crop the lines",
+            UserWarning,
+            stacklevel=3,
+        )
+    _tell_climb(network, terrain)
+
+
+def _tell_climb(network: RiverNetwork, terrain: Terrain) -> None:
+    """Warn of channels most of which climb on the terrain from their first to their last point."""
+    xy, starts, length = network.points(), network.starts(), network.channel_lengths()
+    rise = terrain.sample(xy[starts[1:] - 1]) - terrain.sample(xy[starts[:-1]])
+    known = np.isfinite(rise) & ~network.channel_closed
+    climbing, total = length[known & (rise > CLIMB)].sum(), length[known].sum()
+    if climbing > CLIMBING * total:
+        warnings.warn(
+            f"{100.0 * climbing / total:.0f} % of the channels' length climbs on the terrain from the first to the "
+            "last point; lines run downstream here: read them with reverse=True if they are drawn upstream",
+            UserWarning,
+            stacklevel=4,
         )

@@ -302,6 +302,8 @@ class NetworkEdit:
         model[edited] = [self._model(group, flow[group[-1]]) for group in groups.values()]
         gain = flow[last] / self._flow[model]
         area = old.channel_drainage_area
+        # What adds up at junctions is the area where it is known of all channels, else the discharge.
+        by_area = area is not None and bool(np.isfinite(area).all())
         identity = np.concatenate([old.channel_id, self._next_identity + np.arange(self._piece_count)])
         head, end, node_xy = self._nodes(first, last)
         runs, run_piece, run_rank = self._runs(place, groups)
@@ -317,8 +319,10 @@ class NetworkEdit:
                 id=identity[place],
                 width=old.channel_width[model] * gain**WIDTH_BY_FLOW,
                 depth=old.channel_depth[model] * gain ** (WIDTH_BY_FLOW * DEPTH_BY_WIDTH),
-                discharge=old.channel_discharge[model] * (gain if area is None else gain**DISCHARGE_BY_AREA),
-                drainage_area=None if area is None else area[model] * gain,
+                discharge=old.channel_discharge[model] * (gain**DISCHARGE_BY_AREA if by_area else gain),
+                drainage_area=None
+                if area is None
+                else area[model] * gain ** (1.0 if by_area else 1.0 / DISCHARGE_BY_AREA),
                 slope=self._slopes(source, edited, groups),
                 from_node=head,
                 to_node=end,

@@ -22,7 +22,8 @@ def check_forest(network: RiverNetwork) -> None:
         x, y = network.node_xy[node]
         raise InputError(
             f"channels {c[0]} and {c[1]} both begin at ({x:.6g}, {y:.6g}), where water would part; remove one, or set "
-            "MeanderParams(collision_distance=0) to let every channel migrate for itself"
+            "MeanderParams(collision_distance=0) to let every channel migrate for itself; if the lines run upstream, "
+            "read them with reverse=True"
         )
     downstream = np.full(network.node_count, -1)
     downstream[head] = foot

@@ -25,7 +25,22 @@ UNITS = {
 }
 METRES = {name: factor for factor, names in UNITS.items() for name in names.split(", ")}
 # What stands for no unit at all.
-NONE = {"", "1", "unknown", "none", "n a", "na", "nan", "null", "undefined", "unitless", "dimensionless", "other", "-"}
+NONE = {
+    "",
+    "1",
+    "unknown",
+    "none",
+    "n / a",
+    "n a",
+    "na",
+    "nan",
+    "null",
+    "undefined",
+    "unitless",
+    "dimensionless",
+    "other",
+    "-",
+}
 
 
 def _words(unit: str) -> str:

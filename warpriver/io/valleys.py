@@ -15,7 +15,8 @@ A TOML valley file holds the fields of :class:`~warpriver.valley.params.ValleyPa
     [[stamp]]                      # MeshStamp, one table each; file = "weir.obj" in place of vertices and triangles
     [line]                         # a given centreline: file = "river.csv", channel = 0; or points = [[x, y], ...]
 
-Files are sought beside the valley file. ``warpriver valley --schema`` lists every key with unit and default.
+Files are sought beside the valley file, in its folder or below; others are refused. ``warpriver valley --schema`` lists
+every key with unit and default.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -77,7 +79,7 @@ MESHES = (".obj", ".ply", ".stl", ".vtp")
 # ---- parameters
 
 
-def read_valley(path: Any) -> ValleyParams:
+def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     """Read the parameters of a synthetic valley from a TOML file.
 
     Args:
@@ -95,6 +97,8 @@ def read_valley(path: Any) -> ValleyParams:
         data = _toml().loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text, so no TOML") from None
+    except RecursionError:
+        raise InputError(f"{path}: not TOML of a valley: it is nested too deeply") from None
     except ValueError as error:
         raise InputError(f"{path}: not TOML: {error}") from None
     constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
@@ -210,23 +214,45 @@ def _term(path: Path, row: dict[str, Any], where: str) -> Any:
     return _made(TERMS[kind], row, f"{path}: {where}")
 
 
-def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
-    """A column of numbers of a CSV beside the valley file: by its name, or the last one."""
+def _neighbour(path: Path, name: Any, where: str, what: str) -> Path:
+    """Return a file that a valley file names: one in its own folder or below, and nowhere else."""
     if not isinstance(name, str):
-        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of a CSV")
-    source = path.parent / name
+        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of {what}")
+    folder = path.parent.resolve()
+    source = (folder / name).resolve()
+    if not source.is_relative_to(folder):
+        raise InputError(
+            f"{path}: {where}.file = {_shown(name)} lies outside of the folder of the valley file; put it beside that"
+        )
     if not source.is_file():
         raise InputError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
-    with source.open(encoding="utf-8") as file:
-        names = [word.strip() for word in file.readline().split(",")]
+    return source
+
+
+def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
+    """A column of numbers of a CSV beside the valley file: by its name, or the last one.
+
+    Messages tell nothing of what else stands in the file: who wrote the valley file need not be allowed to read it.
+    """
+    source = _neighbour(path, name, where, "a CSV")
+    try:
+        rows = source.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: {where}.file = {_shown(name)}: not UTF-8 text, so no CSV") from None
+    names = [word.strip() for word in rows[0].split(",")] if rows else []
     heads = not all(is_number(word) for word in names)
     if column is not None and (not heads or column not in names):
-        raise InputError(f"{path}: {where}.column = {_shown(column)}; {name} has {', '.join(names)}")
+        raise InputError(
+            f"{path}: {where}.column = {_shown(column)}: {name} has no column of that name in its first line"
+        )
     at = names.index(column) if column is not None else len(names) - 1
-    try:
-        return np.loadtxt(source, delimiter=",", skiprows=int(heads), usecols=at, ndmin=1)
-    except ValueError as error:
-        raise InputError(f"{path}: {where}.file = {_shown(name)}: {error}") from None
+    values = []
+    for number, row in enumerate(rows[heads:], 1 + heads):
+        fields = row.split(",")
+        if row.strip() and not (len(fields) > at and is_number(fields[at])):
+            raise InputError(f"{path}: {where}.file = {_shown(name)}: line {number} has no number in column {at + 1}")
+        values += [float(fields[at])] if row.strip() else []
+    return np.array(values)
 
 
 def _with_mesh(path: Path, row: Mapping[str, Any], where: str) -> Mapping[str, Any]:
@@ -235,9 +261,7 @@ def _with_mesh(path: Path, row: Mapping[str, Any], where: str) -> Mapping[str, A
         return row
     if {"vertices", "triangles"} & set(row):
         raise InputError(f"{path}: {where} has file and vertices or triangles; give one of them")
-    source = path.parent / str(row["file"])
-    if not source.is_file():
-        raise InputError(f"{path}: {where}.file = {_shown(row['file'])}: there is no such file beside it")
+    source = _neighbour(path, row["file"], where, "a mesh")
     vertices, triangles = read_mesh(source)
     rest = {key: value for key, value in row.items() if key != "file"}
     return rest | {"vertices": vertices, "triangles": triangles}
@@ -255,7 +279,13 @@ def _line(path: Path, data: Any) -> np.ndarray:
             raise InputError(f"{path}: line.points is no list of [x, y]") from None
     from warpriver.io.vector.networks import read_network
 
-    lines = read_network(path.parent / data["file"], width=1.0).polylines()
+    source = _neighbour(path, data["file"], "line", "a file of lines")
+    try:
+        lines = read_network(source, width=1.0).polylines()
+    except ValueError:
+        raise InputError(
+            f"{path}: line.file = {_shown(data['file'])} cannot be read as lines; read_network tells why"
+        ) from None
     channel = data.get("channel", 0)
     if not isinstance(channel, int) or not 0 <= channel < len(lines):
         raise InputError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")

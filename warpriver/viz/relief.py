@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.crs import short_name
+from warpriver.crs import same_crs, short_name
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.raster import Raster
@@ -169,7 +169,7 @@ def height_grid(terrain: Any, window: Window, shape: tuple[int, int]) -> tuple[n
 def check_ground(terrain: Any, bounds: Window, crs: str | None) -> None:
     """Raise ``ValueError`` unless a terrain or raster is in a CRS and lies under some of ``bounds``, (w, s, e, n)."""
     kind = "raster" if isinstance(terrain, Raster) else "terrain"
-    if terrain.crs is not None and crs is not None and terrain.crs != crs:
+    if terrain.crs is not None and crs is not None and not same_crs(terrain.crs, crs):
         raise InputError(
             f"the {kind} is in {short_name(terrain.crs)}, the channels in {short_name(crs)}; "
             "read one of them with to_crs="

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
+from warpriver.crs import short_name
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
@@ -19,8 +21,8 @@ __all__ = ["warp"]
 
 # Points along each side of a raster whose places in another CRS tell its extent there; points looked up at a time.
 OUTLINE, STRIP = 33, 1_000_000
-# Cells keep their area, so that their number stays about the same; where it falls below this fraction that is told.
-KEPT = 0.75
+# So many cells are looked for in the new raster; where more than this fraction of them is not there, that is told.
+PROBES, LOST = 4096, 0.25
 
 
 def warp(raster: RasterSource, target: str) -> RasterSource:
@@ -63,15 +65,28 @@ def warp(raster: RasterSource, target: str) -> RasterSource:
             there_x = middle + np.remainder(there_x - middle + 0.5 * turn, turn) - 0.5 * turn
         at = to_cells(there_x, there_y)
         strip[:] = old.sample(at * (1.0, -1.0)).reshape(strip.shape)
-    before, after = int(np.isfinite(raster.values).sum()), int(np.isfinite(values).sum())
-    if after < KEPT * before:
-        warnings.warn(
-            f"{raster.path}: of its {before} cells with data {after} are left in {target[:40]}; does it lie where that "
-            "CRS is meant for?",
-            UserWarning,
-            stacklevel=5,
-        )
     if old.is_integer and not np.isnan(values).any():
         values = values.astype(old.dtype)
     affine = north_up(float(west), float(north), size, size)
-    return dataclasses.replace(raster, values=values, affine=affine, crs=target, lonlat=False)
+    made = dataclasses.replace(raster, values=values, affine=affine, crs=target, lonlat=False)
+    _tell_losses(raster, made, moved)
+    return made
+
+
+def _tell_losses(old: RasterSource, new: RasterSource, moved: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+    """Warn where cells with data are not found in the new raster; ``moved`` brings columns and rows to points there."""
+    known = np.flatnonzero(np.isfinite(old.values))
+    probes = known[np.linspace(0, len(known) - 1, min(PROBES, len(known))).astype(np.int64)]
+    row, column = np.divmod(probes, old.values.shape[1])
+    at = np.floor(new.to_cells()(*moved(column + 0.5, row + 0.5).T)).astype(np.int64)
+    inside = ((at >= 0) & (at < new.values.shape[::-1])).all(axis=1)
+    found = np.zeros(len(at), bool)
+    found[inside] = np.isfinite(new.values[at[inside, 1], at[inside, 0]])
+    lost = 1.0 - found.mean() if len(found) else 0.0
+    if lost > LOST:
+        warnings.warn(
+            f"{old.path}: {100.0 * lost:.0f} % of its cells with data come out empty in {short_name(new.crs)}; is that "
+            "CRS meant for where they lie?",
+            UserWarning,
+            stacklevel=6,
+        )

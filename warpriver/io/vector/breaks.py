@@ -102,9 +102,10 @@ def tell_jumps(where: str, xy: np.ndarray, first: int, line_number: Callable[[in
     if len(far):
         k = int(far[step[far].argmax()])
         more = f" ({len(far)} jumps in all)" if len(far) > 1 else ""
+        begin, end = line_number(first + k), line_number(first + k + 1)
         warnings.warn(
-            f"{where}: from line {line_number(first + k)} to {line_number(first + k + 1)} it jumps "
-            f"{step[k] / usual:.3g} times its usual spacing{more}; if several rivers follow one another there, part them by blank lines or a column channel",
+            f"{where}: from line {begin} to {end} it jumps {step[k] / usual:.3g} times its usual spacing{more}; if "
+            "several rivers follow one another there, part them by blank lines or a column channel",
             UserWarning,
             stacklevel=5,
         )

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-import logging
-import operator
 import os
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import warp as wp
 
+from warpriver.crs import CRSLike
 from warpriver.errors import InputError
-from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width, width_of_discharge
-from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
+from warpriver.io.crs import one_crs, reproject, settled_crs
 from warpriver.io.files import beside, check_readable
 from warpriver.io.vector.attributes import ROLES
+from warpriver.io.vector.direction import tell_direction
 from warpriver.io.vector.extras import check_extra, extra_columns
 from warpriver.io.vector.features import (
     JSON,
@@ -30,6 +30,17 @@ from warpriver.io.vector.features import (
     write_parquet,
 )
 from warpriver.io.vector.read_features import read_geojson, read_ogr, read_parquet
+from warpriver.io.vector.settle import (
+    SHORT,
+    PerChannel,
+    clean,
+    drop_points,
+    fill_by_laws,
+    fill_widths,
+    has_gaps,
+    override,
+    settle_short,
+)
 from warpriver.io.vector.source import Line, Source
 from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
@@ -37,16 +48,11 @@ from warpriver.network import RiverNetwork
 
 __all__ = ["line_formats", "read_network", "write_network"]
 
-log = logging.getLogger("warpriver")
-
 PACKABLE = (*TEXT, *JSON)
 SUFFIXES = (*PACKABLE, *OGR, PARQUET)
 KNOWN = ", ".join(SUFFIXES) + " (text and GeoJSON also with .gz)"
 
 REPEATED = ("drop", "error")
-SHORT = ("error", "drop", "narrow", "keep")
-# A channel narrowed to its length: a hair less, so that rounding in a file does not make it wider again.
-NARROWED = 1.0 - 1e-6
 
 
 def line_formats() -> dict[str, bool]:
@@ -57,17 +63,19 @@ def line_formats() -> dict[str, bool]:
 def read_network(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
-    width: Any = None,
-    depth: Any = None,
-    discharge: Any = None,
+    width: PerChannel | None = None,
+    depth: PerChannel | None = None,
+    discharge: PerChannel | None = None,
+    missing_width: float | None = None,
     layer: str | None = None,
-    crs: str | None = None,
-    to_crs: str | None = None,
-    dtype: str = "float64",
-    device: Any = "cpu",
-    repeated: str = "drop",
-    short: str = "error",
-    topology: str = "file",
+    crs: CRSLike | None = None,
+    to_crs: CRSLike | None = None,
+    dtype: Literal["float64", "float32"] = "float64",
+    device: wp.DeviceLike = "cpu",
+    repeated: Literal["drop", "error"] = "drop",
+    short: Literal["error", "drop", "narrow", "keep"] = "error",
+    topology: Literal["file", "ends"] = "file",
+    reverse: bool = False,
     closed: bool | None = None,
     extra: Iterable[str] | None = None,
 ) -> RiverNetwork:
@@ -78,46 +86,54 @@ def read_network(
 
     *Attributes* are found by name, in any case; the first name that holds a value counts. A file with ``HYRIV_ID`` is
     one of HydroRIVERS, with ``COMID`` or ``NHDPlusID`` of NHDPlus, with ``reach_id`` and ``facc``, ``n_rch_up`` or
-    ``n_rch_dn`` of SWORD: its own names and units are then understood beside ours [Lehner2013, McKay2012,
-    Altenau2021]. -9998, -9999 and -999900 mean that nothing is known, as do a discharge and a drainage area that are
-    not positive.
+    ``n_rch_dn`` of SWORD, with ``LINKNO`` and ``DSLINKNO`` of TauDEM, with ``COMID`` and ``NextDownID`` of
+    MERIT-Basins: its own names and units are then understood beside ours [Lehner2013, McKay2012, Altenau2021]. So are
+    our names as a shapefile cuts them. An empty field, words such as "n/a", -999, -9998, -9999, -99999 and -999900 mean
+    that nothing is known, as do a width, depth, discharge or drainage area that is not positive.
 
-    =========== ================= ================================================================================
-    file        what              attribute or column, unit if it is another
-    =========== ================= ================================================================================
-    any file    width, m          width_m, width, width1, mean_width_m, median_width_m, point_width_m, point_width
-    any file    depth, m          depth_m, depth, point_depth_m, point_depth
-    any file    discharge, m3/s   discharge_m3s, discharge, dis_m3s
-    any file    drainage area, m2 drainage_area_m2, area_m2, drainage_area_km2 (km2), area_km2 (km2)
-    any file    slope, m/m        slope
-    any file    channel id        channel_id, seg_id
-    any file    next down         next_down, down_id
-    any file    from node         from_node
-    any file    to node           to_node
-    any file    closed            closed
-    HydroRIVERS discharge, m3/s   DIS_AV_CMS
-    HydroRIVERS drainage area, m2 UPLAND_SKM (km2)
-    HydroRIVERS channel id        HYRIV_ID
-    HydroRIVERS next down         NEXT_DOWN
-    NHDPlus     discharge, m3/s   QE_MA (ft3/s), QEMA (ft3/s), QA_MA (ft3/s), QAMA (ft3/s)
-    NHDPlus     drainage area, m2 TotDASqKm (km2), DivDASqKm (km2)
-    NHDPlus     slope, m/m        SLOPE
-    NHDPlus     channel id        COMID, NHDPlusID
-    NHDPlus     next down         ToCOMID
-    NHDPlus     from node         FromNode
-    NHDPlus     to node           ToNode
-    SWORD       width, m          width
-    SWORD       drainage area, m2 facc (km2)
-    SWORD       slope, m/m        slope (m/km)
-    SWORD       channel id        reach_id
-    SWORD       next down         rch_id_dn_main, rch_id_dn, rch_id_dn_1, rch_id_dn1
-    =========== ================= ================================================================================
+    ============ ================= ================================================================================
+    file         what              attribute or column, unit if it is another
+    ============ ================= ================================================================================
+    any file     width, m          width_m, width, width1, mean_width_m, median_width_m, point_width_m, point_width
+    any file     depth, m          depth_m, depth, point_depth_m, point_depth
+    any file     discharge, m3/s   discharge_m3s, discharge, dis_m3s
+    any file     drainage area, m2 drainage_area_m2, area_m2, drainage_area_km2 (km2), area_km2 (km2)
+    any file     slope, m/m        slope
+    any file     channel id        channel_id, seg_id
+    any file     next down         next_down, down_id
+    any file     from node         from_node
+    any file     to node           to_node
+    any file     closed            closed
+    HydroRIVERS  discharge, m3/s   DIS_AV_CMS
+    HydroRIVERS  drainage area, m2 UPLAND_SKM (km2)
+    HydroRIVERS  channel id        HYRIV_ID
+    HydroRIVERS  next down         NEXT_DOWN
+    MERIT-Basins drainage area, m2 uparea (km2)
+    MERIT-Basins channel id        COMID
+    MERIT-Basins next down         NextDownID
+    TauDEM       drainage area, m2 DSContArea
+    TauDEM       channel id        LINKNO
+    TauDEM       next down         DSLINKNO
+    NHDPlus      discharge, m3/s   QE_MA (ft3/s), QEMA (ft3/s), QA_MA (ft3/s), QAMA (ft3/s)
+    NHDPlus      drainage area, m2 TotDASqKm (km2), DivDASqKm (km2)
+    NHDPlus      slope, m/m        SLOPE
+    NHDPlus      channel id        COMID, NHDPlusID
+    NHDPlus      next down         ToCOMID
+    NHDPlus      from node         FromNode
+    NHDPlus      to node           ToNode
+    SWORD        width, m          width
+    SWORD        drainage area, m2 facc (km2)
+    SWORD        slope, m/m        slope (m/km)
+    SWORD        channel id        reach_id
+    SWORD        next down         rch_id_dn_main, rch_id_dn, rch_id_dn_1, rch_id_dn1
+    ============ ================= ================================================================================
 
-    Width: if neither argument nor file gives it, it follows from the discharge by w = 7.2 Q^0.5, or without one from
-    the drainage area by w = c A^0.5 (:func:`warpriver.hydrology.channel_width`), and a warning says so. Depth and
-    discharge follow from the width where the file has none; the discharges of HydroRIVERS, NHDPlus and SWORD are
-    long-term means and are taken as they are, so that widths inferred from them are on the low side. Drainage areas
-    are kept if all channels have one. Lengths and orders in a file are not read: they follow from the lines.
+    Width: where neither argument nor file gives it, it follows from the discharge by w = 7.2 Q^0.5, or without one from
+    the drainage area by w = c A^0.5 (:func:`warpriver.hydrology.channel_width`); a line without either gets
+    ``missing_width``, or else the narrowest width of the others if most lines have one. A warning says so. Depth and
+    discharge follow from the width where the file has none; the discharges of HydroRIVERS, NHDPlus, SWORD and
+    MERIT-Basins are long-term means and are taken as they are, so that widths inferred from them are on the low side.
+    Lengths and orders in a file are not read: they follow from the lines.
 
     *Free columns.* What ``write_network`` wrote of them comes back with its kind. Of other files ``extra`` names
     attributes to keep, ``extra=["GNIS_Name"]``: as flags, numbers or words, whichever holds them all; where a channel
@@ -126,46 +142,55 @@ def read_network(
     *Elevations.* Where every point has a third coordinate, or in text a column z, z_m, elevation, elevation_m or
     point_z, they become ``point_z``, in the unit of the file; else there are none.
 
-    *Topology.* Channels are joined as the file says: by its nodes, if every line has both; else by the channel
-    downstream, if every line has an identity; else where ends meet. A line that its file shows to run upstream is
-    turned, as those of SWORD are. An end up to a width (and half its line) away from its node is brought there; one
-    further away is left free, with a warning. A channel downstream that the file does not hold (a clipped basin, or 0)
-    makes an outlet, a channel that is joined to none is a basin of its own. Where several lie downstream (SWORD), the
-    one that drains most counts. Channels downstream that form a circle, and identities that stand twice, are refused.
-    ``topology="ends"`` joins lines where their ends meet and nothing else; so it is for several files at once, and
-    where a feature is of several lines.
+    *Topology.* Channels are joined as the file says: by its nodes, if most lines have both; else by the channel
+    downstream; else where ends meet. A line that its file shows to run upstream is turned, as those of SWORD, TauDEM
+    and files that were edited in a GIS are. An end up to a width (and half its line) away from its node is brought
+    there; one further away is left free, with a warning. A channel downstream that the file does not hold (a clipped
+    basin, or 0) makes an outlet, a channel that is joined to none is a basin of its own. Where several lie downstream
+    (SWORD), the one that drains most counts. Lines without an identity or nodes, and further lines of one identity, as
+    a feature of several parts or a line that was cut has them, are numbered anew and joined where they meet the
+    others, with a warning; the others keep what the file says. Channels downstream that form a circle are refused.
+    ``topology="ends"`` joins lines where their ends meet and nothing else; so it is for several files at once. Lines
+    that seem to run upstream, as a tree that parts instead of meeting, are told with a warning.
 
-    *Text files.* Columns are parted by commas, semicolons (then 1,5 is one and a half), tabs or spaces. ``#`` starts a
-    comment. Coordinates are the columns x, x_m, easting, east, x_coord or point_x, and y likewise, or longitude (lon,
-    longitude, long, lng) and latitude (lat, latitude), else the first two; channels are told by a column channel,
-    channel_id, seg_id or id, else by blank lines. A comment that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=``
-    takes the rest of the line), ``units=`` must say metres or degrees, and ``order=upstream`` turns the lines round.
-    Lines before the numbers that start with a word and name no columns, like ``RMTEXT 350 2``, are passed over. The
-    rows of a channel stand together. An ``id`` that differs in every row numbers points, not channels. Width and depth
-    may vary along a channel; discharge and slope are averaged, the drainage area is that of the last point.
+    *Text files.* Columns are separated by commas, semicolons (then 1,5 is one and a half), tabs or spaces. ``#`` starts
+    a comment. Coordinates are the columns x, x_m, easting, east, x_coord or point_x, and y likewise, or longitude (lon,
+    longitude, long, lng) and latitude (lat, latitude), else the first two. Channels are told by a column channel,
+    channel_id, seg_id, segment_id, reach_id, river_id, stream_id, line_id, comid or linkno; or id, fid, objectid, gid,
+    river, name and their kin, which number points if they differ in every row; else by blank lines, of which there may
+    be one after every row. Where a line without such a column jumps many times its usual spacing a warning says so. A
+    comment that holds ``crs=EPSG:32619`` gives the CRS (``crs_wkt=`` takes the rest of the line), ``units=`` must say
+    metres or degrees, and ``order=upstream`` turns the lines round. Lines before the numbers that start with a word and
+    name no columns, like ``RMTEXT 350 2``, are passed over. The rows of a channel stand together. Width and depth may
+    vary along a channel; discharge and slope are averaged, the drainage area is that of the last point; rows without a
+    value are passed over, and get the width and depth between the others, with a warning.
 
     *GIS files.* LineString and MultiLineString; m is dropped, other geometries passed over. Parts of a MultiLineString
     that follow end to start become one channel, each other part is a channel of its own. Widths are in metres, whatever
     the unit of the coordinates. ``point_width_m`` and ``point_depth_m`` are lists (JSON text), a number a point, as
-    ``write_network`` writes them where the section varies.
+    ``write_network`` writes them where the section varies. Where an edit in a GIS has changed the points they are
+    interpolated along the line; where the line was cut the width of the whole channel counts. Both is told.
 
     *Coordinates* must be metres. Refused unless ``to_crs`` is given: a geographic CRS; another unit; a projection whose
     lengths are off by more than 5 % at the mean point, as Web Mercator's are beyond 17 degrees of latitude (from 1 % on
     it warns). Without pyproj only common geographic codes and EPSG:3857 are known. A GeoJSON without a "crs" member is
     longitude and latitude unless its numbers exceed 180 and 90; ``"crs": null`` means unknown. Numbers of unknown CRS
-    are taken as metres with one exception: all within 180 and 90, while half or more of the lines are shorter than they
-    are wide. That can only be degrees.
+    are taken as metres with one exception: all within 360 and 90, while half or more of the lines are shorter than they
+    are wide. That can only be degrees. Longitudes may run to 180 or to 360. Coordinates of a local system in another
+    unit are scaled to metres, with a warning.
 
     A line of two points gets a third in its middle.
 
     Args:
         path: File name, or a list of file names.
         width: Bankfull width in m: one number, one a channel in file order, or one (n,) array a channel with a number
-            for each point of the file; overrides the file.
+            for each point of the file; overrides the file. Channels whose number is None or NaN keep what they have.
         depth: Bankfull depth in m, in the same forms; overrides the file.
         discharge: Bankfull discharge in m3/s, one number or one a channel; overrides the file.
+        missing_width: Bankfull width in m of channels for which neither the file nor ``width`` gives one and none
+            follows from discharge or drainage area.
         layer: Layer of a GeoPackage; needed only where several hold lines.
-        crs: CRS of a file that states none.
+        crs: CRS of a file that states none, or only in a .prj beside it, which is overruled.
         to_crs: CRS to reproject to: "EPSG:...", WKT, or "utm" for the WGS 84 / UTM zone of the mean point.
         dtype: Precision on the device, "float64" or "float32".
         device: Warp device name, "cpu" or "cuda:0".
@@ -173,8 +198,9 @@ def read_network(
         short: What to do about channels shorter than they are wide, as linework has at junctions: "error", "drop"
             (leaves gaps in the network), "narrow" (the width becomes the length; depth and discharge stay those of the
             full width), or "keep". For files that ``write_network`` wrote "error" is "keep" unless ``width`` is given,
-            since collisions leave such channels.
+            since collisions leave such channels. Lines of no length are refused by "error" and left out by the others.
         topology: "file": channels are joined as the file says; "ends": where their ends meet.
+        reverse: Turn all lines round, of a file whose lines run upstream.
         closed: Which channels are rings: those that the file marks (None), also every one whose first point is repeated
             at its end (True), or none (False).
         extra: Names of attributes to keep as free columns of the channels, in any case; by default those that
@@ -188,7 +214,7 @@ def read_network(
         ImportError: The format, or ``to_crs``, needs a module that is not installed.
         ValueError: The file is empty, cut short, not of its format, has no lines, no width, no attribute that ``extra``
             names, or points that are not finite; several line layers and none named; a CRS unknown, not metric, or in
-            conflict; identities that stand twice, or channels downstream that form a circle.
+            conflict; or channels downstream that form a circle.
     """
     settings = (("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES))
     for name, value, choices in settings:
@@ -198,32 +224,52 @@ def read_network(
     if not paths:
         raise InputError("no file to read: the list of paths is empty")
     given = {"width": width, "depth": depth, "discharge": discharge}
-    wanted = tuple(role for role in ROLES if given.get(role) is None)
+    wanted = tuple(role for role in ROLES if role not in given or has_gaps(given[role]))
     asked = None if extra is None else tuple(extra)
     sources = [_read_source(p, layer, wanted, asked) for p in paths]
-    if short == "error" and width is None and all(source.origin is not None for source in sources):  # our own files
+    if short == "error" and width is None and all(source.ours for source in sources):
         short = "keep"
+    label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
+    found = _placed(sources, crs, to_crs)
+    lines = [line for source in sources for line in source.lines]
+    for line in lines if reverse else ():
+        line.reverse()
+    for name, value in given.items():
+        if value is not None:
+            override(lines, name, value)
+    lines = drop_points(lines, short, label)
+    fill_widths(lines, missing_width, label, any(source.family.mean_flow for source in sources))
+    clean(lines, repeated, label)
+    fill_by_laws(lines)
+    lines = settle_short(lines, short, found, label)
+    joined = connect(lines, sources, topology, label)
+    origin = _near_origin(sources[0], lines) if len(sources) == 1 else None
+    place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
+    try:
+        network = _build(lines, sources, joined, closed, short == "keep", label, place)
+    except ValueError as error:
+        raise InputError(f"{label}: {error}") from error
+    if not reverse:
+        tell_direction(network, label)
+    return network
+
+
+def _placed(sources: list[Source], crs: CRSLike | None, to_crs: CRSLike | None) -> str | None:
+    """Bring the lines of all files into one metric CRS, and return it."""
     for source in sources:
         source.crs, factor = settled_crs(source, crs)
         source.scale_place(factor)
-    found = one_crs(sources) if to_crs is None else reproject(sources, to_crs)
-    lines = [line for source in sources for line in source.lines]
-    for name, value in given.items():
-        if value is not None:
-            _override(lines, name, value)
-    label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
-    _infer_width(lines, label, any(source.family.mean_flow for source in sources))
-    _check_width(lines, label)
-    _clean(lines, repeated, label)
-    _fill_by_laws(lines)
-    lines = _settle_short(lines, short, found, label)
-    joined = connect(lines, sources, topology, label)
-    origin = sources[0].origin if len(sources) == 1 else None
-    place = {"origin": origin, "crs": found, "dtype": dtype, "device": device}
-    try:
-        return _build(lines, sources, joined, closed, short == "keep", label, place)
-    except ValueError as error:
-        raise InputError(f"{label}: {error}") from error
+    return one_crs(sources) if to_crs is None else reproject(sources, to_crs)
+
+
+def _near_origin(source: Source, lines: list[Line]) -> tuple[float, float] | None:
+    """Return the zero of the device coordinates that a file states, unless the lines were moved away from it since."""
+    if source.origin is None:
+        return None
+    low = np.min([line.xy.min(axis=0) for line in lines], axis=0)
+    high = np.max([line.xy.max(axis=0) for line in lines], axis=0)
+    far = np.abs(0.5 * (low + high) - source.origin) > (high - low).sum() + 1.0
+    return None if far.any() else source.origin
 
 
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
@@ -334,92 +380,6 @@ def _read_source(path: Path, layer: str | None, wanted: Sequence[str], asked: Se
     return read_parquet(path, wanted, asked)
 
 
-def _override(lines: list[Line], name: str, value: Any) -> None:
-    """Set width, depth or discharge of all lines from an argument."""
-    many = isinstance(value, (list, tuple)) or np.ndim(value)
-    values = list(value) if many else [value] * len(lines)
-    if len(values) != len(lines):
-        raise InputError(f"{name}: {len(values)} values for {len(lines)} channels; give one number or one a channel")
-    for c, (line, item) in enumerate(zip(lines, values, strict=True)):
-        try:
-            array = np.array(item, np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} of channel {c} is {item!r}, not a number") from error
-        if array.ndim and (name == "discharge" or array.shape != (len(line.xy),)):
-            fits = "one number" if name == "discharge" else f"one number or ({len(line.xy)},)"
-            raise InputError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
-        setattr(line, name, array)
-
-
-def _infer_width(lines: list[Line], label: str, mean_flow: bool) -> None:
-    """Give lines without a width that of their discharge or drainage area, and say so."""
-    by_flow = [line for line in lines if line.width is None and line.discharge is not None]
-    by_area = [line for line in lines if line.width is None and line.discharge is None and line.drainage_area]
-    for line in by_flow:
-        line.width = float(width_of_discharge(line.discharge))
-    for line in by_area:
-        line.width = float(channel_width(line.drainage_area))
-    laws = []
-    if by_flow:
-        kind = "long-term mean" if mean_flow else "bankfull"
-        laws.append(f"{len(by_flow)} from the {kind} discharge by w = 7.2 Q^0.5")
-    if by_area:
-        laws.append(f"{len(by_area)} from the drainage area by w = c A^0.5")
-    if laws:
-        warnings.warn(
-            f"{label}: {len(by_flow) + len(by_area)} of {len(lines)} channels have no width; inferred "
-            f"{' and '.join(laws)}. Pass width= if you know better",
-            UserWarning,
-            stacklevel=3,
-        )
-
-
-def _check_width(lines: list[Line], label: str) -> None:
-    """Raise ``ValueError`` where neither file nor argument gives a width."""
-    missing = [line for line in lines if line.width is None]
-    if len(missing) == len(lines):
-        raise InputError(f"{label}: the file gives no width; pass width= (bankfull width in m)")
-    if missing:
-        raise InputError(f"{missing[0].where}: no width ({len(missing)} of {len(lines)} lines have none); pass width=")
-
-
-def _clean(lines: list[Line], repeated: str, label: str) -> None:
-    """Remove points that stand twice in a row, and give lines of two points a third."""
-    dropped = added = 0
-    for line in lines:
-        same = (np.diff(line.xy, axis=0) == 0.0).all(axis=1)
-        if same.any():
-            k = int(same.argmax())
-            if repeated == "error":
-                raise InputError(
-                    f"{line.where}: points {k} and {k + 1} are both at ({line.xy[k, 0]:g}, "
-                    f"{line.xy[k, 1]:g}); remove one, or pass repeated='drop'"
-                )
-            dropped += int(same.sum())
-            line.map_points(operator.itemgetter(np.concatenate([[True], ~same])))
-        if len(line.xy) == 1:
-            raise InputError(f"{line.where}: only one distinct point; a channel needs two")
-        if len(line.xy) == 2:
-            added += 1
-            line.map_points(lambda a: np.stack([a[0], 0.5 * (a[0] + a[1]), a[1]]))
-    if dropped:
-        log.info("%s: %d points that stood twice in a row were dropped", label, dropped)
-    if added:
-        log.info("%s: %d lines of two points got a third in the middle", label, added)
-
-
-def _fill_by_laws(lines: list[Line]) -> None:
-    """Set depth and discharge by the laws of the width where neither file nor argument gives them."""
-    # From arrays, as from_polylines has it: powers of single numbers differ from those in the last bit.
-    with np.errstate(invalid="ignore"):  # a width below zero is told by from_polylines
-        flows = bankfull_discharge(np.array([np.mean(line.width) for line in lines]))
-        for line, flow in zip(lines, flows, strict=True):
-            if line.depth is None:
-                line.depth = bankfull_depth(np.broadcast_to(line.width, len(line.xy)).copy())
-            if line.discharge is None:
-                line.discharge = flow
-
-
 def _build(
     lines: list[Line],
     sources: list[Source],
@@ -430,16 +390,13 @@ def _build(
     place: dict[str, Any],
 ) -> RiverNetwork:
     """Make the network of lines that have all that one needs."""
-    areas = [line.drainage_area for line in lines]
-    missing = areas.count(None)
-    if 0 < missing < len(lines):
-        log.info("%s: %d of %d channels have no drainage area; none is kept", label, missing, len(lines))
+    areas = [np.nan if line.drainage_area is None else line.drainage_area for line in lines]
     network = RiverNetwork.from_polylines(
         [line.xy for line in lines],
         width=[line.width for line in lines],
         depth=[line.depth for line in lines],
         discharge=[line.discharge for line in lines],
-        drainage_area=None if missing else areas,
+        drainage_area=None if np.isnan(areas).all() else areas,
         slope=[np.nan if line.slope is None else line.slope for line in lines],
         z=_elevations(lines, label),
         extra=extra_columns(sources, [line.extra for line in lines], label),
@@ -464,7 +421,11 @@ def _elevations(lines: list[Line], label: str) -> list[np.ndarray] | None:
     """Return the elevations of all points, None unless every point has one."""
     known = [line.z is not None and bool(np.isfinite(line.z).all()) for line in lines]
     if any(known) and not all(known):
-        log.info("%s: %d of %d channels have elevations; none is kept", label, sum(known), len(lines))
+        warnings.warn(
+            f"{label}: {sum(known)} of {len(lines)} channels have elevations at all points; none is kept",
+            UserWarning,
+            stacklevel=4,
+        )
     return [line.z for line in lines if line.z is not None] if all(known) else None
 
 
@@ -472,31 +433,3 @@ def _is_ring(line: Line, closed: bool | None) -> bool:
     """Tell whether a line is a ring, as the argument ``closed`` of ``read_network`` has it."""
     marked = closed is not False and bool(line.closed)
     return marked or (closed is True and bool((line.xy[0] == line.xy[-1]).all()))
-
-
-def _settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:
-    """Deal with lines that are shorter than they are wide, as the argument ``short`` says."""
-    lengths = [float(np.hypot(*np.diff(line.xy, axis=0).T).sum()) for line in lines]
-    wide = [bool(np.max(line.width) > length) for line, length in zip(lines, lengths, strict=True)]
-    count = sum(wide)
-    if not count or short == "keep":
-        return lines
-    if crs is None and 2 * count >= len(lines) and within_degrees(lines, 360.0):
-        raise InputError(
-            f"{label}: x and y look like longitude and latitude (within 360 and 90, lines shorter than wide) "
-            'and no CRS is stated; pass crs="EPSG:4326" and to_crs="utm", or check the unit of the width'
-        )
-    if short == "error" or count == len(lines):
-        first = wide.index(True)
-        advice = "" if count == len(lines) else ", or pass short='narrow', 'drop' or 'keep'"
-        raise InputError(
-            f"{lines[first].where}: {lengths[first]:g} m long but {np.max(lines[first].width):g} m wide "
-            f"({count} of {len(lines)} lines are like that); check the units of both{advice}"
-        )
-    log.info("%s: %d of %d lines are shorter than wide; short=%r", label, count, len(lines), short)
-    if short == "drop":
-        return [line for line, w in zip(lines, wide, strict=True) if not w]
-    for line, w, length in zip(lines, wide, lengths, strict=True):
-        if w:
-            line.width, line.mean_width = np.minimum(line.width, NARROWED * length), None
-    return lines
