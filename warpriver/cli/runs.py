@@ -125,7 +125,7 @@ def make_params(
     else:
         kind = type(before)
         if options.solver is not None and SOLVER_PARAMS[options.solver] is not kind:
-            raise InputError(f"--solver {options.solver}: the run goes on by the solver that it began with; leave it out")
+            raise InputError(f"--solver {options.solver}: the run goes on by the one that it began with; leave it out")
     solver = next(name for name, params in SOLVER_PARAMS.items() if params is kind)
     given = given_params(options)
     strange = sorted(set(given) - set(kind.__dataclass_fields__))
@@ -182,9 +182,9 @@ def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) 
     except WarpriverError:  # a copy cannot be made of every state of a run
         return None
     (now, grown), (soon, late), (small, large) = found.points, found.seconds, found.bytes
-    more = (
-        f"; {_time(late)} and {_size(large)} with {grown:,} points, when bends have grown" if grown > 1.1 * now else ""
-    )
+    more = ""
+    if grown > 1.1 * now:
+        more = f"; {_time(late)} and {_size(large)} with {grown:,} points, when bends have grown"
     say(f"  estimate {steps:,} steps of {now:,} points take about {_time(soon)} and {_size(small)} of disk{more}")
     above = next(p for p in (store, *store.absolute().parents) if p.exists())
     free = shutil.disk_usage(above).free
@@ -212,9 +212,7 @@ def _time(seconds: float) -> str:
 
 
 def _size(count: float) -> str:
-    return (
-        f"{count / 1e6:.2g} MB" if count < 1e8 else f"{count / 1e6:.0f} MB" if count < 1e9 else f"{count / 1e9:.1f} GB"
-    )
+    return f"{count / 1e6:.{0 if count > 1e7 else 1}f} MB" if count < 1e9 else f"{count / 1e9:.1f} GB"
 
 
 def write_results(simulation: Simulation, folder: Path) -> list[str]:

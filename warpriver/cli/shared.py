@@ -133,9 +133,7 @@ def fresh_folder(path: str | Path, *names: str, flag: str = "-o", make: bool = T
     there = next((name for name in names if (folder / name).exists()), None)
     if there is not None:
         again = f", or continue {folder / there}" if there == "run" else ""
-        raise OutputExistsError(
-            f"{folder} holds an earlier {there}; remove it, or choose another {flag}{again}"
-        )
+        raise OutputExistsError(f"{folder} holds an earlier {there}; remove it, or choose another {flag}{again}")
     above = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not above.is_dir():
         raise WrongPathError(f"{flag} {folder}: {above} is a file; give the name of a folder")

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.shared import OK, command, quiet_warp
+from warpriver.cli.output import say
+from warpriver.cli.parser import number
+from warpriver.cli.shared import OK, PICTURES, check_out, check_picture, command, fresh_folder, quiet_warp
 from warpriver.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,11 +41,14 @@ def add(commands: Any) -> None:
     parser.add_argument("valley", nargs="?", metavar="S1..S6|FILE.toml", help="an example, or a valley file")
     parser.add_argument("-o", "--out", metavar="PATH", help="folder or file to write (default folder out/NAME)")
     parser.add_argument(
-        "--cell-size", type=float, metavar="M", help="cells of the terrain in m (default: bankfull width / 20)"
+        "--cell-size",
+        type=number(above=0.0, unit="m"),
+        metavar="M",
+        help="size of a cell of the terrain in m (default: bankfull width / 20)",
     )
     parser.add_argument(
-        "--spacing",
-        type=float,
+        "--mesh-spacing",
+        type=number(above=0.0, unit="m"),
         metavar="M",
         help="distance of points and mesh across the channel in m (default: bankfull width / 20; the paper's is 0.1)",
     )
@@ -72,10 +77,11 @@ def _valley(options: argparse.Namespace) -> int:
     from warpriver.valley.valley import synthetic_valley
 
     if options.schema:
-        print(valley_schema())
+        say(valley_schema())
         return OK
     if options.valley is None:
         raise InputError("name an example, S1 to S6, or a TOML file")
+    out = _checked_out(options)
     quiet_warp()
     is_file = Path(options.valley).suffix.lower() == ".toml"
     params = read_valley(options.valley) if is_file else options.valley
@@ -87,31 +93,59 @@ def _valley(options: argparse.Namespace) -> int:
         device=options.device,
         **_settings(options.set),
     )
-    print(valley)
+    told = [repr(valley)]
     width, depth = valley.network.point_widths()[0], valley.network.point_depths()[0]
-    print(f"width {width.min():.2f} to {width.max():.2f} m, bankfull depth {depth.min():.3f} to {depth.max():.3f} m")
-    print(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
+    told.append(
+        f"width {width.min():.2f} to {width.max():.2f} m, bankfull depth {depth.min():.3f} to {depth.max():.3f} m"
+    )
+    told.append(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
     found = valley.covariance
-    print(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
-    out = Path(options.out or f"out/{valley.params.name}")
-    if out.suffix:
-        _write_valley(valley, out, options.spacing)
-        print(out)
-        return OK
-    out.mkdir(parents=True, exist_ok=True)
+    told.append(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
+    out = out or Path(f"out/{valley.params.name}")
+    try:
+        if out.suffix:
+            _write_valley(valley, out, options.mesh_spacing)
+            told.append(f"{out}")
+        else:
+            told += _write_folder(valley, fresh_folder(out), options.mesh_spacing)
+    finally:
+        for line in told:
+            say(line)
+    return OK
+
+
+def _checked_out(options: argparse.Namespace) -> Path | None:
+    """Return what is to be written, checked before anything is computed; None for the folder of the valley's name."""
+    from warpriver.io import valleys
+    from warpriver.io.raster.terrains import terrain_formats
+    from warpriver.io.vector.networks import line_formats
+
+    if options.out is None:
+        return None
+    out = Path(options.out)
+    if not out.suffix:
+        return fresh_folder(out, make=False)
+    if out.suffix.lower() in PICTURES:
+        return check_picture(out, "-o")
+    others = (".toml", ".geojson", ".json", *valleys.POINTS, *valleys.MESHES)
+    known = {**line_formats(), **terrain_formats(), **dict.fromkeys(others, True)}
+    return check_out(out, "-o", known)
+
+
+def _write_folder(valley: Valley, out: Path, spacing: float | None) -> list[str]:
+    """Write all that a valley has into a folder; return what to say of it."""
+    told = []
     terrain = "terrain.tif" if importlib.util.find_spec("rasterio") is not None else "terrain.npz"
     for name in (terrain, "channel.csv", "points.csv", "mesh.obj", "breaklines.geojson", "valley.toml"):
-        _write_valley(valley, out / name, options.spacing)
-        print(out / name)
+        _write_valley(valley, out / name, spacing)
+        told.append(f"{out / name}")
     if importlib.util.find_spec("matplotlib") is None:
-        print('no pictures: matplotlib is missing; pip install "warpriver[viz]"')
-        return OK
+        return [*told, 'no pictures: matplotlib is missing; pip install "warpriver[viz]"']
     from warpriver import viz
 
     viz.draw_valley(valley, out / "valley.png")
     viz.draw_valley_sections(valley, out / "sections.png")
-    print(out / "valley.png", out / "sections.png", sep="\n")
-    return OK
+    return [*told, f"{out / 'valley.png'}", f"{out / 'sections.png'}"]
 
 
 def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:

@@ -68,7 +68,7 @@ def typed(words: Sequence[str]) -> Iterator[None]:
 
 def in_flags(text: str) -> str:
     """Return a message with the flags of the command in place of the names of arguments."""
-    names = _names.get()
+    names = _names.get() or {}
     if not names:
         return text
     # Longest first, so that a path within another path is not cut out of it.
