@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from warpriver import __version__
 from warpriver.cli import bench, convert, demo, erode, info, network, render, simulate, valley
 from warpriver.cli.output import complain, flush, use_any_console
-from warpriver.cli.parser import BAD_INPUT, Parser
+from warpriver.cli.parser import BAD_INPUT, BadValue, Parser
 from warpriver.cli.shared import INTERRUPTED
 from warpriver.cli.words import flag_names, in_flags, naming, typed
 from warpriver.errors import WarpriverError
@@ -26,7 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     use_any_console()
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        options = _parser().parse_args(words)
+        try:
+            options = _parser().parse_args(words)
+        except BadValue:
+            return BAD_INPUT
         with naming(**flag_names(options.parser)), typed(words):
             return _run(options)
     finally:

@@ -6,16 +6,19 @@ import argparse
 import dataclasses
 import math
 import re
-import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 from warpriver.cli.output import complain
 
-__all__ = ["BAD_INPUT", "Area", "Interval", "Parser", "area", "interval", "number", "whole_number"]
+__all__ = ["BAD_INPUT", "Area", "BadValue", "Interval", "Parser", "area", "interval", "number", "whole_number"]
 
 BAD_INPUT = 2
 NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
+
+class BadValue(SystemExit):
+    """A flag was given a value that is none; it has been told."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,8 +32,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line, and exit with 2."""
-        complain(f"{self.prog}: {message}; {self.prog} --help explains the flags")
-        sys.exit(BAD_INPUT)
+        of_value = message.startswith("argument ")
+        complain(f"{self.prog}: {message.removeprefix('argument ')}; {self.prog} --help explains the flags")
+        raise (BadValue if of_value else SystemExit)(BAD_INPUT)
 
 
 def number(
