@@ -24,7 +24,9 @@ CASES = [
 class Case:
     """The same ground for the twin and for the kernels: heights in quanta, without pits, some without data."""
 
-    def __init__(self, wraps, four, shape, seed=0, dtype="float64", device="cpu", threshold=40.0, gaps=True, base=-np.inf):
+    def __init__(
+        self, wraps, four, shape, seed=0, dtype="float64", device="cpu", threshold=40.0, gaps=True, base=-np.inf
+    ):
         rng = np.random.default_rng(seed)
         rows, columns = shape
         outlet = np.zeros(shape, bool)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,8 @@ FLAGS = {"depth": "--cut-depth"}
 # Flags for what is read from a file, and for what is made.
 FILE_FLAGS = ("crs", "to_crs", "z_factor", "nodata", "band", "range", "shape", "origin")
 MADE_FLAGS = ("size", "slope")
+# Starts that are made.
+MADE = ("plane", "peak")
 
 
 def add(commands: Any) -> None:
@@ -52,8 +55,8 @@ def add(commands: Any) -> None:
         description="Leheny's erosion: units of rain fall on random cells, walk downhill by chance, take a constant\n"
         "depth off every cell of their way, and what gets too steep slides. Writes the terrain, its rivers as lines,\n"
         "and pictures: the terrain by elevation, the drainage, the ordered network. The model has no metres of its\n"
-        "own: depth, threshold and bias count in one unit of height. Outlets sink like all cells, without limit:\n"
-        "give --base-level where heights have to stay plausible.",
+        "own: depth, threshold and bias count in one unit of height. Without a base level outlets sink like all\n"
+        "cells, without limit: canyons are then deeper than the map is wide.",
         epilog="examples:\n"
         "  warpriver erode --size 300x200 --events 10000 --start plane -o out/erode\n"
         "  warpriver erode --size 401x401 --start peak --events 40000 --movie growth.gif\n"
@@ -91,9 +94,10 @@ def add(commands: Any) -> None:
     )
     model.add_argument(
         "--base-level",
-        type=float,
-        metavar="H",
-        help="height in m that no cell sinks below, such as that of the sea; rivers are graded to it (default: none)",
+        type=_level,
+        metavar="H|none",
+        help="height in m that no cell sinks below, such as that of the sea; rivers are graded to it (default: the "
+        "foot of a plane or peak; of a file, none)",
     )
     for field in dataclasses.fields(LehenyParams):
         meta = field.metadata
@@ -161,7 +165,7 @@ def _erode(options: argparse.Namespace) -> int:
         edges=edges,
         batch=options.batch,
         fill=options.fill,
-        base_level=options.base_level,
+        base_level=_base_level(start, options),
         record_every=max(1, options.events // (options.frames - 1)) if options.movie else None,
         dtype=options.dtype,
         progress=not options.no_progress,
@@ -188,12 +192,24 @@ def _erode(options: argparse.Namespace) -> int:
     return OK
 
 
+def _level(text: str) -> float:
+    """Parse a height, or "none", which is minus infinity."""
+    return -math.inf if text == "none" else number(unit="m")(text)
+
+
+def _base_level(start: Terrain, options: argparse.Namespace) -> float | None:
+    """Return the base level that was typed, or that of the start."""
+    level = options.base_level
+    if level is None and options.start in MADE:
+        level = float(start.to_numpy().min())
+    return level if level is not None and math.isfinite(level) else None
+
+
 def _erosion_start(options: argparse.Namespace) -> Terrain:
     """Make or read the terrain that rain is to fall on."""
     from warpriver import generate
 
-    made = {"plane": generate.erosion_plane, "peak": generate.erosion_peak}
-    if options.start not in made:
+    if options.start not in MADE:
         if useless := given_flags(options, MADE_FLAGS):
             raise InputError(f"{useless[0]} is for a plane or peak, and {options.start} has its own; leave it out")
         return read_ground(options.start, options, device=options.device)
@@ -205,7 +221,8 @@ def _erosion_start(options: argparse.Namespace) -> Terrain:
         raise InputError(f"--size {options.size}: give columns and rows, such as 300x200") from None
     size = 1.0 if options.cell_size is None else options.cell_size
     slope = 1.0 if options.slope is None else options.slope
-    return made[options.start]((rows, columns), size, slope, device=options.device)
+    make = generate.erosion_plane if options.start == "plane" else generate.erosion_peak
+    return make((rows, columns), size, slope, device=options.device)
 
 
 def _draw_erosion(
