@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -31,7 +32,8 @@ class Moved:
         read: Elements read for each ``per``.
         written: Elements written for each ``per``.
         per: What they are counted by: "point", "channel", "block" (of the search for collisions), "section" (a point,
-            where width and depth vary along channels), "terrain" (a point, where there is ground), "event" (a cutoff,
+            where width and depth vary along channels), "link" (a channel, where channels go on in each other or leave
+            the map), "terrain" (a point, where there is ground), "event" (a cutoff,
             a contact, a whole launch or a group of a running sum: rare, counted as nothing), "ring" (a channel, where
             a network has rings), "chunk" (of 32 points, on a GPU alone), "field" (a point; twice with chunks, where a
             bucket has two fields).
@@ -93,10 +95,13 @@ CELLS_A_BLOCK, CELL_FIELDS = 4.0, 4.0
 # Points that a thread takes on a GPU.
 CHUNK_POINTS = 32.0
 
+# What tells how channels go on in each other.
+STEMS = ("upper", "lower", "top", "bottom", "length")
 # What the next run of points needs of its channel.
 CHANNELS = (
     *_read("channels.start", "channels.form", "channels.spacing", "channels.step", per="channel"),
     *_read("channels.closed", per="ring"),
+    *_read("channels.edge", *(f"channels.stems.{name}" for name in STEMS), per="link"),
 )
 
 STEP = (
@@ -117,10 +122,12 @@ STEP = (
     Launch("migrate", "migration", "compute_rate", (
         *CHANNELS, *_read("channels.area", per="ring"),
         *_read("points.xy"), *_read("points.section", per="section"), *_written("point_rate_out"),
+        *_written("memory_out.end", "memory_out.fade", per="link"),
     )),
     Launch("migrate", "migration", "move_points", (
         *CHANNELS, *_read("channels.area", per="ring"),
         *_read("points.xy", "point_rate"), *_read("points.section", per="section"),
+        *_read("memory.tail", "memory.ends", per="link"),
         Moved("ground.height", read=4.0, per="terrain"),
         *_written("moved_out.xy"), *_written("moved_out.section", per="section"),
         Moved("channel_pace_io", 1.0, 1.0, per="channel"),
@@ -211,6 +218,15 @@ STEP = (
 )  # fmt: skip
 
 
+def _members(label: str, kind: Struct) -> dict[str, Any]:
+    """Types of the members of a struct, and of those of structs in it."""
+    members = {f"{label}.{name}": member.type for name, member in kind.vars.items()}
+    for name, member in list(members.items()):
+        if isinstance(member, Struct):
+            members |= _members(name, member)
+    return members
+
+
 def argument_sizes(launch: Launch, dtype: str) -> dict[str, int]:
     """Bytes of an element of every array among a kernel's arguments, in their order, those in structs among them."""
     kernel = getattr(importlib.import_module(f"warpriver.kernels.{launch.file}").build(SCALARS[dtype]), launch.kernel)
@@ -219,7 +235,7 @@ def argument_sizes(launch: Launch, dtype: str) -> dict[str, int]:
         arguments[a.label] = a.type
         # How the work is dealt out is the same for all kernels: a few numbers a launch.
         if a.label != "work" and isinstance(a.type, Struct):
-            arguments |= {f"{a.label}.{name}": member.type for name, member in a.type.vars.items()}
+            arguments |= _members(a.label, a.type)
     # Of the types of arguments only that of an array has elements.
     arrays = {label: kind for label, kind in arguments.items() if hasattr(kind, "dtype")}
     return {label: wp.types.type_size_in_bytes(kind.dtype) for label, kind in arrays.items()}
@@ -235,6 +251,7 @@ def bytes_per_point(
     varying: bool = False,
     terrain: bool = False,
     rings: bool = False,
+    links: bool = False,
 ) -> tuple[float, float]:
     """Bytes that a kernel reads and writes a point at least; none where it is not launched.
 
@@ -247,13 +264,15 @@ def bytes_per_point(
         varying: Whether width and depth vary along channels.
         terrain: Whether there is ground.
         rings: Whether the network has rings.
+        links: Whether channels go on in each other, or leave the map.
     """
     if launch.only == ("slabs" if np.isfinite(chunk_points) else "chunks"):
         return 0.0, 0.0
     weight = {
         "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
         "section": float(varying), "terrain": float(terrain), "event": 0.0,
-        "ring": float(rings) / channel_points, "field": 1.0 + np.isfinite(chunk_points),
+        "ring": float(rings) / channel_points, "link": float(links) / channel_points,
+        "field": 1.0 + np.isfinite(chunk_points),
     }  # fmt: skip
     size = argument_sizes(launch, dtype)
     read, written = (

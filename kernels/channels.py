@@ -13,6 +13,8 @@ wp.set_module_options({"enable_backward": False})
 COARSEST_SPACING = 1.25
 # Minimum number of points of a ring, when it is made and when a loop is cut off it.
 RING_POINTS = 8
+# Edge of the map at the foot of a channel: none, one that runs north and south, one that runs west and east.
+EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST = 0, 1, 2
 
 
 @wp.struct
@@ -28,6 +30,21 @@ class Work:
     slab_channel: wp.array[int]
     chunk: int
     first: int
+
+
+@wp.struct
+class Stems:
+    """Which channels follow each other as the links of one river, by channel; missing where none do.
+
+    ``upper`` and ``lower`` are the links next to a channel, -1 where there is none; ``top`` and ``bottom`` the first
+    and the last one of its stem. ``length`` is that of a stem, at its top (see ``measure_stems``).
+    """
+
+    upper: wp.array[int]
+    lower: wp.array[int]
+    top: wp.array[int]
+    bottom: wp.array[int]
+    length: wp.array[wp.int64]
 
 
 @wp.struct
@@ -67,7 +84,8 @@ def build(scalar):
 
         ``start`` has their offsets and the number of points. ``spacing`` is that of the points in m, ``step`` the time
         step in yr, 0 for a channel that is inactive. ``closed`` is 1 for a ring, and ``area`` what it encloses (see
-        ``measure_rings``); both are missing where a network has no rings.
+        ``measure_rings``); both are missing where a network has no rings. ``edge`` tells of the edge of the map along
+        which the foot of a channel slides, and is missing where none does.
         """
 
         start: wp.array[int]
@@ -76,6 +94,8 @@ def build(scalar):
         step: wp.array[scalar]
         closed: wp.array[int]
         area: wp.array[wp.int64]
+        edge: wp.array[int]
+        stems: Stems
 
     @wp.struct
     class Points:
@@ -88,13 +108,20 @@ def build(scalar):
     class Run:
         """Points begin .. stop - 1 of one channel, which a thread takes together, and what the channel is.
 
-        The channel has the points first .. last. ``end`` is where the last run of the thread ends.
+        The channel has the points first .. last. ``upper`` and ``lower`` are the links that go on from it upstream and
+        downstream, -1 for none, ``head`` and ``foot`` their points at the junctions, which lie where its own ends do.
+        ``end`` is where the last run of the thread ends.
         """
 
         channel: int
         first: int
         last: int
         closed: int
+        edge: int
+        upper: int
+        lower: int
+        head: int
+        foot: int
         form: Form
         spacing: scalar
         step: scalar
@@ -135,19 +162,41 @@ def build(scalar):
         return run
 
     @wp.func(module=name)
+    def whole_run(channels: Channels, channel: int) -> Run:
+        """All points of a channel."""
+        run = Run()
+        run.channel = channel
+        run.first = channels.start[channel]
+        run.last = channels.start[channel + 1] - 1
+        run.closed = 0
+        if channels.closed:
+            run.closed = channels.closed[channel]
+        run.edge = EDGE_NONE
+        if channels.edge:
+            run.edge = channels.edge[channel]
+        run.upper = -1
+        run.lower = -1
+        run.head = -1
+        run.foot = -1
+        if channels.stems.upper:
+            run.upper = channels.stems.upper[channel]
+            run.lower = channels.stems.lower[channel]
+            if run.upper >= 0:
+                run.head = channels.start[run.upper + 1] - 1
+            if run.lower >= 0:
+                run.foot = channels.start[run.lower]
+        run.form = channels.form[channel]
+        run.spacing = channels.spacing[channel]
+        run.step = channels.step[channel]
+        run.begin = run.first
+        run.stop = run.last + 1
+        run.end = run.stop
+        return run
+
+    @wp.func(module=name)
     def next_run(channels: Channels, run: Run) -> Run:
         """The run after another one: of the next channel."""
-        after = Run()
-        channel = run.channel + 1
-        after.channel = channel
-        after.first = channels.start[channel]
-        after.last = channels.start[channel + 1] - 1
-        after.closed = 0
-        if channels.closed:
-            after.closed = channels.closed[channel]
-        after.form = channels.form[channel]
-        after.spacing = channels.spacing[channel]
-        after.step = channels.step[channel]
+        after = whole_run(channels, run.channel + 1)
         after.begin = run.stop
         after.stop = wp.min(run.end, after.last + 1)
         after.end = run.end
@@ -178,6 +227,7 @@ def build(scalar):
         channel_at=channel_at,
         begin_runs=begin_runs,
         next_run=next_run,
+        whole_run=whole_run,
         section_at=section_at,
         round_index=round_index,
     )

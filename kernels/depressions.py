@@ -1,4 +1,4 @@
-"""Depressions: filled by a flood from the outlets, or opened by the least cutting; each kernel runs on one thread."""
+"""Depressions: filled by a flood from the outlets, or opened by the smallest cuts; each kernel runs on one thread."""
 
 from types import SimpleNamespace
 
@@ -24,8 +24,8 @@ def build(scalar):
     # Half a step between numbers near 1. The sum h + ABOVE |h| rounds to the number after h, as ABOVE is a bit more.
     HALF_STEP = 2.0**-53 if scalar is wp.float64 else 2.0**-24
     ABOVE = scalar(HALF_STEP * (1.0 + 2.0 * HALF_STEP))
-    LEAST_STEP = scalar(2.0 * HALF_STEP)
-    # Fall of a carved course, a part of its height a cell: a few steps, so that it never rounds to none.
+    MIN_STEP = scalar(2.0 * HALF_STEP)
+    # Fall of a carved course, a fraction of its height a cell: a few steps, so that it never rounds to none.
     FALL = scalar(8.0 * HALF_STEP)
     # What a cell's length of course costs, in m of cutting: it decides between courses that cut the same.
     LENGTH_COST = scalar(2.0**-20)
@@ -33,7 +33,7 @@ def build(scalar):
     IN_HEAP, IN_BUCKETS, OPEN_BUCKET = 0, 1, 2
     # What is known of a cell without a lower neighbour: if water leaves its flat, or if a course was searched from it.
     NO_PIT, UNKNOWN, DRAINED, SHUT_IN, SEARCHED = 0, 1, 2, 3, 4
-    MOST_BUCKETS = scalar(2.0**30)
+    MAX_BUCKETS = scalar(2.0**30)
     IS_OPEN, IS_DONE = wp.uint8(cells.OPEN), wp.uint8(cells.DONE)
     IS_GHOST, IS_OUTLET = wp.uint8(cells.GHOST), wp.uint8(cells.OUTLET)
 
@@ -49,14 +49,14 @@ def build(scalar):
 
     @wp.func(module=name)
     def step_above(height: scalar, epsilon: int) -> scalar:
-        """Least height that drains to one: the next number, and at least 2^-52 m above; the same without epsilon."""
+        """Lowest height that drains to one: the next number, and at least 2^-52 m above; the same without epsilon."""
         if epsilon == 0:
             return height
-        return wp.max(height + ABOVE * wp.abs(height), height + LEAST_STEP)
+        return wp.max(height + ABOVE * wp.abs(height), height + MIN_STEP)
 
     @wp.func(module=name)
     def push_rim(size: int, key: scalar, cell: int, heap_key_io: wp.array[scalar], heap_cell_io: wp.array[int]):
-        """Put an entry into a heap of four branches, whose first entry has the least key."""
+        """Put an entry into a heap of four branches, whose first entry has the smallest key."""
         i = int(size)
         while i > 0:
             parent = (i - 1) >> 2
@@ -127,7 +127,7 @@ def build(scalar):
         heap_cell_out: wp.array[int],
     ):
         """Keep a rim until its height comes: in the list of its bucket, or in the heap if that is open already."""
-        bucket = int(wp.min((level - flood.lowest) * flood.buckets_per_meter, MOST_BUCKETS))
+        bucket = int(wp.min((level - flood.lowest) * flood.buckets_per_meter, MAX_BUCKETS))
         bucket = wp.min(bucket, bucket_io.shape[0] - 1)
         if bucket <= rims_io[OPEN_BUCKET]:
             push_rim(rims_io[IN_HEAP], level, cell, heap_key_out, heap_cell_out)
@@ -210,7 +210,7 @@ def build(scalar):
                     else:
                         spills = 1
             if spills == 1:
-                # Behind the heap, until they are looked at again; there is room, since no cell comes here twice.
+                # Behind the heap, until they are looked at again; it has the capacity, since no cell comes here twice.
                 heap_cell_io[found] = cell
                 found += 1
         i = rims_io[IN_HEAP]
@@ -236,9 +236,9 @@ def build(scalar):
         heap_key_io: wp.array[scalar],
         heap_cell_io: wp.array[int],
     ):
-        """Raise every cell to W = max(z, step above the least W around it), outlets excepted [Barnes2014].
+        """Raise every cell to W = max(z, step above the lowest W around it), outlets excepted [Barnes2014].
 
-        That has one least solution, whatever the order among equals. Of the cells that water has reached the lowest
+        That has one lowest solution, whatever the order among equals. Of the cells that water has reached the lowest
         with an open neighbour comes next. Raised cells come in order by themselves, so a plain queue holds them. The
         rims wait in buckets by height, of which one is open as a heap. The stack of climbs grows from the queue's near
         end and the raised cells from its far end; as no cell is of both kinds, they never meet.
@@ -314,7 +314,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def push_course(size: int, cost: scalar, cell: int, heap_key_io: wp.array[scalar], heap_cell_io: wp.array[int]):
-        """Put an entry into a binary heap, whose first entry has the least cost, and the least cell of equals."""
+        """Put an entry into a binary heap, whose first entry has the smallest cost, and the first cell of equals."""
         i = int(size)
         while i > 0:
             parent = (i - 1) >> 1
@@ -414,7 +414,7 @@ def build(scalar):
         heap_key_io: wp.array[scalar],
         heap_cell_io: wp.array[int],
     ) -> int:
-        """End of the course of least cutting from a pit's cells to drained ground or an outlet; -1 if there is none.
+        """End of the course of the smallest cut from a pit's cells to drained ground or an outlet; -1 if there is none.
 
         The cutting in a cell does not depend on where the course came from, so its first discovery is the cheapest.
         """
@@ -486,7 +486,7 @@ def build(scalar):
         heap_key_out: wp.array[scalar],
         heap_cell_out: wp.array[int],
     ):
-        """Open the pits in the order given, lowest first: cut the course that takes least height away [Lindsay2016].
+        """Open the pits in the order given, lowest first, by the course that takes away the least height [Lindsay2016].
 
         A course falls from the pit by a few steps between numbers a cell, and cells on it that are higher are lowered
         to it; one to drained ground at the pit's own height is level. So every cell of it drains, no new pit is made,

@@ -1,11 +1,12 @@
-"""Junctions: nodes that wander along the channel downstream of them."""
+"""Junctions: nodes that move with the stem that goes on through them, and wander along the channel downstream."""
 
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.status import NUMBER
+from warpriver.kernels.channels import Work
+from warpriver.kernels.status import HALT, NUMBER
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -34,6 +35,29 @@ def build(scalar):
         drift: wp.array[scalar]
 
     @wp.kernel(module=name, enable_backward=False)
+    def settle_heads(
+        # network
+        channels: Channels,
+        point_xy: wp.array[vec2],
+        # params
+        work: Work,
+        # out
+        channel_shift_out: wp.array[vec2],
+        point_moved_io: wp.array[vec2],
+    ):
+        """Move the head of each link to where the link upstream of it now ends, and note by how much."""
+        channel = wp.tid()
+        shift = vec2(ZERO, ZERO)
+        if work.status[HALT] == 0 and channels.stems.upper:
+            upper = channels.stems.upper[channel]
+            if upper >= 0:
+                head = channels.start[channel]
+                foot = point_moved_io[channels.start[upper + 1] - 1]
+                shift = foot - point_xy[head]
+                point_moved_io[head] = foot
+        channel_shift_out[channel] = shift
+
+    @wp.kernel(module=name, enable_backward=False)
     def count_active(
         # network
         channels: Channels,
@@ -58,7 +82,7 @@ def build(scalar):
         substep: wp.array[int],
         channel_active: wp.array[int],
         # out
-        channel_shift_out: wp.array[vec2],
+        channel_shift_io: wp.array[vec2],
         point_moved_io: wp.array[vec2],
     ):
         """Move the head of each channel downstream of a junction by v dt along its first segment, half of it at most.
@@ -84,7 +108,7 @@ def build(scalar):
             if size > ZERO:
                 shift = along * (wp.min(junctions.drift[channel] * time_step, HALF * size) / size)
                 point_moved_io[first] = head + shift
-        channel_shift_out[channel] = shift
+        channel_shift_io[channel] = channel_shift_io[channel] + shift
 
     @wp.kernel(module=name, enable_backward=False)
     def follow_heads(
@@ -101,6 +125,7 @@ def build(scalar):
         """Take the lower reach of each tributary along with its junction, the less the farther away, by a smoothstep.
 
         So the tributaries keep apart and go on to meet at an angle. ``reach`` is in widths, half the channel at most.
+        The link that the stem comes from has moved by itself: only its last point follows.
         """
         channel = wp.tid()
         downstream = junctions.downstream[channel]
@@ -110,11 +135,19 @@ def build(scalar):
                 last = channels.start[channel + 1] - 1
                 count = int(reach * channels.form[channel].widest / channels.spacing[channel])
                 count = wp.min(count, (last - channels.start[channel]) // 2)
+                if channels.stems.lower:
+                    if channels.stems.lower[channel] >= 0:
+                        count = 1
                 for k in range(1, count):
                     t = ONE - scalar(k) / scalar(count)
                     point_moved_io[last - k] = point_moved_io[last - k] + shift * (t * t * (THREE - TWO * t))
                 point_moved_io[last] = point_moved_io[channels.start[downstream]]
 
     return SimpleNamespace(
-        vec2=vec2, Junctions=Junctions, count_active=count_active, shift_heads=shift_heads, follow_heads=follow_heads
+        vec2=vec2,
+        Junctions=Junctions,
+        settle_heads=settle_heads,
+        count_active=count_active,
+        shift_heads=shift_heads,
+        follow_heads=follow_heads,
     )

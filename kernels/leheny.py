@@ -183,9 +183,9 @@ def build(scalar):
         """Do the events first .. first + count - 1 of one grid, one after another [Leheny1995].
 
         Rain falls on a random cell, walks down to an outlet, lowers each cell of its way by D, but none below the base
-        level and none to the height of the next one or below it; then slides come to rest. The numbers of an event are those of a counter-based state made of the grid's seed and the event. The
-        tally gains visited cells, slides, and walks that ended elsewhere than at an outlet: three numbers a grid.
-        ``cell_waiting_out`` is 0 before and after.
+        level and none to the height of the next one or below it; then slides come to rest. The numbers of an event are
+        those of a counter-based state made of the grid's seed and the event. The tally gains visited cells, slides, and
+        walks that ended elsewhere than at an outlet: three numbers a grid. ``cell_waiting_out`` is 0 before and after.
         """
         grid = wp.tid()
         base = grid * cell_state.shape[0]
@@ -327,7 +327,7 @@ def build(scalar):
         # out
         cell_height_io: wp.array[scalar],
     ):
-        """Raise the cells of a batch, which have been lowered, to the height that their way to the base level requires."""
+        """Raise cells that a batch has lowered to the height that their way to the base level requires."""
         cell = wp.tid()
         # Not by max: NaN stays.
         if cell_graded[cell] > cell_height_io[cell]:

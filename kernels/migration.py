@@ -1,12 +1,11 @@
 """Meander migration: the rate from local and upstream curvature, and the move [Howard1984, Paris2023]."""
 
-import math
 from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline, raster
-from warpriver.kernels.channels import Work
+from warpriver.kernels import memory, polyline, raster
+from warpriver.kernels.channels import EDGE_NONE, Work
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -20,50 +19,15 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
-    line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, vec3, bits = line.vec2, wp.types.vector(3, scalar), line.bits
+    line, cells, past = polyline.build(scalar), raster.build(scalar), memory.build(scalar)
+    vec2, vec3, bits = line.vec2, past.vec3, line.bits
     Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, cells.Ground
+    MigrationConstants, Terms, Memory = past.MigrationConstants, past.Terms, past.Memory
+    decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
+    strength_of = past.strength_of
     ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
-    SIXTH, TWELFTH, EIGHT_NINTHS, QUARTER = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 8.0 / 9.0, 0.25))
-    TWO_THIRDS = scalar(2.0 / 3.0)
-    REACH = line.REACH
-    SERIES_LIMIT = scalar(0.5)
-    # Areas of rings are added up in 2^-62 of the squared length, as integers, so that the order does not matter. The
-    # greatest, that of a circle, is 1 / (4 pi) of it.
-    AREA_PARTS, AREA_PART = wp.float64(2.0**62), wp.float64(2.0**-62)
-    HALF_64, TWO_64, PI_64 = (wp.float64(v) for v in (0.5, 2.0, math.pi))
-    # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
-    factorial, SERIES = 2.0, []
-    for term in range(14):
-        SERIES.append((-1.0) ** term / factorial)
-        factorial *= term + 3
-    C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10, C11, C12, C13 = (scalar(c) for c in SERIES)
-
-    @wp.struct
-    class MigrationConstants:
-        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
-
-        migration_rate: scalar
-        reference_width: scalar
-        friction: scalar
-        local_weight: scalar
-        upstream_weight: scalar
-        scale_local: int
-        scale_upstream: int
-        end_damping: scalar
-        slope_threshold: scalar
-
-    @wp.struct
-    class Terms:
-        """What the terms of the rate weigh in a channel in this sub-step.
-
-        ``sinuosity`` is the factor sigma^(-2/3), ``root`` the root r of the smoothing at the widest point.
-        """
-
-        local: scalar
-        upstream: scalar
-        sinuosity: scalar
-        root: scalar
+    SIXTH, TWELFTH, THIRD, PART = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0, 1.0 / 36.0))
+    REACH, AREA_PARTS, HALF_64 = line.REACH, past.AREA_PARTS, wp.float64(0.5)
 
     @wp.struct
     class Sweep:
@@ -78,68 +42,6 @@ def build(scalar):
         stop: int
         upstream: scalar
         smoothed: scalar
-
-    @wp.func(module=name)
-    def decay_weights(x: scalar) -> vec3:
-        """Weights (q, w0, w1) of I_i = q I_(i-1) + w0 v_(i-1) + w1 v_i over a segment of optical depth x.
-
-        They integrate e^(-x) times a v that is linear on the segment exactly: w1 = 1 - (1 - q)/x, w0 = (1 - q)/x - q.
-        """
-        if x < SERIES_LIMIT:
-            psi = C13
-            psi = psi * x + C12
-            psi = psi * x + C11
-            psi = psi * x + C10
-            psi = psi * x + C9
-            psi = psi * x + C8
-            psi = psi * x + C7
-            psi = psi * x + C6
-            psi = psi * x + C5
-            psi = psi * x + C4
-            psi = psi * x + C3
-            psi = psi * x + C2
-            psi = psi * x + C1
-            psi = psi * x + C0
-            mean = ONE - x * psi
-            return vec3(ONE - x * mean, x * (mean - psi), x * psi)
-        q = wp.exp(-x)
-        share = (ONE - q) / x
-        return vec3(q, share - q, ONE - share)
-
-    @wp.func(module=name)
-    def strength_of(width: scalar, constants: MigrationConstants) -> scalar:
-        """Rate times radius of a bend, k w; where a reference width W is given k belongs to it: k w^2 / W."""
-        if constants.reference_width > ZERO:
-            return constants.migration_rate * width * (width / constants.reference_width)
-        return constants.migration_rate * width
-
-    @wp.func(module=name)
-    def smoothing_root(width: scalar, run: Run, sinuosity: scalar, constants: MigrationConstants) -> scalar:
-        """Root r of the implicit fraction of the local term, 0 where the explicit step is stable by itself.
-
-        The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
-        grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the smallest implicit fraction with which it keeps above
-        -1/2, so that a kink rings for a few steps at most.
-        """
-        diffusivity = -constants.local_weight * strength_of(width, constants)
-        if constants.scale_local != 0:
-            diffusivity = diffusivity * sinuosity
-        c = EIGHT_NINTHS * diffusivity * run.step / (run.spacing * run.spacing) - QUARTER
-        if not (c > ZERO):
-            return ZERO
-        return line.recurrence_root(c)
-
-    @wp.func(module=name)
-    def line_sinuosity(point_xy: wp.array[vec2], run: Run) -> scalar:
-        """sigma^(-2/3), written (chord / length)^(2/3) so that a channel that returns to its head gives 0."""
-        chord = wp.length(point_xy[run.last] - point_xy[run.first])
-        return wp.pow(wp.min(chord / (run.spacing * scalar(run.last - run.first)), ONE), TWO_THIRDS)
-
-    @wp.func(module=name)
-    def ring_sinuosity(area: wp.int64) -> scalar:
-        """sigma^(-2/3) of a ring: sigma is its length over that of the circle of the same area [Hutchinson1957]."""
-        fraction = wp.abs(wp.float64(area)) * AREA_PART
-        return wp.pow(wp.min(scalar(TWO_64 * wp.sqrt(PI_64 * fraction)), ONE), TWO_THIRDS)
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_rings(
@@ -168,15 +70,6 @@ def build(scalar):
                 length = wp.float64(run.spacing) * wp.float64(run.last - run.first + 1)
                 fraction = HALF_64 * total / (length * length)
                 wp.atomic_add(channel_area_io, run.channel, wp.int64(wp.round(fraction * AREA_PARTS)))
-
-    @wp.func(module=name)
-    def segment_depth(points: Points, run: Run, friction: scalar, i: int, j: int) -> scalar:
-        """Optical depth of the segment between two points: alpha = 2 f / d, in the mean of both, times its length."""
-        return (
-            friction
-            * run.spacing
-            * (ONE / line.section_at(points, i, run)[1] + ONE / line.section_at(points, j, run)[1])
-        )
 
     @wp.func(module=name)
     def warmup_start(points: Points, run: Run, friction: scalar) -> int:
@@ -220,7 +113,54 @@ def build(scalar):
         return fade
 
     @wp.func(module=name)
+    def segment_length(channels: Channels, run: Run, i: int) -> scalar:
+        """Length of the segment from point i on to the next one, also of the links that go on from a channel."""
+        if i < run.first and run.upper >= 0:
+            return channels.spacing[run.upper]
+        if i >= run.last and run.lower >= 0:
+            return channels.spacing[run.lower]
+        return run.spacing
+
+    @wp.func(module=name)
+    def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec2:
+        """Curvature at a point, to second order, and the second difference of three in a row, as if evenly spaced.
+
+        Near a junction the stencil reaches into the next link, which has a spacing of its own. A circle through
+        segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36 times the second
+        derivative there; both are read off the parabola through the three.
+        """
+        near_head = run.upper >= 0 and j < run.first + 2
+        near_foot = run.lower >= 0 and j > run.last - 2
+        if not near_head and not near_foot:
+            return vec2(k[1], k[0] - TWO * k[1] + k[2])
+        h = segment_length(channels, run, j - 2)
+        a = segment_length(channels, run, j - 1)
+        b = segment_length(channels, run, j)
+        x0 = (a - h) * THIRD - a
+        x1 = (b - a) * THIRD
+        x2 = (segment_length(channels, run, j + 1) - b) * THIRD + b
+        slope = (k[1] - k[0]) / (x1 - x0)
+        second = ((k[2] - k[1]) / (x2 - x1) - slope) / (x2 - x0)
+        curvature = k[1] - x1 * (slope - second * x0)
+        curvature = curvature - (a * a + a * b + b * b) * PART * (TWO * second)
+        change = TWO * second * run.spacing * run.spacing
+        return vec2(curvature + TWELFTH * change, change)
+
+    @wp.func(module=name)
+    def junction_strength(
+        channels: Channels, points: Points, run: Run, j: int, strength: scalar, constants: MigrationConstants
+    ) -> scalar:
+        """Strength of a bend at a point; where the width jumps, at the junction downstream, the mean of both."""
+        if j < run.last or run.lower < 0:
+            return strength
+        width = channels.form[run.lower].width
+        if points.section:
+            width = points.section[run.foot][0]
+        return HALF * (strength + strength_of(width, constants))
+
+    @wp.func(module=name)
     def sweep_rate(
+        channels: Channels,
         points: Points,
         run: Run,
         terms: Terms,
@@ -259,7 +199,6 @@ def build(scalar):
             d = ahead - after
             ld = wp.length(d)
             k2 = line.circle_curvature(c, d, lc, ld)
-            change = k0 - TWO * k1 + k2
             if points.section:
                 k = int(j)
                 if j < run.first:
@@ -269,10 +208,12 @@ def build(scalar):
                 memory = TWO * constants.friction / section[1]
                 strength = strength_of(section[0], constants)
                 q = decay_weights(HALF * (memory_before + memory) * run.spacing)
+            bend = bend_at(channels, run, j, vec3(k0, k1, k2))
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
-            value = strength * (k1 - SIXTH * change)
+            value = strength * (bend[0] - SIXTH * bend[1])
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
-            rate = terms.local * strength * (k1 - TWELFTH * change) + terms.upstream * upstream
+            local = terms.local * junction_strength(channels, points, run, j, strength, constants)
+            rate = local * (bend[0] - TWELFTH * bend[1]) + terms.upstream * upstream
             smoothed = (ONE - r) * rate + r * smoothed
             if j == sweep.head:
                 upstream = sweep.upstream
@@ -290,7 +231,12 @@ def build(scalar):
 
     @wp.func(module=name)
     def ring_sweep(
-        points: Points, run: Run, terms: Terms, constants: MigrationConstants, point_rate_out: wp.array[scalar]
+        channels: Channels,
+        points: Points,
+        run: Run,
+        terms: Terms,
+        constants: MigrationConstants,
+        point_rate_out: wp.array[scalar],
     ) -> Sweep:
         """Sweep over a run of a ring: upstream mean and smoothed rate are closed over the ring at its first point.
 
@@ -303,9 +249,11 @@ def build(scalar):
         whole = decay_weights(depth)
         # Nothing is written before the sweep itself.
         first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, ZERO)
-        upstream = sweep_rate(points, run, terms, constants, first_lap, point_rate_out)[0] / (whole[1] + whole[2])
+        upstream = sweep_rate(channels, points, run, terms, constants, first_lap, point_rate_out)[0] / (
+            whole[1] + whole[2]
+        )
         second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, ZERO)
-        start = sweep_rate(points, run, terms, constants, second_lap, point_rate_out)
+        start = sweep_rate(channels, points, run, terms, constants, second_lap, point_rate_out)
         smoothed = start[1] / (ONE - ring_fade(points, run, terms, constants, lap))
         return Sweep(run.begin, run.begin, run.begin, run.stop, start[0], smoothed)
 
@@ -315,22 +263,6 @@ def build(scalar):
         warm = warmup_start(points, run, constants.friction)
         warm = wp.max(run.first, warm - line.recurrence_reach(terms.root))
         return Sweep(warm, run.first, run.begin, run.stop, ZERO, ZERO)
-
-    @wp.func(module=name)
-    def terms_of(channels: Channels, point_xy: wp.array[vec2], run: Run, constants: MigrationConstants) -> Terms:
-        """What the terms of the rate weigh in the channel of a run."""
-        sinuosity = scalar(1.0)
-        if run.closed != 0:
-            sinuosity = ring_sinuosity(channels.area[run.channel])
-        else:
-            sinuosity = line_sinuosity(point_xy, run)
-        local = constants.local_weight
-        upstream = constants.upstream_weight
-        if constants.scale_local != 0:
-            local = local * sinuosity
-        if constants.scale_upstream != 0:
-            upstream = upstream * sinuosity
-        return Terms(local, upstream, sinuosity, smoothing_root(run.form.widest, run, sinuosity, constants))
 
     @wp.kernel(module=name, enable_backward=False)
     def compute_rate(
@@ -342,24 +274,30 @@ def build(scalar):
         work: Work,
         # out
         point_rate_out: wp.array[scalar],
+        memory_out: Memory,
     ):
         """Migration rate in m/yr, positive to the right of the flow, smoothed downstream where the step asks for it.
 
         mu = omega mu0 + sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
         alpha = 2 f / d; the reach above a channel's head counts as straight [Paris2023, Eq. 2-5], that above the first
         point of a ring is the ring itself, round and round. Inactive channels are skipped.
+
+        A link begins here as if nothing came from the link upstream, and notes what it hands on to the one downstream.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:
             run = line.next_run(channels, run)
-            if run.step > ZERO:
-                terms = terms_of(channels, points.xy, run, constants)
+            if past.is_felt(channels, run):
+                terms = past.terms_of(channels, points.xy, run, constants)
                 sweep = Sweep()
                 if run.closed != 0:
-                    sweep = ring_sweep(points, run, terms, constants, point_rate_out)
+                    sweep = ring_sweep(channels, points, run, terms, constants, point_rate_out)
                 else:
                     sweep = line_sweep(points, run, terms, constants)
-                sweep_rate(points, run, terms, constants, sweep, point_rate_out)
+                state = sweep_rate(channels, points, run, terms, constants, sweep, point_rate_out)
+                if run.lower >= 0 and run.stop == run.last + 1:
+                    memory_out.end[run.channel] = state
+                    memory_out.fade[run.channel] = past.fade_of(points, run, terms, constants)
 
     @wp.func(module=name)
     def ring_tail(
@@ -377,17 +315,37 @@ def build(scalar):
         return smoothed / (ONE - ring_fade(points, run, terms, constants, lap))
 
     @wp.func(module=name)
+    def normal_at(channels: Channels, point_xy: wp.array[vec2], j: int, run: Run) -> vec2:
+        """Unit normal to the right of the flow at a point, at a junction with regard to how far its neighbours are."""
+        before = line.extended_point(point_xy, j - 1, run)
+        after = line.extended_point(point_xy, j + 1, run)
+        if j < run.last or run.lower < 0:
+            return line.right_normal(before, after)
+        here = point_xy[j]
+        tangent = line.central_tangent(here - before, after - here, run.spacing, channels.spacing[run.lower])
+        return line.right_normal(vec2(ZERO, ZERO), tangent)
+
+    @wp.func(module=name)
     def sweep_move(
+        channels: Channels,
         points: Points,
         point_rate: wp.array[scalar],
         ground: Ground,
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
+        memory: Memory,
         moved_out: Points,
     ) -> scalar:
         """Move the points of a run, sweeping up the channel; return the greatest speed, m/yr."""
         r = terms.root
+        ends = past.free_ends(run, constants)
+        if memory.ends:
+            ends = memory.ends[run.channel]
+        # The last point moves where the river goes on; the first one is the last of the link upstream.
+        last = int(run.last)
+        if run.lower < 0 and run.edge == EDGE_NONE:
+            last = run.last - 1
         fastest = scalar(0.0)
         smoothed = scalar(0.0)
         top = int(run.stop - 1)
@@ -395,21 +353,22 @@ def build(scalar):
             smoothed = ring_tail(points, point_rate, run, terms, constants)
         else:
             top = wp.min(run.last, run.stop - 1 + line.recurrence_reach(r))
+            if top == run.last and run.lower >= 0:
+                smoothed = memory.tail[run.channel]
         for k in range(0, top - run.begin + 1):
             j = top - k
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
             smoothed = (ONE - r) * point_rate[j] + r * smoothed
-            if j == run.last and run.closed == 0:
-                smoothed = ZERO
+            if j == run.last and run.closed == 0 and run.lower < 0:
+                smoothed = past.foot_rate(run, point_rate)
             if j < run.stop:
                 moved = points.xy[j]
-                if run.closed != 0 or (j > run.first and j < run.last):
-                    before = line.extended_point(points.xy, j - 1, run)
-                    normal = line.right_normal(before, line.extended_point(points.xy, j + 1, run))
+                if run.closed != 0 or (j > run.first and j <= last):
+                    normal = normal_at(channels, points.xy, j, run)
                     weight = ONE
                     if run.closed == 0:
-                        weight = line.end_weight(j, run, constants.end_damping * run.form.width)
+                        weight = line.end_weight(j, run, ends)
                     if ground.height:
                         weight = weight * cells.slope_weight(ground, moved, constants.slope_threshold)
                     fastest = wp.max(fastest, wp.abs(smoothed * weight))
@@ -431,27 +390,22 @@ def build(scalar):
         work: Work,
         # in
         point_rate: wp.array[scalar],
+        memory: Memory,
         # out
         moved_out: Points,
         channel_pace_io: wp.array[bits],
     ):
         """Finish the smoothing upstream and move: p += n mu g e dt [Paris2023, Eq. 1 and 6].
 
-        e fades to 0 at both ends of a channel and is 1 on a ring, g fades with the slope of the terrain, if there is
+        e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the terrain, if there is
         one. The points of inactive channels stay.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:
             run = line.next_run(channels, run)
             if run.step > ZERO:
-                terms = Terms()
-                terms.sinuosity = ONE
-                if constants.scale_local != 0 and run.closed != 0:
-                    terms.sinuosity = ring_sinuosity(channels.area[run.channel])
-                elif constants.scale_local != 0:
-                    terms.sinuosity = line_sinuosity(points.xy, run)
-                terms.root = smoothing_root(run.form.widest, run, terms.sinuosity, constants)
-                fastest = sweep_move(points, point_rate, ground, run, terms, constants, moved_out)
+                terms = past.smoothing_of(channels, points.xy, run, constants)
+                fastest = sweep_move(channels, points, point_rate, ground, run, terms, constants, memory, moved_out)
                 wp.atomic_max(channel_pace_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)
@@ -462,6 +416,7 @@ def build(scalar):
         Form=line.Form,
         Points=Points,
         MigrationConstants=MigrationConstants,
+        Memory=Memory,
         measure_rings=measure_rings,
         compute_rate=compute_rate,
         move_points=move_points,

@@ -178,6 +178,8 @@ def build(scalar):
         ``swell``: how far the points of a ring go to the right besides.
         """
         farthest = scalar(0.0)
+        reach = constants.end_damping * run.form.width
+        ends = line.Ends(ZERO, reach, ZERO, reach)
         r_blur = blur_root(run.form.widest, run, constants)
         r_pull = line.recurrence_root(diffusion_number(run.form.widest, run, constants))
         top = run.stop - 1 + warmup_points(run, constants)
@@ -209,7 +211,7 @@ def build(scalar):
                 if run.closed != 0 or (j > run.first and j < run.last):
                     weight = ONE
                     if run.closed == 0:
-                        weight = line.end_weight(j, run, constants.end_damping * run.form.width)
+                        weight = line.end_weight(j, run, ends)
                     shift = weight * push + pull
                     if run.closed != 0:
                         before = line.extended_point(points.xy, j - 1, run)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import channels
-from warpriver.kernels.channels import Marks, Work
+from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, Marks, Work
 from warpriver.kernels.status import HALT
 from warpriver.kernels.variants import once
 
@@ -34,6 +34,16 @@ def build(scalar):
     base = channels.build(scalar)
     Points, Run = base.Points, base.Run
     vec2, vec4 = base.vec2, wp.types.vector(4, scalar)
+
+    @wp.struct
+    class Ends:
+        """Distance along the river from a channel to its first and its last point, and how far each end is felt, m."""
+
+        above: scalar
+        head_reach: scalar
+        below: scalar
+        foot_reach: scalar
+
     # The integers whose order is that of real numbers from 0 on, bit for bit.
     bits = wp.int64 if scalar is wp.float64 else wp.int32
     ZERO, ONE, TWO, THREE, FOUR, THIRD = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0, 4.0, 1.0 / 3.0))
@@ -126,13 +136,30 @@ def build(scalar):
         return first + away
 
     @wp.func(module=name)
+    def mirrored(p: vec2, foot: vec2, edge: int) -> vec2:
+        """A point on the other side of the edge of the map that runs through the foot of a channel."""
+        if edge == EDGE_NORTH_SOUTH:
+            return vec2(TWO * foot[0] - p[0], p[1])
+        return vec2(p[0], TWO * foot[1] - p[1])
+
+    @wp.func(module=name)
     def extended_point(point_xy: wp.array[vec2], i: int, run: Run) -> vec2:
-        """Point i of a channel; beyond an end a ring goes round, and a line on as its point reflection: straight."""
+        """Point i of a channel; beyond an end that of the link that goes on there, by two segments at most.
+
+        A ring goes round. Where a channel leaves the map its foot is a mirror, so that it leaves at a right angle. Any
+        other line goes on straight, as its point reflection.
+        """
         if run.closed != 0 and (i < run.first or i > run.last):
             return point_xy[base.round_index(i, run)]
         if i < run.first:
+            if run.upper >= 0:
+                return point_xy[run.head + i - run.first]
             return TWO * point_xy[run.first] - point_xy[2 * run.first - i]
         if i > run.last:
+            if run.lower >= 0:
+                return point_xy[run.foot + i - run.last]
+            if run.edge != EDGE_NONE:
+                return mirrored(point_xy[2 * run.last - i], point_xy[run.last], run.edge)
             return TWO * point_xy[run.last] - point_xy[2 * run.last - i]
         return point_xy[i]
 
@@ -238,12 +265,15 @@ def build(scalar):
         return int(REACH / -wp.log(r)) + 1
 
     @wp.func(module=name)
-    def end_weight(i: int, run: Run, reach: scalar) -> scalar:
-        """Smoothstep of the distance along the channel to its nearer end, 0 there and 1 from ``reach`` on."""
-        away = scalar(wp.min(i - run.first, run.last - i)) * run.spacing
-        if away >= reach:
-            return ONE
-        t = away / reach
+    def end_weight(i: int, run: Run, ends: Ends) -> scalar:
+        """Smoothstep of a point's distance along the river to its nearer end, 0 there and 1 from the reach on."""
+        t = scalar(1.0)
+        away = ends.above + scalar(i - run.first) * run.spacing
+        if away < ends.head_reach:
+            t = away / ends.head_reach
+        away = ends.below + scalar(run.last - i) * run.spacing
+        if away < ends.foot_reach:
+            t = wp.min(t, away / ends.foot_reach)
         return t * t * (THREE - TWO * t)
 
     @wp.func(module=name)
@@ -290,6 +320,8 @@ def build(scalar):
     return SimpleNamespace(
         **{k: v for k, v in vars(base).items() if k not in ("channel_at",)},
         vec4=vec4,
+        Ends=Ends,
+        mirrored=mirrored,
         bits=bits,
         channel_at=channel_at,
         point_range=point_range,

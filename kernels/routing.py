@@ -254,7 +254,7 @@ def build(scalar):
         cell_donors_io: wp.array[wp.uint8],
         stack_io: wp.array[int],
     ):
-        """Pass what each cell has gathered on to its lower neighbours, in shares s_k^p / sum s^p [Freeman1991].
+        """Pass what each cell has gathered on to its lower neighbours, in fractions s_k^p / sum s^p [Freeman1991].
 
         A cell passes on when its last contributor has; on one thread, with a stack of the cells that can. Slopes are
         taken relative to the steepest one, so that tiny ones do not vanish in the power.

@@ -155,6 +155,38 @@ def build(scalar):
         wp.atomic_max(most_io, 0, parts)
 
     @wp.kernel(module=name, enable_backward=False)
+    def gather_stems(
+        # network
+        channels: Channels,
+        # in
+        substep: wp.array[int],
+        status: wp.array[int],
+        channel_parts: wp.array[int],
+        # out
+        stem_parts_io: wp.array[int],
+    ):
+        """Maximum number of sub-steps of the links of each stem, at its top."""
+        channel = wp.tid()
+        if substep[PLANNED] == 0 and status[HALT] == 0:
+            wp.atomic_max(stem_parts_io, channels.stems.top[channel], channel_parts[channel])
+
+    @wp.kernel(module=name, enable_backward=False)
+    def level_stems(
+        # network
+        channels: Channels,
+        # in
+        substep: wp.array[int],
+        status: wp.array[int],
+        stem_parts: wp.array[int],
+        # out
+        channel_parts_io: wp.array[int],
+    ):
+        """Let all links of a stem that move at all take the same sub-steps: a junction moves with both of its own."""
+        channel = wp.tid()
+        if substep[PLANNED] == 0 and status[HALT] == 0 and channel_parts_io[channel] > 0:
+            channel_parts_io[channel] = stem_parts[channels.stems.top[channel]]
+
+    @wp.kernel(module=name, enable_backward=False)
     def schedule_channels(
         # network
         channel_parts: wp.array[int],
@@ -200,5 +232,7 @@ def build(scalar):
         begin_substep=begin_substep,
         measure_mobility=measure_mobility,
         plan_steps=plan_steps,
+        gather_stems=gather_stems,
+        level_stems=level_stems,
         schedule_channels=schedule_channels,
     )

@@ -21,6 +21,7 @@ LEVELS = [
         "device",
         "errors",
         "extras",
+        "files",
         "hydraulic_geometry",
         "network",
         "network_checks",
@@ -222,8 +223,10 @@ def test_every_refusal_is_a_warpriver_error():
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
                 raised = node.exc.func.id
                 kind = known.get(raised)
+                if inspect.isfunction(kind):  # one that returns the error
+                    kind = getattr(warpriver.errors, inspect.signature(kind).return_annotation, None)
                 if raised not in protocols and not (
-                    kind is not None and issubclass(kind, warpriver.errors.WarpriverError)
+                    inspect.isclass(kind) and issubclass(kind, warpriver.errors.WarpriverError)
                 ):
                     wrong.append(f"{path.name}:{node.lineno} raises {raised}")
     assert not wrong, "\n".join(wrong)

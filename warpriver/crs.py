@@ -82,12 +82,12 @@ def _normal(text: str, pyproj: Any) -> str:
         text = f"{code[1]}:{code[2]}".upper()
     if pyproj is None:
         if code is None and not re.match(r"\w+:\w+|\w+\[.*\]$|\+\w+", text):
-            raise ValueError(text)
+            raise InputError(text)
         return text
     try:
         known = pyproj.CRS.from_user_input(text)
     except pyproj.exceptions.CRSError as error:
-        raise ValueError(text) from error
+        raise InputError(text) from error
     authority = known.to_authority(min_confidence=100)
     return ":".join(authority) if authority else str(known.to_wkt())
 

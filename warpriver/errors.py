@@ -1,4 +1,4 @@
-"""Errors: what is refused, each of a built-in kind as well, so that ``except ValueError`` goes on to work."""
+"""Errors: each derives from :class:`WarpriverError` and from a built-in one, so that ``except ValueError`` works."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ __all__ = [
     "InternalError",
     "MissingExtraError",
     "MissingFileError",
+    "MissingRecordError",
     "NotFiniteError",
     "OutOfMemoryError",
     "OutputExistsError",
+    "PathDeniedError",
     "PathError",
+    "RunLockedError",
     "WarpriverError",
     "WrongPathError",
 ]
@@ -22,19 +25,23 @@ class WarpriverError(Exception):
 
 
 class InputError(WarpriverError, ValueError):
-    """A value that cannot be honoured."""
+    """A value that is not valid."""
+
+
+class MissingRecordError(InputError, IndexError):
+    """A record that a run does not have."""
 
 
 class InputTypeError(WarpriverError, TypeError):
-    """A value of a kind that is not understood."""
+    """A value of the wrong type."""
 
 
 class MissingExtraError(WarpriverError, ImportError):
-    """An optional part that is needed is not installed."""
+    """An optional dependency that is needed is not installed."""
 
 
 class OutOfMemoryError(WarpriverError, MemoryError):
-    """More memory is needed than there is; told before anything is allocated."""
+    """More memory is needed than is available; raised before anything is allocated."""
 
 
 class NotFiniteError(WarpriverError, FloatingPointError):
@@ -42,11 +49,26 @@ class NotFiniteError(WarpriverError, FloatingPointError):
 
 
 class InternalError(WarpriverError, RuntimeError):
-    """Something that cannot be: a fault of the program."""
+    """A fault of the program."""
 
 
 class PathError(WarpriverError, OSError):
     """A file or folder that cannot be read or written."""
+
+    @staticmethod
+    def of(error: OSError, what: str) -> PathError:
+        """Return an error of the system as one of ours, of the same built-in kind and with its ``errno``.
+
+        Args:
+            error: What the system or a library raised.
+            what: What could not be done, as "cannot write rivers.csv"; the reason is added.
+        """
+        kinds = (MissingFileError, WrongPathError, OutputExistsError, PathDeniedError)
+        kind = next((kind for kind in kinds if isinstance(error, kind.__bases__[1])), PathError)
+        reason = error.strerror or " ".join(str(error).split()) or type(error).__name__
+        told = kind(f"{what}: {reason}")
+        told.errno = error.errno
+        return told
 
 
 class MissingFileError(PathError, FileNotFoundError):
@@ -59,3 +81,11 @@ class WrongPathError(PathError, IsADirectoryError):
 
 class OutputExistsError(PathError, FileExistsError):
     """A file or folder that is there already."""
+
+
+class PathDeniedError(PathError, PermissionError):
+    """A file or folder that this user may not read or write."""
+
+
+class RunLockedError(PathError, BlockingIOError):
+    """The folder of a run that another process or simulation writes to."""

@@ -11,7 +11,7 @@ from warpriver.engine.state import StepLimits
 from warpriver.errors import InputError
 from warpriver.meander.collisions import Collide
 from warpriver.meander.cutoffs import CutOff
-from warpriver.meander.junctions import DriftJunctions
+from warpriver.meander.junctions import MoveJunctions
 from warpriver.meander.migration import Migrate, rate_of, step_limits
 from warpriver.meander.resampling import Resample
 from warpriver.meander.smoothing import Smooth
@@ -41,7 +41,7 @@ class Model:
 
 
 def _migration(params: MeanderParams) -> Model:
-    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of)]
+    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of, params.upstream_memory == "stem")]
     if params.cutoff_distance > 0.0:
         phases.append(CutOff())
     return Model((*phases, Resample(), *_joining(params)), step_limits)
@@ -49,13 +49,14 @@ def _migration(params: MeanderParams) -> Model:
 
 def _shortest_paths(params: PathMeander) -> Model:
     resample = Resample()
-    phases = [Push(), *_shaping(params, push_rate), TakeShortcuts(params, resample.arcs)]
+    phases = [Push(), *_shaping(params, push_rate, False), TakeShortcuts(params, resample.arcs)]
     return Model((*phases, resample, *_joining(params)), push_limits)
 
 
-def _shaping(params: Any, rate: Callable[..., Any]) -> list[Phase]:
-    smooth: list[Phase] = [Smooth()] if params.taubin_passes > 0 else []
-    return [*smooth, *([DriftJunctions(rate)] if params.junction_drift > 0.0 else [])]
+def _shaping(params: Any, rate: Callable[..., Any], stems: bool) -> list[Phase]:
+    drifts = params.junction_drift > 0.0
+    junctions: list[Phase] = [MoveJunctions(rate, follows_stems=stems, drifts=drifts)] if stems or drifts else []
+    return [*junctions, *([Smooth()] if params.taubin_passes > 0 else [])]
 
 
 def _joining(params: Any) -> list[Phase]:

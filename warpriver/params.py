@@ -180,6 +180,14 @@ class MeanderParams(Params):
         source="Howard1984",
         doc="gamma: weight of the upstream curvature",
     )
+    upstream_memory: str = parameter(
+        "stem",
+        "-",
+        choices=("stem", "channel"),
+        source="warpriver",
+        doc="what a channel feels of the curvature upstream of its head: that of the larger tributary, with which it "
+        "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
+    )
     sinuosity_scaling: str = parameter(
         "upstream",
         "-",
@@ -209,6 +217,14 @@ class MeanderParams(Params):
         source="warpriver",
         doc="which part of a ring goes on where a neck splits it: the longer one, the one with the ring's first point, "
         "or both, the other as a new channel; what does not go on becomes an oxbow lake",
+    )
+    max_rings: int = parameter(
+        1000,
+        "-",
+        low=1,
+        high=1_000_000,
+        source="warpriver",
+        doc="number of rings up to which ring_policy both makes new ones; from there on it does as marked",
     )
     end_damping: float = parameter(
         5.0,
@@ -269,9 +285,12 @@ class MeanderParams(Params):
     def paper(cls) -> MeanderParams:
         """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5.
 
-        As there, the spacing and the rate are the same for all channels, however wide they are.
+        As there, channels are held at their nodes, and the spacing and the rate are the same for all of them, however
+        wide they are.
         """
-        return cls(migration_rate=0.164 * DAYS_PER_YEAR, spacing_in_widths=0.0, reference_width=0.0)
+        return cls(
+            migration_rate=0.164 * DAYS_PER_YEAR, spacing_in_widths=0.0, reference_width=0.0, upstream_memory="channel"
+        )
 
     def for_widths(self, channel_width: np.ndarray) -> MeanderParams:
         """Return the constants with the reference width of a network, where its channels differ in width."""
@@ -408,6 +427,7 @@ class PathMeander(Params):
         "cutoff_min_arc", doc="points closer than this along the channel are neighbours, never joined"
     )
     ring_policy: str = shared("ring_policy")
+    max_rings: int = shared("max_rings")
     end_damping: float = shared(
         "end_damping",
         source="PathStudy2026",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ import numpy as np
 from warpriver import progress as progress_bar
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
-from warpriver.engine.stepper import Stepper, check_ground, check_saved
-from warpriver.errors import InputError
+from warpriver.engine.saved import check_saved
+from warpriver.engine.stepper import Stepper, check_ground
+from warpriver.errors import InputError, InputTypeError
 from warpriver.history import Ground, History, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
@@ -29,6 +31,9 @@ from warpriver.terrain import Terrain
 from warpriver.validate import not_negative, whole
 
 __all__ = ["Simulation"]
+
+# Steps of a run, all its continuations together; the fastest take 20 us each.
+MAX_STEPS = 2**31 - 1
 
 
 class Simulation:
@@ -145,8 +150,6 @@ class Simulation:
         """
         if not isinstance(history, History):
             history = History.load(history)
-        if len(history) == 0:
-            raise InputError("the history holds no record to go on from")
         record = history.record(-1)
         before = history.events[: record.events_before]
         old_params, old_ground = params_after(history.params, before), ground_after(history.ground, before)
@@ -177,8 +180,12 @@ class Simulation:
     ) -> None:
         """Go on from a record, and with the history that it belongs to."""
         self._added = tuple(phases)
-        check_saved(record.resume, len(record.channels), record.step)
-        network = history.network_of(record).to(device)
+        network = history.network_of(record)
+        # The record is on the scale of the constants that it was made with.
+        check_saved(
+            network, params_after(history.params, history.events[: record.events_before]), record.resume, record.step
+        )
+        network = network.to(device)
         check_ground(network, terrain)
         model = model_of(params).with_phases(self._added)
         options |= {"seed": history.seed, "saved": dict(record.resume)}
@@ -240,6 +247,7 @@ class Simulation:
     @property
     def network(self) -> RiverNetwork:
         """The network as it is now."""
+        self.stepper.state.place_nodes()
         return self.stepper.state.network
 
     @property
@@ -327,36 +335,45 @@ class Simulation:
             years: How long, in years; done in whole steps, so that the end may lie up to one step later.
             steps: How long, in steps, instead of years.
             record_every: Record every so many steps, or on a schedule; the state at the end is recorded always.
-            store: Folder to stream the history into; without it the history stays in memory.
+            store: Folder to stream the history into; without it the history stays in memory. No other process can
+                write there while this runs.
             callbacks: Functions of the simulation called after every step, or (schedule, function) pairs; one that
                 returns True ends the run.
             progress: Show a bar with rate and remaining time on standard error.
 
         Returns:
-            The history; its ``stop_reason`` says why the run ended. Ctrl-C ends it at the next step boundary.
+            The history; its ``stop_reason`` says why the run ended. Ctrl-C and SIGTERM end it at the next step
+            boundary, with that state recorded and stored.
 
         Raises:
-            ValueError: The arguments do not fit.
-            OSError: ``store`` cannot be made.
+            ValueError: The arguments do not fit, or the run has been continued elsewhere since it was opened.
+            OSError: ``store`` cannot be made, or another process writes there.
         """
         count = self._count_steps(years, steps)
         schedule = record_every if isinstance(record_every, Every) else Every(steps=record_every)
-        hooks = [c if isinstance(c, tuple) else (Every(steps=1), c) for c in callbacks]
+        hooks = [_hook(callback) for callback in callbacks]
         if store is not None:
             self.history.store_in(store)
-        self.history.stop_reason = None
-        self._note_ground()
-        with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
-            try:
-                reason = self._run_steps(count, schedule, hooks, interrupted, advance)
-                self._record_end()
-                with _storing():
-                    self.history.close(reason)
-            except PhaseError:
-                self.history.close(StopReason.CHECK_FAILED)
-                raise
-            except _StoreError:
-                self.history.stop_reason = StopReason.STORE_FAILED
+        with self.history.writing():
+            self.history.stop_reason = None
+            self._note_ground()
+            with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
+                try:
+                    reason = self._run_steps(count, schedule, hooks, interrupted, advance)
+                    self._record_end()
+                    with _storing():
+                        self.history.close(reason)
+                except PhaseError:
+                    self.history.close(StopReason.CHECK_FAILED)
+                    raise
+                except _StoreError as error:
+                    self.history.stop_reason = StopReason.STORE_FAILED
+                    warnings.warn(f"{error.__cause__}", UserWarning, stacklevel=2)
+                except BaseException:
+                    # Of a callback, or a second Ctrl-C: what was recorded before is not lost with it.
+                    with contextlib.suppress(OSError):
+                        self.history.flush()
+                    raise
         return self.history
 
     # ---- inside
@@ -443,8 +460,18 @@ class Simulation:
         if (years is None) == (steps is None):
             raise InputError("give run either years or steps")
         if steps is not None:
-            return whole(steps, "steps")
-        return math.ceil(not_negative(years, "years") / self.params.time_step * (1.0 - 1e-12))
+            count = whole(steps, "steps")
+        else:
+            # Of a time step of 1e-300 yr there are too many even for a float.
+            needed = min(not_negative(years, "years") / self.params.time_step * (1.0 - 1e-12), 2.0 * MAX_STEPS)
+            count = math.ceil(needed)
+        if self.step_count + count > MAX_STEPS:
+            given = f"steps is {steps}" if steps is not None else f"years is {years}"
+            raise InputError(
+                f"{given}; a run has at most {MAX_STEPS:,} steps, here of {self.params.time_step:g} yr, and "
+                f"{self.step_count:,} are done"
+            )
+        return count
 
 
 def _sum_of(terrain: Terrain | None) -> int | None:
@@ -474,11 +501,21 @@ def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, m
         )
 
 
+def _hook(callback: Any) -> tuple[Every, Callable[[Simulation], Any]]:
+    """Return a callback with its schedule."""
+    every, call = callback if isinstance(callback, tuple) and len(callback) == 2 else (Every(steps=1), callback)
+    if not isinstance(every, Every) or not callable(call):
+        raise InputTypeError(
+            f"a callback is {callback!r}; give a function of the simulation, or a pair (Every(...), function)"
+        )
+    return every, call
+
+
 class _StoreError(Exception):
     """The history could not be stored."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def _storing() -> Iterator[None]:
     """Tell the failure to store a history from that of a callback, which is its caller's affair."""
     try:
@@ -487,21 +524,27 @@ def _storing() -> Iterator[None]:
         raise _StoreError from error
 
 
-@contextmanager
+@contextlib.contextmanager
 def _interruption() -> Iterator[threading.Event]:
-    """Catch the first Ctrl-C as an event, so that a run stops between steps; a second one interrupts at once."""
+    """Catch the first Ctrl-C or SIGTERM as an event, so that a run stops between steps; the second acts at once."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    previous = signal.getsignal(signal.SIGINT)
+    # None: a handler that was not set from Python, which cannot be set again from there.
+    previous = {kind: signal.getsignal(kind) or signal.SIG_DFL for kind in (signal.SIGINT, signal.SIGTERM)}
+
+    def give_back() -> None:
+        for kind, handler in previous.items():
+            signal.signal(kind, handler)
 
     def note(signum: int, frame: Any) -> None:
         event.set()
-        signal.signal(signal.SIGINT, previous)
+        give_back()
 
-    signal.signal(signal.SIGINT, note)
+    for kind in previous:
+        signal.signal(kind, note)
     try:
         yield event
     finally:
-        signal.signal(signal.SIGINT, previous)
+        give_back()

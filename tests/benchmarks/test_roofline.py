@@ -84,7 +84,7 @@ def test_the_table_has_each_array_of_a_kernel_once_and_as_it_is_used(launch):
         if m.per != "event":
             assert m.read + m.written > 0.0, m
         if m.argument.startswith(("channel_", "channels.")):
-            assert m.per in ("channel", "ring", "event"), m
+            assert m.per in ("channel", "ring", "link", "event"), m
         if m.argument.startswith(("point_", "points.", "moved_")):
             assert m.per != "channel" or m.argument in ("point_arc", "point_moved"), m
 

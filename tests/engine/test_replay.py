@@ -1,10 +1,14 @@
 """Stages that are noted and replayed."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import warp as wp
 from devices import need_cpu
 
+import warpriver
 from warpriver.engine import replay
 from warpriver.engine.replay import NATIVE_VERSIONS, LaunchList
 from warpriver.engine.stages import Share, Stage, clear, launch, noted_launches, run_stages
@@ -65,6 +69,15 @@ def test_a_stage_that_cannot_be_recorded_is_refused(wrong, device):
     with pytest.raises(InternalError, match="stage of 'drift' cannot be recorded") as told, noted_launches():
         run_stages([stage], SHARE, [SHARE])
     assert isinstance(told.value, WarpriverError)
+
+
+def test_steps_clear_and_launch_by_what_can_be_recorded():
+    """In a stage that launches as well, what Warp does by itself could not be told from what is done once."""
+    root = Path(warpriver.__file__).parent
+    for room in ("engine", "meander", "shortest_path"):
+        for path in sorted((root / room).glob("*.py")):
+            loose = re.findall(r"\.(?:zero_|fill_)\(|wp\.launch\(|wp\.utils\.", path.read_text())
+            assert not loose or path.name in ("stages.py", "replay.py"), f"{path}: {loose}; use clear and launch"
 
 
 def test_an_empty_list_of_launches_does_nothing():

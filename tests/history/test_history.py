@@ -346,7 +346,7 @@ def test_a_record_needs_nothing_to_go_on_with(history, tmp_path):
     bare.save(tmp_path / "run.npz")
     again = History.load(tmp_path / "run.npz")
     assert [again.record(k).resume for k in range(3)] == [{}] * 3
-    with pytest.raises(ValueError, match="channel_spacing is missing or damaged; resume from a copy"):
+    with pytest.raises(ValueError, match="channel_fixed is missing or damaged; resume from a copy"):
         Simulation.resume(again)
 
 

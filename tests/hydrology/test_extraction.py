@@ -6,7 +6,7 @@ from trees import assert_forest
 
 from warpriver import RiverNetwork, Terrain, generate
 from warpriver.hydraulic_geometry import bankfull_depth
-from warpriver.hydrology import carve_depressions, drainage_area, fill_depressions, route
+from warpriver.hydrology import carve_depressions, drainage_area, route
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.orders import shreve_magnitude, strahler_order
 
@@ -27,7 +27,7 @@ def outlets(network):
 
 def river_cells(terrain, threshold):
     """Centres of the cells above the threshold, m; their drainage area at outlets, m2."""
-    flow = route(carve_depressions(terrain))
+    flow = route(terrain, depressions="carve")
     area = drainage_area(flow).numpy()
     row, column = np.nonzero(area >= threshold)
     west, north = terrain.origin
@@ -71,7 +71,7 @@ def test_slopes_are_those_of_the_surface_that_water_was_routed_on(carve):
     assert network.channel_count > 10
     slope, length = network.channel_slope, network.channel_lengths()
     assert np.isfinite(slope).all() and (slope >= 0.0).all()
-    surface = (carve_depressions if carve else fill_depressions)(terrain).to_numpy()
+    surface = route(terrain, depressions="carve" if carve else "fill").terrain.to_numpy()
 
     def height(node):
         x, y = network.node_xy[node].T
@@ -158,14 +158,15 @@ def test_no_water_is_lost(seed):
         assert_forest(network)
         _, area, xy = river_cells(terrain, threshold)
         last = outlets(network)
-        # Every outlet has the area of its cell, but for what joins just there: added up by place.
+        # Every outlet has the area of its cell, or more, where another stream ran alongside: added up by place.
         at = np.round(network.node_xy[network.channel_to[last]], 3)
         found = dict(zip(map(tuple, at), network.channel_drainage_area[last], strict=True))
         wanted = dict(zip(map(tuple, np.round(xy, 3)), area, strict=True))
         assert len(found) == last.sum() and set(found) <= set(wanted)
-        assert all(found[place] == wanted[place] for place in found)
+        assert all(found[place] >= wanted[place] for place in found)
+        assert np.mean([found[place] == wanted[place] for place in found]) > 0.8
         missing = sum(wanted.values()) - sum(found.values())
-        assert missing < 0.15 * sum(wanted.values()), "only the shortest courses are left out"
+        assert 0.0 <= missing < 0.15 * sum(wanted.values()), "only the shortest courses are left out"
 
 
 def test_every_threshold_gives_a_forest():
@@ -303,26 +304,26 @@ def test_a_river_crosses_a_lake_as_one_smooth_line(kind, carve):
 
 def drains(terrain, carve):
     """Largest drainage area on a terrain."""
-    return np.nanmax(drainage_area(route((carve_depressions if carve else fill_depressions)(terrain))))
+    return np.nanmax(drainage_area(route(terrain, depressions="carve" if carve else "fill")))
 
 
 def test_rivers_end_at_a_lake_without_data_or_run_round_it():
     terrain, lake = lake_valley("gap")
     x, y = (np.argwhere(lake)[:, ::-1] + 0.5).T * 30.0
     lake_xy = np.column_stack([x, 80 * 30.0 - y])
-    into = extract_network(terrain, min_drainage_area=250 * 900.0)
+    into = extract_network(terrain, min_drainage_area=100 * 900.0)
     assert_forest(into)
     ends = into.node_xy[into.channel_to[outlets(into)]]
     off = np.array([np.hypot(*(lake_xy - end).T).min() for end in ends]) / 30.0
     assert (off < 1.5).sum() >= 1, "one ends on the shore"
     assert (ends[:, 1] == 15.0).sum() == 1, "below the lake one begins anew"
     below = into.channel_drainage_area[outlets(into)][ends[:, 1] == 15.0][0]
-    around = extract_network(terrain, min_drainage_area=250 * 900.0, nodata="wall")
+    around = extract_network(terrain, min_drainage_area=100 * 900.0, nodata="wall")
     assert_forest(around)
     last = outlets(around)
     assert last.sum() == 1 and around.node_xy[around.channel_to[last]][0, 1] == 15.0
     assert around.channel_drainage_area[last][0] > 1.5 * below, "it brings the water from above the lake"
-    # Smoothing may cut corners of the shore by a cell's part.
+    # Smoothing may cut corners of the shore by a fraction of a cell.
     gone = np.isnan(terrain.sample(around.points()))
     assert gone.mean() < 0.1
 
@@ -342,7 +343,7 @@ def test_a_river_along_the_edge_leaves_there_unless_the_side_is_closed():
 def test_flow_and_area_are_used_again():
     terrain = generate.fractal_terrain((80, 80), 30.0, 300.0, 5)
     whole = extract_network(terrain, min_drainage_area=1e5)
-    flow = route(carve_depressions(terrain))
+    flow = route(terrain, depressions="carve")
     again = extract_network(terrain, min_drainage_area=1e5, flow=flow, area=drainage_area(flow))
     assert (whole.points() == again.points()).all() and (whole.channel_to == again.channel_to).all()
     filled = extract_network(terrain, min_drainage_area=1e5, carve=False)

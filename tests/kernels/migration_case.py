@@ -23,7 +23,8 @@ from kernel_arrays import (
     unwritten,
 )
 
-from warpriver.kernels import migration, schedule
+from warpriver.kernels import memory, migration, schedule
+from warpriver.kernels.channels import Stems
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -74,6 +75,28 @@ def device_constants(kernel, law):
     return struct_of(kernel.MigrationConstants, **members)
 
 
+def stems_of(stems, channels, device):
+    """The stems that the kernels read, from the links of each as a list of channels; None where there are none."""
+    if not stems:
+        return None
+    upper, lower = np.full(channels, -1), np.full(channels, -1)
+    top, bottom = np.arange(channels), np.arange(channels)
+    for links in stems:
+        upper[links[1:]], lower[links[:-1]] = links[:-1], links[1:]
+        top[links], bottom[links] = links[0], links[-1]
+    arrays = {"upper": upper, "lower": lower, "top": top, "bottom": bottom}
+    arrays = {name: to_device(values.astype(np.int32), wp.int32, device) for name, values in arrays.items()}
+    return struct_of(Stems, **arrays, length=wp.zeros(channels, dtype=wp.int64, device=device))
+
+
+def memory_of(scalar, channels, device):
+    """What links hand on, with room for so many channels."""
+    kernel = memory.build(scalar)
+    kinds = {"end": kernel.vec2, "fade": kernel.vec3, "start": kernel.vec2, "tail": scalar}
+    arrays = {name: unwritten(channels, kind, device) for name, kind in kinds.items()}
+    return struct_of(kernel.Memory, **arrays, ends=wp.zeros(channels, dtype=kernel.Ends, device=device))
+
+
 def channel_means(sections):
     """Mean width, mean depth and greatest width of each channel, (C,) each."""
     return (
@@ -96,6 +119,7 @@ class Case:
         spacing=50.0,
         resting=(),
         rings=(),
+        stems=(),
         dtype="float64",
         device="cpu",
         spare=5,
@@ -121,6 +145,8 @@ class Case:
         self.form = forms(self.width, self.depth, self.widest, self.spacing, scalar, device)
         self.channel_spacing = to_device(self.spacing, scalar, device)
         self.points = points_of(scalar, self.point_xy, self.section)
+        self.stems = stems_of(stems, channels, device)
+        self.memory = memory_of(scalar, channels, device) if stems else self.kernel.Memory()
 
     def launch(self, kernel, deal, inputs, outputs):
         """Launch a kernel over the points; the inputs after the work, if any, follow a ``...``."""
@@ -139,15 +165,35 @@ class Case:
         if self.closed is not None:
             channels.area = wp.zeros(len(self.lines), dtype=wp.int64, device=self.device)
             self.launch(self.kernel.measure_rings, deal, [channels, self.point_xy, ...], [channels.area])
+        if self.stems is not None:
+            channels.stems = self.stems
+            self.stems.length.zero_()
+            self.launch_once("measure_stems", [channels], [self.stems.length])
         return channels
 
-    def rates(self, law, deal=64):
-        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel rests."""
+    def launch_once(self, name, inputs, outputs):
+        """Launch a kernel of the memory over the channels, once and not dealt out."""
+        work = share_out("one slab", len(self.lines), self.capacity, self.device)[0].work
+        given = [work if value is ... else value for value in inputs]
+        kernel = getattr(memory.build(self.scalar), name)
+        wp.launch(kernel, dim=len(self.lines), inputs=given, outputs=outputs, device=self.device)
+
+    def rates(self, law, deal=64, felt=()):
+        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel is inactive.
+
+        Those of the inactive channels that are ``felt`` by an active one downstream are computed all the same.
+        """
         out = unwritten(self.capacity, self.scalar, self.device)
-        inputs = [self.channels(law, deal), self.points, device_constants(self.kernel, law), ...]
-        self.launch(self.kernel.compute_rate, deal, inputs, [out])
+        channels, constants = self.channels(law, deal), device_constants(self.kernel, law)
+        self.launch(self.kernel.compute_rate, deal, [channels, self.points, constants, ...], [out, self.memory])
+        if self.stems is not None:
+            self.launch_once("chain_links", [channels, constants, ...], [self.memory])
+            for part in share_out(deal, len(self.lines), self.capacity, self.device):
+                inputs = [channels, self.points, constants, part.work, self.memory]
+                add_upstream = memory.build(self.scalar).add_upstream
+                wp.launch(add_upstream, dim=part.channel_threads, inputs=inputs, outputs=[out], device=self.device)
         packed = out.numpy().astype(np.float64)
-        for c in self.resting:
+        for c in set(self.resting) - set(felt):
             first, stop = self.start[c : c + 2]
             assert np.isnan(packed[first:stop]).all(), "a rate of an inactive channel was written"
             packed[first:stop] = 0.0
@@ -163,7 +209,10 @@ class Case:
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         section = None if self.section is None else unwritten(self.capacity, self.kernel.vec2, self.device)
         constants, ground = device_constants(self.kernel, law), ground_of(self.scalar, height, GRID, self.device)
-        inputs = [self.channels(law, deal), self.points, ground, constants, ..., rate]
+        channels = self.channels(law, deal)
+        if self.stems is not None:
+            self.launch_once("find_tails", [channels, self.points, constants, ..., rate], [self.memory.tail])
+        inputs = [channels, self.points, ground, constants, ..., rate, self.memory]
         pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(pace)])
         if section is not None:

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import REALS, SCALARS, channels_of, forms, starts_of, struct_of, to_device, unwritten
+from kernel_arrays import REALS, SCALARS, channels_of, forms, share_out, starts_of, struct_of, to_device, unwritten
 
 from warpriver.kernels import junctions
+from warpriver.kernels.channels import Stems
 
 SPACING, WIDTH, STEP, REACH = 20.0, 8.0, 0.4, 12.0
 # Sums of coordinates of some hundred metres.
@@ -68,6 +69,9 @@ def test_drift_matches_the_twin(device, dtype, number):
         active, substep = wp.zeros(count, dtype=int, device=device), to_device([number, 3], wp.int32, device)
         wp.launch(kernel.count_active, count, [channels, meet], [active], device=device)
         shift = unwritten(count, kernel.vec2, device)
+        inputs = [channels, points, share_out(1, count, 1, device)[0].work]
+        wp.launch(kernel.settle_heads, count, inputs, [shift, points], device=device)
+        assert not shift.numpy().any(), "no channel goes on in another one"
         inputs = [channels, meet, scalar(STEP), substep, active]
         wp.launch(kernel.shift_heads, count, inputs, [shift, points], device=device)
         wp.launch(kernel.follow_heads, count, [channels, meet, scalar(REACH), shift], [points], device=device)
@@ -80,3 +84,39 @@ def test_drift_matches_the_twin(device, dtype, number):
             if moves[below[c]]:
                 np.testing.assert_array_equal(points.numpy()[heads[c + 1] - 1], points.numpy()[heads[below[c]]])
     assert shifted > 10 or number > 0
+
+
+def test_heads_of_links_settle_where_the_link_upstream_ends(device, dtype):
+    """And tributaries follow, as if it had drifted there; of the link upstream only the last point does."""
+    rng, scalar = np.random.default_rng(7), SCALARS[dtype]
+    kernel = junctions.build(scalar)
+    node = np.array([100.0, 50.0])
+    stem = node + np.arange(-20, 1)[:, None] * [SPACING, 3.0]
+    lower = node + np.arange(21)[:, None] * [SPACING, -2.0]
+    brook = node + np.arange(-20, 1)[:, None] * [3.0, SPACING]
+    lines = [lower, stem, brook]
+    start = to_device(starts_of(lines), wp.int32, device)
+    before = to_device(np.concatenate(lines).astype(REALS[dtype]), kernel.vec2, device)
+    moved = [line + rng.normal(0.0, 1.0, line.shape) for line in lines]
+    moved[0][0], moved[2][-1] = lower[0], brook[-1]
+    after = to_device(np.concatenate(moved).astype(REALS[dtype]), kernel.vec2, device)
+    upper, down = (to_device(np.array(v, np.int32), wp.int32, device) for v in ([1, -1, -1], [-1, 0, -1]))
+    channels = channels_of(
+        scalar, start=start, form=forms(WIDTH, 1.0, np.full(3, WIDTH), SPACING, scalar, device),
+        spacing=to_device(np.full(3, SPACING), scalar, device), stems=struct_of(Stems, upper=upper, lower=down),
+    )  # fmt: skip
+    meet = struct_of(kernel.Junctions, downstream=to_device(np.array([-1, 0, 0], np.int32), wp.int32, device))
+    shift = unwritten(3, kernel.vec2, device)
+    work = share_out(1, 3, 1, device)[0].work
+    wp.launch(kernel.settle_heads, 3, [channels, before, work], [shift, after], device=device)
+    wp.launch(kernel.follow_heads, 3, [channels, meet, scalar(REACH), shift], [after], device=device)
+    found = np.split(after.numpy().astype(np.float64), starts_of(lines)[1:-1])
+    by = moved[1][-1] - node
+    t = np.clip(1.0 - np.arange(21)[::-1] / min(int(REACH * WIDTH / SPACING), 10), 0.0, 1.0)
+    expected = [moved[0].copy(), moved[1], moved[2] + by * (t * t * (3.0 - 2.0 * t))[:, None]]
+    expected[0][0] = moved[1][-1]
+    expected[2][-1] = moved[1][-1]
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, atol=TOLERANCE[dtype], rtol=0.0)
+    np.testing.assert_array_equal(found[0][0], found[1][-1])
+    np.testing.assert_array_equal(found[0][0], found[2][-1])

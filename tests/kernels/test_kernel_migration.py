@@ -9,7 +9,7 @@ import reference
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import DEALS, SCALARS, SLABS, nested, to_device, unwritten
+from kernel_arrays import DEALS, SCALARS, SLABS, to_device, unwritten
 from migration_case import (
     MOVE_TOLERANCE,
     MOVE_TOLERANCE_32,
@@ -29,7 +29,7 @@ from reference import Law
 from scipy.integrate import quad
 
 from warpriver.engine.state import State
-from warpriver.kernels import migration, polyline
+from warpriver.kernels import memory, migration, polyline
 from warpriver.meander import migration as launcher
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
@@ -60,7 +60,7 @@ DEPTHS = [
 
 def device_weights(depths, dtype, device):
     scalar = SCALARS[dtype]
-    decay_weights = nested(migration.build(scalar).compute_rate, "sweep_rate", "decay_weights")
+    decay_weights = memory.build(scalar).decay_weights
     vec3 = wp.types.vector(3, scalar)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -324,7 +324,7 @@ def test_single_precision_rates_and_moves(device):
 
 def device_roots(time_steps, width, spacing, law, factor, device="cpu"):
     kernel = migration.build(wp.float64)
-    smoothing_root = nested(kernel.compute_rate, "terms_of", "smoothing_root")
+    smoothing_root = memory.build(wp.float64).smoothing_root
     Constants, Run = kernel.MigrationConstants, polyline.build(wp.float64).Run
 
     @wp.kernel(module="unique", enable_backward=False)

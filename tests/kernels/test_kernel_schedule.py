@@ -6,9 +6,21 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from kernel_arrays import REALS, SCALARS, UNWRITTEN, going_on, status_of, structs, to_device, unwritten
+from kernel_arrays import (
+    REALS,
+    SCALARS,
+    UNWRITTEN,
+    channels_of,
+    going_on,
+    status_of,
+    struct_of,
+    structs,
+    to_device,
+    unwritten,
+)
 
 from warpriver.kernels import schedule
+from warpriver.kernels.channels import Stems
 from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, STEPS, SUBSTEPS, TOUCH
 
 
@@ -138,3 +150,17 @@ def test_every_channel_takes_its_own_sub_steps(device, dtype, total):
             # The time step and its part are rounded once each.
             rounding = float(np.finfo(REALS[dtype]).eps)
             assert math.fsum(column[own].tolist()) == pytest.approx(time_step, rel=rounding)
+
+
+@pytest.mark.parametrize(("planned", "halt"), [(0, 0), (1, 0), (0, 1)])
+def test_links_of_a_stem_take_the_same_sub_steps(device, planned, halt):
+    """The maximum of those that move at all, and only where the step is being planned."""
+    kernel = schedule.build(wp.float64)
+    parts = [3, 1, 0, 7, 2, 5]
+    top = to_device(np.array([0, 1, 0, 1, 4, 0], np.int32), wp.int32, device)
+    channels = channels_of(wp.float64, stems=struct_of(Stems, top=top))
+    own, most = to_device(np.array(parts, np.int32), wp.int32, device), wp.zeros(6, dtype=int, device=device)
+    status, substep = status_of({HALT: halt}, device), to_device([0, 1, planned], wp.int32, device)
+    wp.launch(kernel.gather_stems, 6, [channels, substep, status, own], [most], device=device)
+    wp.launch(kernel.level_stems, 6, [channels, substep, status, most], [own], device=device)
+    assert own.numpy().tolist() == (parts if planned or halt else [5, 7, 0, 7, 2, 5])

@@ -193,6 +193,28 @@ def test_both_parts_go_on_and_split_again(device):
     assert sim.history.network(-1).channel_closed.all()
 
 
+@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+def test_rings_multiply_up_to_a_limit_with_a_word(kind, device, tmp_path):
+    params = kind(spacing=40.0, ring_policy="both", max_rings=4)
+    free, whole, half = (
+        Simulation(ring_network(noisy_ring()), params.replace(max_rings=limit), device=device) for limit in (1000, 4, 4)
+    )
+    free.run(steps=500)
+    assert free.network.channel_count > 6
+    with pytest.warns(UserWarning, match=r"there are 4 rings: no more are made \(max_rings=4\)") as told:
+        whole.run(steps=500)
+    assert len([w for w in told if "rings" in str(w.message)]) == 1, "once"
+    assert whole.network.channel_count == 4 and len(whole.history.splits) == 3 and len(whole.history.cutoffs) > 2
+    both = (*whole.history.splits, *whole.history.cutoffs)
+    assert sorted(both, key=lambda event: event.time)[:3] == list(whole.history.splits), "first splits, then lakes"
+    assert list(whole.history.splits) == list(free.history.splits[:3])
+    with pytest.warns(UserWarning, match="max_rings=4"):
+        half.run(steps=300, store=tmp_path / "run")
+        rest = Simulation.resume(tmp_path / "run", device=device)
+        rest.run(steps=200)
+    np.testing.assert_array_equal(rest.network.points(), whole.network.points())
+
+
 # ---- with lines
 
 

@@ -56,6 +56,7 @@ def _bench(options: argparse.Namespace) -> int:
 
     quiet_warp()
     from warpriver import bench
+    from warpriver.files import beside
 
     target = None if options.json is None else check_out(options.json, "--json", (".json",))
     found = bench.measure(
@@ -84,6 +85,7 @@ def _bench(options: argparse.Namespace) -> int:
         f"a step takes as long as {found['copies_of_points']:.3g} copies of its points"
     )
     if target is not None:
-        target.write_text(json.dumps({"benchmark": "bench", "warpriver": __version__, **found}, indent=2) + "\n")
+        with beside(target) as temporary:
+            temporary.write_text(json.dumps({"benchmark": "bench", "warpriver": __version__, **found}, indent=2) + "\n")
         say(f"  figures  {target}")
     return OK

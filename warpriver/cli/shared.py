@@ -14,6 +14,7 @@ from warpriver.cli.words import naming
 from warpriver.errors import InputError, MissingExtraError, MissingFileError, OutputExistsError, WrongPathError
 
 if TYPE_CHECKING:
+    from warpriver.history import History
     from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
 
@@ -40,6 +41,7 @@ __all__ = [
     "quiet_warp",
     "read_ground",
     "read_lines",
+    "read_run",
     "stored_run",
 ]
 
@@ -317,7 +319,17 @@ def stored_run(source: Path) -> Path | None:
     """The stored run at a path: the file or folder itself, or the one in a folder of results; None without one."""
     if source.suffix.lower() == ".npz" and source.is_file():
         return source if _is_run(source) else None
-    return next((p for p in (source, source / "run") if (p / "run.json").is_file()), None)
+    marks = ("run.json", "segments.jsonl")
+    return next((p for p in (source, source / "run") for mark in marks if (p / mark).is_file()), None)
+
+
+def read_run(path: Path) -> History:
+    """Open a stored run that holds a record or more."""
+    from warpriver.history import History
+
+    history = History.load(path)
+    history.record(-1)
+    return history
 
 
 def _is_run(path: Path) -> bool:

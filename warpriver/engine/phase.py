@@ -55,10 +55,13 @@ class Phase(Member, Protocol):
     Attributes:
         name: Name of the verb of the step, as in ``Stage.phase``.
         moves_nodes: Whether the ends of channels, and the nodes with them, may move.
+        follows_stems: Whether channels that go on from each other at a junction move as one river; they then take the
+            same sub-steps.
     """
 
     name: str
     moves_nodes: bool = False
+    follows_stems: bool = False
 
     def check_network(self, network: RiverNetwork) -> None:
         """Raise ``ValueError`` for a network that the process cannot deal with."""

@@ -93,6 +93,10 @@ class Share:
     point_threads: int
     channel_threads: int
 
+    def of_channels(self, count: int) -> Share:
+        """Return the same share for launches over so many channels."""
+        return dataclasses.replace(self, channel_threads=count)
+
     def slab(self, k: int) -> Share:
         """Return the k-th slab alone."""
         work = Work()

@@ -9,10 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from warpriver.device import PRECISIONS
+from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
-from warpriver.errors import InputError
+from warpriver.engine.stems import StemArrays
+from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, raster, runs, schedule
 from warpriver.kernels.channels import COARSEST_SPACING, Work
@@ -34,6 +35,8 @@ SLAB_POINTS = 16_384
 CPU_COPY_CHUNK = 4096
 # Room for points beyond those at the start: channels lengthen as they meander, and growing costs one step done twice.
 HEADROOM = 1.5
+# Points are numbered by 32 bits; and what each takes at least on the device, for a word before nothing fits.
+MAX_POINTS, BYTES_PER_POINT = 2**31 - 1, 64
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
 # Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, m.
@@ -102,6 +105,7 @@ class Member(Protocol):
 
     name: str
     moves_nodes: bool
+    follows_stems: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -153,6 +157,7 @@ class State:
         limits: (C,) ``Limits`` of ``kernels/schedule.py``: the two limits of a sub-step, yr, and the smallest width, m.
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
+        stems: Which channels go on from each other as one river; None where no phase follows stems.
         mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
@@ -160,6 +165,7 @@ class State:
         step: (C,) time step in this sub-step, yr; 0 where the channel rests.
         substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
             the channels ask for.
+        nodes_placed: Whether the nodes are where the ends of channels are; see ``place_nodes``.
         keep_plan: Whether the parts in which channels do a step hold for the next one, too.
     """
 
@@ -193,7 +199,7 @@ class State:
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
-        self.keep_plan = False
+        self.keep_plan, self.nodes_placed = False, True
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -241,12 +247,11 @@ class State:
             # Not the target that was saved: the constants may have changed.
             fixed[:, WANTED] = self._target_spacing(fixed[:, NARROWEST])
             respaced = not np.array_equal(fixed, saved["channel_fixed"])
-        needed = max(network.point_count, int((length / fixed[:, WANTED]).sum()))
+        needed = max(network.point_count, _checked_count(float((length / fixed[:, WANTED]).sum()), self.device))
         self.channel_length = length
         self.next_identity = int(network.channel_id.max()) + 1
         if saved is not None:
-            # Runs recorded before this was do not have it.
-            self.next_identity = max([self.next_identity, *saved.get("next_identity", np.zeros(0, int)).tolist()])
+            self.next_identity = int(saved["next_identity"][0])
             for phase in self.phases:
                 phase.restore(self, saved)
         self._allocate_channels()
@@ -301,6 +306,8 @@ class State:
         self.parts = zeros(count)
         self.mobility = None if self.terrain is None else zeros(count, scalar)
         ringed = network.channel_closed.any()
+        follows = any(phase.follows_stems for phase in self.phases)
+        self.stems = StemArrays(count, self.device) if follows else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
@@ -373,6 +380,11 @@ class State:
         start = network.starts()
         self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
+        if self.stems is not None:
+            if self.stems.take(network, self.terrain):
+                self.changed()
+            if "parts" in carried:
+                carried["parts"] = self.stems.level(carried["parts"])
         for array, values in (
             (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
@@ -416,6 +428,8 @@ class State:
         struct.start, struct.form, struct.spacing, struct.step = self.start, self.form, self.spacing, self.step
         if self.closed is not None:
             struct.closed, struct.area = self.closed, self.area
+        if self.stems is not None:
+            self.stems.give(struct)
         return struct
 
     def points(self) -> Any:
@@ -559,14 +573,17 @@ class State:
         return any(phase.moves_nodes for phase in self.phases)
 
     def place_nodes(self) -> None:
-        """Bring the nodes to where the ends of channels have wandered, if any phase moves them."""
-        if self.nodes_move:
-            network, start = self.network, self.network.starts()
-            xy = network.point_xy[: network.point_count].numpy()
-            node_xy = network.node_xy.copy()
-            for node, end in ((network.channel_from, start[:-1]), (network.channel_to, start[1:] - 1)):
-                node_xy[node] = xy[end].astype(np.float64) + network.origin
-            network.place_nodes(node_xy)
+        """Bring the nodes to where the ends of channels have moved, if any phase moves them and a sub-step was done."""
+        if self.nodes_placed or not self.nodes_move:
+            return
+        network, start = self.network, self.network.starts()
+        ends = np.concatenate([start[:-1], start[1:] - 1]).astype(np.int32)
+        xy = network.point_xy[wp.array(ends, dtype=wp.int32, device=self.device)].numpy()
+        nodes = np.concatenate([network.channel_from, network.channel_to])
+        node_xy = network.node_xy.copy()
+        node_xy[nodes] = xy.astype(np.float64) + network.origin
+        network.place_nodes(node_xy)
+        self.nodes_placed = True
 
     # ---- records and checks
 
@@ -583,13 +600,20 @@ class State:
             own |= phase.saved(self)
         return own
 
-    def check_moved(self, phase: str, anchored: bool) -> None:
-        """Raise ``PhaseError`` unless ``point_moved`` is finite and, where they are anchored, all ends are in place."""
+    def check_moved(self, phase: str, anchored: bool | np.ndarray) -> None:
+        """Raise ``PhaseError`` unless ``point_moved`` is finite and all ends that are anchored are in place.
+
+        Args:
+            phase: Name of the verb of the step.
+            anchored: Whether all ends are, or (C,) bool: all heads, and these feet.
+        """
         network, start = self.network, self.network.starts()
         moved, before = (a[: start[-1]].numpy() for a in (self.point_moved, network.point_xy))
         require(np.isfinite(moved).all(axis=1), phase, "is not finite", "point")
-        for ends in (start[:-1], start[1:] - 1) if anchored else ():
-            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed
+        if anchored is False:
+            return
+        for ends, held in ((start[:-1], True), (start[1:] - 1, anchored)):
+            kept = (moved[ends] == before[ends]).all(axis=1) | network.channel_closed | ~np.asarray(held)
             require(kept, phase, "lost its anchored end", "channel")
 
     @property
@@ -598,6 +622,18 @@ class State:
         # Two that begin at the same place are one.
         arrays = {a.ptr: a for a in arrays_of([vars(self), self.phases])}
         return sum(int(np.prod(a.shape)) * wp.types.type_size_in_bytes(a.dtype) for a in arrays.values())
+
+
+def _checked_count(points: float, device: Any) -> int:
+    """Return a number of points, or raise ``MemoryError`` if there is no room for them on a device."""
+    free = available_memory(device)
+    most = MAX_POINTS if free is None else min(MAX_POINTS, free // BYTES_PER_POINT)
+    if not HEADROOM * points + 64 <= most:
+        raise OutOfMemoryError(
+            f"the spacing makes about {points:.3g} points, and there is room for {int(most / HEADROOM):.3g} on "
+            f"{device.alias}; check the units of the lines and of the spacing, or use a larger spacing"
+        )
+    return int(points)
 
 
 def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:

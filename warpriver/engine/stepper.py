@@ -36,7 +36,7 @@ from warpriver.kernels.status import (
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["Stepper", "check_ground", "check_saved"]
+__all__ = ["Stepper", "check_ground"]
 
 # More points than this fraction off the terrain are told.
 OFF_GROUND = 0.01
@@ -158,6 +158,7 @@ class Stepper:
                 length = 1 << longest.bit_length() - 1
             status = self._launch(length, steps)
             if status[DONE] > 0:
+                state.nodes_placed = False
                 state.network.point_count = status[POINTS]
                 state.substeps = status[SUBSTEPS]
             self._calm += status[DONE]
@@ -257,30 +258,6 @@ def _thread_count(threads: int | None) -> int:
     if threads != int(threads) or threads < 1:
         raise InputError(f"threads is {threads!r}; give a whole number, 1 or more")
     return int(threads)
-
-
-def check_saved(saved: Any, count: int, step: int) -> None:
-    """Raise ``ValueError`` unless a record has what a run needs to go on from it.
-
-    Args:
-        saved: ``Record.resume``.
-        count: Number of channels.
-        step: Step of the record.
-    """
-    # Columns that are lengths; a pace may be 0, and the label of a node -1.
-    for name, shape, lengths in (
-        ("channel_spacing", (count,), 1), ("channel_fixed", (count, 4), 4), ("channel_pace", (count,), 0),
-        ("channel_nodes", (count, 2), 0),
-    ):  # fmt: skip
-        if name == "channel_nodes" and name not in saved:
-            continue  # channels never join
-        array = saved.get(name, np.empty(0))
-        fits = array.shape == shape and bool(np.isfinite(array).all())
-        if not fits or (array.reshape(count, -1)[:, :lengths] <= 0.0).any():
-            raise InputError(
-                f"the run cannot go on from its record of step {step}: {name} is missing or damaged; resume from a "
-                "copy of the run"
-            )
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import schedule as kernels
 
@@ -14,14 +14,15 @@ def begin_substep(state: State) -> list[Stage]:
 
     Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
     longer by 1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
-    go to ``state.most``. Nothing changes while ``state.substep`` says that the step is planned.
+    go to ``state.most``. The links of a stem take the same sub-steps. Nothing changes while ``state.substep`` says that
+    the step is planned.
     """
     kernel, device, params = kernels.build(state.scalar), state.device, state.params
     status, channels, ground = state.status.array, state.channels(), state.ground()
     constants = kernel.StepConstants()
     constants.time_step, constants.slope_threshold = params.time_step, params.slope_threshold
 
-    def clear(_: Share) -> None:
+    def begin(_: Share) -> None:
         launch(
             kernel.begin_substep,
             dim=state.channel_capacity,
@@ -48,13 +49,22 @@ def begin_substep(state: State) -> list[Stage]:
             device=device,
         )
 
+    def level(_: Share) -> None:
+        assert state.stems is not None
+        planned, parts = [channels, state.substep, status], state.stems.parts
+        clear(parts)
+        launch(kernel.gather_stems, state.channel_capacity, [*planned, state.parts], [parts], device)
+        launch(kernel.level_stems, state.channel_capacity, [*planned, parts], [state.parts], device)
+
     def deal_out(_: Share) -> None:
         state.schedule(state.substep, state.most, state.pace)
 
+    joined = state.stems is not None and state.stems.joined
     felt = [] if state.terrain is None else [Stage("migrate", measure)]
     return [
-        Stage("migrate", clear, shared=False),
+        Stage("migrate", begin, shared=False),
         *felt,
         Stage("migrate", choose, shared=False),
+        *([Stage("migrate", level, shared=False)] if joined else []),
         Stage("migrate", deal_out, shared=False),
     ]

@@ -1,53 +1,55 @@
 """History: what a run recorded, read while it goes on or after it was reopened.
 
-On disk a run is a folder: ``run.json`` with its constants, numbered segments of records and events, and their index
-with a checksum for each. Or it is one archive with all of that. A run that is interrupted, killed, or out of disk space
-leaves everything recorded before readable.
+On disk a run is a folder, see :mod:`warpriver.history.folder`, or one archive with all of that. A run that is
+interrupted, killed, or out of disk space leaves everything recorded before readable.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import enum
-import itertools
+import errno
 import json
 import os
-import shutil
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
-from warpriver.errors import InputError, InputTypeError, MissingFileError, OutputExistsError, PathError
+from warpriver.errors import (
+    InputError,
+    InputTypeError,
+    MissingFileError,
+    MissingRecordError,
+)
 from warpriver.history.changes import Ground, ground_after, params_after
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
 from warpriver.history.segments import (
-    INDEX,
     DamageError,
-    Segment,
-    SegmentIndex,
-    checked_segment,
     decode_events,
     decode_records,
     encode,
     opened,
     sealed,
-    segment_name,
     unsealed,
     write_archive,
 )
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.validate import whole
 
 __all__ = ["History", "StopReason", "read_history"]
 
 FORMAT = "warpriver-run-3"
-HEADER = "run.json"
+# What the system says where a file finds no room: then a shorter one may.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class StopReason(enum.Enum):
@@ -70,8 +72,8 @@ class StopReason(enum.Enum):
             StopReason.NOT_FINITE: "the state before the failing step is kept; look for extreme widths or rates there, "
             "and report it if there are none",
             StopReason.CHECK_FAILED: "the state after the failing phase is kept; report it with the input",
-            StopReason.STORE_FAILED: "make room or choose another folder, then save the history, of which the part "
-            "that was not stored yet is still in memory, and run again",
+            StopReason.STORE_FAILED: "the records that could not be stored are still in memory: make room and run "
+            "again, or save the history elsewhere",
         }[self]
 
 
@@ -102,6 +104,7 @@ class History:
         dtype: Precision of the run.
         stop_reason: Why the last run ended, or None while it has not.
         path: Folder that the run is streamed to, or None.
+        stored_count: Number of the records that are on disk there.
     """
 
     def __init__(
@@ -138,7 +141,6 @@ class History:
         self.dtype = dtype
         self.ground = ground
         self.stop_reason: StopReason | None = None
-        self.path: Path | None = None
         self._times: list[float] = []
         self._steps: list[int] = []
         # A record in memory, or where to find it: (number of its segment, index in it).
@@ -147,13 +149,22 @@ class History:
         # None: still in the segments.
         self._events: EventLog | None = EventLog()
         self._events_stored = 0
-        self._index: SegmentIndex | None = None
+        self._folder: RunFolder | None = None
         self._pending: list[int] = []
         self._pending_bytes = 0
         self._flushed = time.monotonic()
-        self._cache: tuple[int, list[Record]] | None = None
 
     # ---- reading
+
+    @property
+    def path(self) -> Path | None:
+        """Folder that the run is streamed to, or None."""
+        return None if self._folder is None else self._folder.path
+
+    @property
+    def stored_count(self) -> int:
+        """Number of the records that are on disk, the first ones."""
+        return len(self._records) - len(self._pending) if self._folder is not None else 0
 
     @property
     def times(self) -> np.ndarray:
@@ -174,7 +185,8 @@ class History:
     def events(self) -> EventLog:
         """Everything that happened, in order: :class:`Cutoff`, :class:`Collision`, :class:`Split` and further kinds."""
         if self._events is None:
-            self._events = EventLog(self._stored_events())
+            assert self._folder is not None
+            self._events = EventLog(self._folder.events())
         return self._events
 
     @property
@@ -206,20 +218,25 @@ class History:
         return len(self._records)
 
     def record(self, index: int) -> Record:
-        """Return one record, from memory or from disk.
+        """Return one record, from memory or from disk; a negative index counts from the end.
 
         Raises:
+            IndexError: There is no such record, also a ``ValueError``.
             ValueError: The segment that holds it is missing or damaged.
         """
+        if not self._records:
+            where = "" if self.path is None else f" in {self.path}"
+            raise MissingRecordError(
+                f"the history{where} holds no record: its run was stopped before the first one; run it again"
+            )
+        index, count = whole(index, "index of a record", least=-(2**63)), len(self._records)
+        if not -count <= index < count:
+            raise MissingRecordError(f"there is no record {index}; the history has {count}, from 0 to {count - 1}")
         held = self._records[index]
         if isinstance(held, Record):
             return held
-        number, row = held
-        if self._cache is None or self._cache[0] != number:
-            assert self.path is not None and self._index is not None
-            with opened(checked_segment(self.path, self._index.segments[number], bytes_too=True)) as archive:
-                self._cache = (number, decode_records(archive))
-        return self._cache[1][row]
+        assert self._folder is not None
+        return self._folder.record(*held)
 
     def network(self, index: int) -> RiverNetwork:
         """Return the network of one record, on the CPU device."""
@@ -227,6 +244,8 @@ class History:
 
     def network_of(self, record: Record) -> RiverNetwork:
         """Return the network of a record of this run, on the CPU device."""
+        if record.point_xy.dtype != self.dtype:
+            raise InputError(f"the record of step {record.step} is {record.point_xy.dtype}, its run {self.dtype}")
         return RiverNetwork(
             record.point_xy,
             record.channel_start,
@@ -263,7 +282,7 @@ class History:
             raise InputError(f"a record holds {form}, those before {self._form}; all records of a run have one form")
         self._form = form
         self._note(record, record.step, record.time)
-        if self.path is None:
+        if self._folder is None:
             return
         self._pending.append(len(self._records) - 1)
         self._pending_bytes += record.nbytes
@@ -290,53 +309,103 @@ class History:
 
         Raises:
             FileExistsError: The folder holds something else.
-            OSError: It cannot be written.
+            OSError: It cannot be written; the history stays stored where it was.
         """
-        folder = Path(path)
-        if self.path is not None and folder.resolve() == self.path.resolve():
+        path = Path(path)
+        if self.path is not None and path.resolve() == self.path.resolve():
             return
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise OutputExistsError(f"{folder} exists and is not empty; name another folder, or resume the run in it")
-        folder.mkdir(parents=True, exist_ok=True)
-        if self.path is not None:  # stored elsewhere so far: bring the records along
-            self._records, self._events = [self.record(k) for k in range(len(self._records))], self.events
-        self._pending = list(range(len(self._records)))
-        self._events_stored = 0
-        self.path = folder
-        self._index = SegmentIndex(folder / INDEX)
-        self._write_header()
-        self.flush()
+        before = self._folder, self._records, self._pending, self._events_stored
+        # Stored elsewhere so far: bring the records along.
+        records, self._events = [self.record(k) for k in range(len(self._records))], self.events
+        try:
+            with RunFolder.create(path, self._header()) as self._folder:
+                self._records, self._pending, self._events_stored = list(records), list(range(len(records))), 0
+                self.flush()
+        except BaseException:
+            if self._folder is None or not self._folder.segments:
+                self._folder, self._records, self._pending, self._events_stored = before
+            raise
 
-    def flush(self) -> None:
-        """Write the pending records and events as one segment; nothing to do for a history in memory.
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Keep other processes from writing to the folder of this history; nothing to do for one in memory.
 
         Raises:
-            OSError: They cannot be written; they stay in memory, and what was written before stays readable.
+            BlockingIOError: Another process or simulation writes there.
+            ValueError: The run has grown since it was opened here.
+            OSError: The folder cannot be written.
         """
-        if self.path is None or self._index is None:
+        with contextlib.nullcontext() if self._folder is None else self._folder.writing():
+            yield
+
+    def flush(self) -> None:
+        """Store the pending records and events; nothing to do for a history in memory.
+
+        On a disk without room for all of them the first ones are stored, as many as there is room for.
+
+        Raises:
+            OSError: Some cannot be stored; they stay in memory, and what was stored before stays readable. Where the
+                folder is gone, so are the records that were in it, and the history is one in memory from then on.
+            ValueError: The run has grown since it was opened here.
+        """
+        if self._folder is None:
             return
         self._flushed = time.monotonic()
-        first = self._events_stored
+        count = len(self._pending)
         # Without events in memory none has happened since they were stored.
-        events = [] if self._events is None else self._events[first:]
-        if not (self._pending or events):
-            return
-        number = len(self._index.segments)
-        records = [self.record(k) for k in self._pending]
-        size, crc32 = write_archive(self.path / segment_name(number), encode(records, events, first))
-        steps, times = [r.step for r in records], [r.time for r in records]
-        self._index.append(Segment(segment_name(number), size, crc32, steps, times, first, len(events)))
-        for row, k in enumerate(self._pending):
+        while self._pending or (self._events is not None and len(self._events) > self._events_stored):
+            try:
+                with self._folder.writing():
+                    self._store(count)
+                count = len(self._pending)
+            except OSError as error:
+                if not self._folder.path.is_dir():
+                    self._lose_folder()
+                    raise
+                if error.errno not in NO_ROOM or count <= 1:
+                    raise
+                count //= 2
+
+    def _store(self, count: int) -> None:
+        """Store the first of the pending records, and the events up to the last of them, or all with all of them."""
+        assert self._folder is not None
+        first, part = self._events_stored, self._pending[:count]
+        records = [self.record(k) for k in part]
+        end = records[-1].events_before if count < len(self._pending) else None
+        events = [] if self._events is None else self._events[first:end]
+        number = self._folder.append(records, events, first)
+        for row, k in enumerate(part):
             self._records[k] = (number, row)
-        self._pending, self._pending_bytes = [], 0
+        del self._pending[:count]
+        self._pending_bytes = 0 if not self._pending else self._pending_bytes - sum(r.nbytes for r in records)
         self._events_stored += len(events)
 
+    def _lose_folder(self) -> None:
+        """Go on in memory, with what was not in the folder alone."""
+        kept = [k for k, held in enumerate(self._records) if isinstance(held, Record)]
+        warnings.warn(
+            f"the folder {self.path} is gone, and with it {len(self._records) - len(kept)} of {len(self._records)} "
+            "records; the others are in memory",
+            UserWarning,
+            stacklevel=3,
+        )
+        for name in ("_records", "_steps", "_times"):
+            setattr(self, name, [getattr(self, name)[k] for k in kept])
+        self._folder, self._pending, self._pending_bytes, self._events_stored = None, [], 0, 0
+        if self._events is None:
+            self._events = EventLog()
+
     def close(self, reason: StopReason) -> None:
-        """Note why the run ended and write what is pending."""
+        """Note why the run ended and store what is pending.
+
+        Raises:
+            OSError: As :meth:`flush`.
+        """
         self.stop_reason = reason
         self.flush()
-        if self.path is not None:
-            self._write_header()
+        if self._folder is not None:
+            with self._folder.writing():
+                self._folder.write_header(self._header())
 
     def save(self, path: str | os.PathLike) -> None:
         """Write everything to one ``.npz`` file, or to a new folder for any other name.
@@ -354,16 +423,10 @@ class History:
         copy = History(self.params, **told)
         copy.events.extend(self.events)
         copy.stop_reason = self.stop_reason
-        made = not target.exists()
-        try:
-            copy.store_in(target)
+        with RunFolder.create(target, self._header(), keep=False) as copy._folder:
             for k in range(len(self)):
                 copy.append(self.record(k))
             copy.flush()
-        except OSError as error:
-            if made and not isinstance(error, FileExistsError):
-                shutil.rmtree(target, ignore_errors=True)
-            raise
 
     # ---- reopening
 
@@ -408,46 +471,23 @@ class History:
         for record in records:
             self.append(record)
 
-    def _salvage(self, folder: Path) -> None:
+    def _salvage(self, path: Path) -> None:
         """Take what can be read of a folder into memory."""
-        for number in itertools.count():
-            path = folder / segment_name(number)
-            try:
-                with opened(path) as archive:
-                    parts = decode_records(archive), *decode_events(archive)
-            except DamageError as error:
-                warnings.warn(f"{folder}: {number} segments were read; then: {error}", UserWarning, stacklevel=3)
-                return
-            self._take(*parts)
+        count = 0
+        try:
+            for segment in RunFolder.salvage(path):
+                self._take(*segment)
+                count += 1
+        except DamageError as error:
+            warnings.warn(f"{path}: {count} segments were read; then: {error}", UserWarning, stacklevel=3)
 
-    def _open(self, folder: Path) -> None:
+    def _open(self, path: Path) -> None:
         """Go on with what the index of a folder lists."""
-        self.path, self._index, self._events = folder, SegmentIndex.load(folder / INDEX), None
-        for number, segment in enumerate(self._index.segments):
-            checked_segment(folder, segment, bytes_too=False)
+        self._folder, self._events = RunFolder.open(path), None
+        for number, segment in enumerate(self._folder.segments):
             for row, (step, at) in enumerate(zip(segment.steps, segment.times, strict=True)):
                 self._note((number, row), step, at)
             self._events_stored = segment.first_event + segment.events
-        # The one that was being written when a run was killed may be there already; further ones were listed once.
-        lost = folder / segment_name(len(self._index.segments) + 1)
-        if lost.exists():
-            raise InputError(
-                f"{folder / INDEX} lists {len(self._index.segments)} segments, but {lost.name} is there as well; put "
-                "it back from a copy of the run, or open what can be read with History.load(..., salvage=True)"
-            )
-
-    def _stored_events(self) -> list[Event]:
-        """Read the events of all segments."""
-        assert self.path is not None and self._index is not None
-        found: list[Event] = []
-        for segment in self._index.segments:
-            if segment.events == 0:
-                del found[segment.first_event :]
-                continue
-            with opened(checked_segment(self.path, segment, bytes_too=True)) as archive:
-                first, events = decode_events(archive)
-            found[first:] = events
-        return found
 
     def _header(self) -> str:
         values = {
@@ -462,16 +502,6 @@ class History:
             "stop_reason": self.stop_reason.name if self.stop_reason else None,
         }
         return sealed(values, indent=2)
-
-    def _write_header(self) -> None:
-        assert self.path is not None
-        temporary = self.path / (HEADER + ".tmp")
-        try:
-            temporary.write_text(self._header())
-            os.replace(temporary, self.path / HEADER)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise PathError(error.errno, f"cannot write {self.path / HEADER}: {error.strerror or error}") from error
 
     @classmethod
     def _from_header(cls, text: str | bytes, source: Path) -> History:
@@ -493,7 +523,7 @@ class History:
             )
             if values["stop_reason"] is not None:
                 history.stop_reason = StopReason[values["stop_reason"]]
-        except (KeyError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError, ArithmeticError) as error:
             raise InputError(f"{source} is not a warpriver run or is damaged: {error}") from error
         return history
 
@@ -527,12 +557,12 @@ def read_history(path: str | os.PathLike, *, salvage: bool = False) -> History:
 
 
 # What belongs to the folder of a history.
-_STORAGE = ("path", "_index", "_events_stored", "_pending", "_pending_bytes", "_flushed", "_cache")
+_STORAGE = ("_folder", "_events_stored", "_pending", "_pending_bytes", "_flushed")
 
 
 def _format_of(text: str | bytes) -> str | None:
     """Return the format that a header states, None where it cannot be read."""
     try:
         return str(json.loads(text)["format"])
-    except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return None

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from warpriver.channel_table import ChannelTable
+from warpriver.errors import InputError
+from warpriver.network_checks import check_graph, check_packed
 
-__all__ = ["Record"]
+__all__ = ["Record", "check_record"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,3 +57,23 @@ class Record:
             *((name, self.channels[name].dtype.kind) for name in self.channels),
             *((name, array.dtype, array.shape[1:]) for name, array in self.resume.items()),
         )
+
+
+def check_record(record: Record) -> None:
+    """Raise ``ValueError`` unless a record is that of a network: arrays that fit together, numbers that make sense."""
+    where = f"record of step {record.step}"
+    xy, start, section = record.point_xy, record.channel_start, record.point_section
+    if not isinstance(record.step, int) or not isinstance(record.events_before, int):
+        raise InputError(f"{where}: {record.events_before} events before it; these are no whole numbers")
+    if record.step < 0 or record.events_before < 0 or not 0.0 <= record.time < np.inf:
+        raise InputError(f"{where}: time {record.time}, {record.events_before} events before it")
+    if xy.ndim != 2 or xy.shape[1] != 2 or xy.dtype.kind != "f" or start.ndim != 1 or start.dtype.kind != "i":
+        raise InputError(f"{where}: points {xy.dtype} {xy.shape}, offsets {start.dtype} {start.shape}")
+    check_packed(xy, start, len(record.channels))
+    if start[-1] != len(xy):
+        raise InputError(f"{where}: {len(xy)} points for channels that end at {start[-1]}")
+    if not np.isfinite(xy).all() or not np.isfinite(record.node_xy).all():
+        raise InputError(f"{where}: a position is not finite")
+    if section is not None and (section.shape != xy.shape or not (np.isfinite(section) & (section > 0.0)).all()):
+        raise InputError(f"{where}: widths and depths {section.shape} of {xy.shape} points, or one not positive")
+    check_graph(record.channels, record.node_xy)

@@ -1,8 +1,4 @@
-"""Segments: records and events as NumPy archives, each noted with its checksum in an index beside them.
-
-A segment is written under another name, renamed, and only then noted by a line of its own at the end of the index: what
-the index lists is there and whole, whenever a run is killed or runs out of disk space.
-"""
+"""Segments: records and events as NumPy archives, each listed with its checksum in an index beside them."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ import dataclasses
 import itertools
 import json
 import os
-import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,8 +16,9 @@ import numpy as np
 
 from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.errors import InputError, PathError, WarpriverError
+from warpriver.files import beside, sync_folder
 from warpriver.history.events import Event, event_class, event_fields
-from warpriver.history.record import Record
+from warpriver.history.record import Record, check_record
 
 __all__ = [
     "INDEX",
@@ -93,11 +89,19 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
     try:
         values = json.loads(text)
         crc = values.pop("checksum")
-    except (UnicodeDecodeError, json.JSONDecodeError, AttributeError, KeyError, TypeError) as error:
+    except (ValueError, AttributeError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"it is cut or changed ({type(error).__name__}: {error})") from error
     if crc != _checksum_of(values):
         raise InputError("its checksum is not that of what it holds")
     return values
+
+
+def _is_sealed(text: bytes) -> bool:
+    try:
+        unsealed(text)
+    except InputError:
+        return False
+    return True
 
 
 def _checksum_of(values: Mapping[str, Any]) -> int:
@@ -115,7 +119,12 @@ class SegmentIndex:
         self.path = path
         self.segments: list[Segment] = []
         self._length = 0
-        path.write_bytes(b"")
+        self._open_line = False
+        try:
+            path.write_bytes(b"")
+            sync_folder(path.parent)
+        except OSError as error:
+            raise PathError.of(error, f"cannot write {path}") from error
 
     @classmethod
     def load(cls, path: Path) -> SegmentIndex:
@@ -126,31 +135,57 @@ class SegmentIndex:
         """
         self = cls.__new__(cls)
         self.path, self.segments = path, []
-        data = path.read_bytes() if path.exists() else b""
-        self._length = data.rfind(b"\n") + 1
-        for number, line in enumerate(data[: self._length].splitlines()):
+        try:
+            data = path.read_bytes() if path.exists() else b""
+        except OSError as error:
+            raise PathError.of(error, f"cannot read {path}") from error
+        *lines, last = data.split(b"\n")
+        self._length = len(data) - len(last)
+        # A whole line counts although its end is missing or another character: then it is the end that was damaged.
+        whole = next((text for text in (last, last[:-1]) if _is_sealed(text)), b"")
+        self._open_line = whole != b""
+        if self._open_line:
+            lines.append(whole)
+            self._length += len(whole)
+        for number, line in enumerate(lines):
             try:
                 segment = Segment(**unsealed(line))
-                if segment.name != segment_name(number):
-                    raise InputError(f"it names {segment.name} where {segment_name(number)} should stand")
+                self._check_next(segment)
             except (TypeError, ValueError) as error:
                 raise InputError(f"{path}, line {number + 1}, is damaged: {error}") from error
             self.segments.append(segment)
         return self
 
+    def _check_next(self, segment: Segment) -> None:
+        """Raise ``ValueError`` unless a segment can follow those before it."""
+        name, before = segment_name(len(self.segments)), self.segments[-1:]
+        if segment.name != name:
+            raise InputError(f"it names {segment.name} where {name} should stand")
+        for order in (segment.steps, segment.times):
+            if sorted(order) != order or len(segment.steps) != len(segment.times):
+                raise InputError(f"its records are not in order: {order}")
+        last = next((s.steps[-1] for s in reversed(self.segments) if s.steps), 0)
+        if segment.steps and segment.steps[0] < last:
+            raise InputError(f"its records begin at step {segment.steps[0]}, those before end at step {last}")
+        if segment.first_event > sum(s.first_event + s.events for s in before):
+            raise InputError(f"its first event is number {segment.first_event}; events before that are missing")
+
     def append(self, segment: Segment) -> None:
-        """Note a segment that is in its place; after a failure the file is as it was."""
-        line = f"{sealed(dataclasses.asdict(segment))}\n".encode()
+        """List a segment that is in its place, on the disk; after a failure the file is as it was."""
+        line = f"{chr(10) * self._open_line}{sealed(dataclasses.asdict(segment))}\n".encode()
         try:
             with self.path.open("r+b") as file:
                 file.truncate(self._length)
                 file.seek(self._length)
                 file.write(line)
+                file.flush()
+                os.fsync(file.fileno())
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.truncate(self.path, self._length)
-            raise PathError(error.errno, f"cannot write {self.path}: {error.strerror or error}") from error
+            raise PathError.of(error, f"cannot write {self.path}") from error
         self._length += len(line)
+        self._open_line = False
         self.segments.append(segment)
 
 
@@ -158,16 +193,11 @@ class SegmentIndex:
 
 
 def write_archive(target: Path, arrays: Mapping[str, Any]) -> tuple[int, int]:
-    """Write arrays as one archive, under another name first; return its size and its checksum."""
-    temporary = target.with_name(target.name + ".tmp")
-    try:
+    """Write arrays as one archive that appears whole or not at all; return its size and its checksum."""
+    with beside(target) as temporary:
         with temporary.open("wb") as file:
             np.savez(file, **arrays)
         found = temporary.stat().st_size, _checksum(temporary)
-        os.replace(temporary, target)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise PathError(error.errno, f"cannot write {target}: {error.strerror or error}") from error
     return found
 
 
@@ -203,12 +233,18 @@ def checked_segment(folder: Path, segment: Segment, *, bytes_too: bool) -> Path:
 def opened(path: Path) -> Any:
     """Open an archive, whose arrays are read when they are asked for; damage is an error that names the file."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        archive = np.load(path, allow_pickle=False)
+        if isinstance(archive, np.ndarray):
+            raise InputError("it is a single array")
+        with archive:
             yield archive
     except UnknownKindError as error:
         raise InputError(f"{path} {error}") from error
-    except (zipfile.BadZipFile, zlib.error, KeyError, EOFError, OSError, TypeError, ValueError) as error:
-        raise DamageError(f"{path} is not a warpriver run or is damaged ({error})") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever a reader of archives makes of damaged bytes
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise DamageError(f"{path} is not a warpriver run or is damaged ({reason})") from error
 
 
 # ---- records as arrays
@@ -253,7 +289,7 @@ def decode_records(arrays: Any) -> list[Record]:
     tables = _split_tables(arrays, channels)
     keys = [name for name in arrays if name.startswith("resume/") and not name.endswith("/start")]
     resume = {key.removeprefix("resume/"): _split(arrays[key], arrays[f"{key}/start"]) for key in keys}
-    return [
+    records = [
         Record(
             step=steps[k],
             time=times[k],
@@ -263,10 +299,13 @@ def decode_records(arrays: Any) -> list[Record]:
             channel_start=starts[k],
             channels=tables[k],
             node_xy=node_xy[k],
-            resume={name: parts[k] for name, parts in resume.items()},
+            resume={name: values[k] for name, values in resume.items()},
         )
         for k in range(len(steps))
     ]
+    for record in records:
+        check_record(record)
+    return records
 
 
 def _split_tables(arrays: Any, start: np.ndarray) -> list[ChannelTable]:
@@ -286,6 +325,8 @@ def _offsets(counts: Iterable[int]) -> np.ndarray:
 def _split(values: np.ndarray, start: np.ndarray) -> list[np.ndarray]:
     if start[-1] != len(values):
         raise InputError(f"{len(values)} values for parts that end at {start[-1]}")
+    if start[0] != 0 or (np.diff(start) < 0).any():
+        raise InputError("parts of negative length")
     return [values[a:b] for a, b in itertools.pairwise(start.tolist())]
 
 

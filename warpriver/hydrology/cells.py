@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import warp as wp
@@ -40,12 +40,14 @@ class PaddedCells:
         columns: Columns of the terrain.
         height: (rows + 2, columns + 2) float64, m; NaN in walls and where there is no data.
         state: (rows + 2, columns + 2) uint8: OPEN, DONE (a wall), GHOST or OUTLET of ``kernels/cells.py``.
+        landlocked: (n,) flat indices of the outlets made for pieces of ground that have no other.
     """
 
     rows: int
     columns: int
     height: np.ndarray
     state: np.ndarray
+    landlocked: np.ndarray
 
     @property
     def stride(self) -> int:
@@ -60,6 +62,15 @@ class PaddedCells:
     def interior(self, padded: np.ndarray) -> np.ndarray:
         """Copy the terrain's own cells out of a padded array."""
         return padded.reshape(self.height.shape)[1:-1, 1:-1].copy()
+
+    def around(self, index: np.ndarray) -> np.ndarray:
+        """Flat indices of the padded cells around some, (8 n,); across periodic sides those at the far side."""
+        step = np.array([-1, 0, 1])
+        near = (step[:, None] * self.stride + step).reshape(-1)
+        found = (np.asarray(index)[:, None] + near[near != 0]).reshape(-1)
+        row, column = np.divmod(found, self.stride)
+        real = ((row - 1) % self.rows + 1) * self.stride + (column - 1) % self.columns + 1
+        return np.where(self.state.reshape(-1)[found] == kernels.GHOST, real, found)
 
     def outlets(self) -> np.ndarray:
         """Which of the terrain's own cells water leaves at, (rows, columns) bool."""
@@ -78,7 +89,7 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
 
     Raises:
         ValueError: An unknown rule, a periodic side without its opposite, or more than 2^31 cells.
-        MemoryError: There is no room for the copy and the scratch.
+        MemoryError: Too little memory for the copy and the scratch.
     """
     rules = side_rules(edges)
     one_of(nodata, "nodata", ("outlet", "wall"))
@@ -86,7 +97,9 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
     shape = (rows + 2, columns + 2)
     require_memory(shape, PADDED_BYTES + scratch_bytes, "cpu", "routing a terrain")
     if shape[0] * shape[1] >= 2**31:
-        raise InputError(f"the terrain has {rows} x {columns} cells; 2^31 is the limit, route it in parts or coarser")
+        raise InputError(
+            f"the terrain has {rows} x {columns} cells; 2^31 is the limit, route it tile by tile or at coarser cells"
+        )
     if terrain.device.is_cuda:
         _say_where()
     wraps = rules["north"] == "periodic", rules["east"] == "periodic"
@@ -106,18 +119,18 @@ def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: i
     inside = state[1:-1, 1:-1]
     inside[~gap] = kernels.OPEN
     inside[outlet] = kernels.OUTLET
-    cells = PaddedCells(rows, columns, height, state)
+    cells = PaddedCells(rows, columns, height, state, np.zeros(0, np.int64))
     # Ground may be cut off from every outlet only if there is none, or behind walls within the terrain.
     if not outlet.any() or (nodata == "wall" and gap.any()):
-        _drain_landlocked(cells)
+        return _drain_landlocked(cells)
     return cells
 
 
-def side_rules(edges: Any) -> dict[str, str]:
+def side_rules(edges: Edges) -> dict[str, str]:
     """Return the rule of each side, or raise ``ValueError``."""
     hint = f"use {', '.join(map(repr, RULES))}, or one for each of {', '.join(SIDES)}"
     if isinstance(edges, str):
-        rules = dict.fromkeys(SIDES, edges)
+        rules: dict[str, str] = dict.fromkeys(SIDES, edges)
     elif isinstance(edges, Mapping):
         rules = dict(edges)
     elif isinstance(edges, (tuple, list)) and len(edges) == len(SIDES):
@@ -132,7 +145,7 @@ def side_rules(edges: Any) -> dict[str, str]:
     return rules
 
 
-def _padded(values: np.ndarray, fill: Any, wraps: tuple[bool, bool]) -> np.ndarray:
+def _padded(values: np.ndarray, fill: float, wraps: tuple[bool, bool]) -> np.ndarray:
     """Copy with a row and column more on every side, from the far side where the raster wraps across rows, columns."""
     padded = np.full((values.shape[0] + 2, values.shape[1] + 2), fill, values.dtype)
     padded[1:-1, 1:-1] = values
@@ -149,18 +162,20 @@ def _beside(padded: np.ndarray) -> np.ndarray:
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
-def _drain_landlocked(cells: PaddedCells) -> None:
+def _drain_landlocked(cells: PaddedCells) -> PaddedCells:
     """Let every piece of ground without an outlet drain to its lowest cell."""
     count: wp.array = wp.zeros(1, dtype=int, device="cpu")
+    given = cells.state.copy()
     launch_kernel(
         kernels.build(wp.float64).drain_landlocked,
         dim=1,
         inputs=[cells.rows, cells.stride, flat(cells.height)],
-        outputs=[count, flat(cells.state), flat(cells.state.copy()), wp.empty(cells.count, dtype=int, device="cpu")],
+        outputs=[count, flat(cells.state), flat(given.copy()), wp.empty(cells.count, dtype=int, device="cpu")],
         device="cpu",
     )
     if found := int(count.numpy()[0]):
         log.info("%d piece(s) of ground have no outlet; each drains to its lowest cell", found)
+    return replace(cells, landlocked=np.flatnonzero(cells.state != given))
 
 
 def flat(array: np.ndarray) -> wp.array:

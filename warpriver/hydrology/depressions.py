@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
@@ -15,7 +16,15 @@ from warpriver.kernels import depressions as kernels
 from warpriver.raster import Raster
 from warpriver.terrain import NAME, UNIT, Terrain, surface_of
 
-__all__ = ["carve_depressions", "fill_depressions"]
+__all__ = [
+    "carve_cells",
+    "carve_depressions",
+    "fill_cells",
+    "fill_depressions",
+    "limit_in_m",
+    "mark_pits",
+    "with_heights",
+]
 
 Surface = TypeVar("Surface", Terrain, Raster)
 
@@ -23,8 +32,8 @@ Surface = TypeVar("Surface", Terrain, Raster)
 FILL_BYTES, CARVE_BYTES = 29, 49
 # Rims of depressions wait in as many buckets by height; about every second cell of rough ground is one for a time.
 CELLS_PER_BUCKET = 4
-# In m: below that all of them are one.
-LEAST_RELIEF = 1e-200
+# In m: terrain with less relief has a single bucket.
+MIN_RELIEF = 1e-200
 
 
 def fill_depressions(
@@ -32,15 +41,16 @@ def fill_depressions(
 ) -> Surface:
     """Raise every cell from which water cannot leave until it can [Barnes2014].
 
-    The result is the least surface W >= z with W = max(z, s(least W among the eight neighbours)) in every cell but the
-    outlets, which keep their height. With ``epsilon`` s(h) is the next float64 number above h, at least h + 2^-52 m:
-    every cell then has a lower neighbour, flats included, and water drains over it. Without it s(h) = h: depressions
-    become flats. That surface is unique, so the order in which cells of equal height are dealt with does not matter;
-    nothing is lowered, and filling a filled terrain changes nothing.
+    The result is the lowest surface W >= z with W = max(z, s(lowest W among the eight neighbours)) in every cell but
+    the outlets, which keep their height. With ``epsilon`` s(h) is the next float64 number above h, at least
+    h + 2^-52 m: every cell then has a lower neighbour, flats included, and water drains over it, straight towards the
+    outlet (:func:`warpriver.hydrology.route` fills and leads it through the deepest ground instead). Without it
+    s(h) = h: depressions become flats. That surface is unique, so the order in which cells of equal height are dealt
+    with does not matter; nothing is lowered, and filling a filled terrain changes nothing.
 
     Args:
         terrain: The surface, a terrain or a raster of heights in m; it is not changed.
-        epsilon: Whether filled ground keeps a least slope towards its outlet. Heights stored as float32 lose it.
+        epsilon: Whether filled ground keeps a minimum slope towards its outlet. Heights stored as float32 lose it.
         edges: What the four sides are, "open" (water leaves at their cells), "closed" (a wall) or "periodic" (joined to
             the opposite side): one word, four in the order north, south, east, west, or a mapping by those names.
         nodata: Cells without data are an "outlet" for their neighbours, or a "wall".
@@ -51,11 +61,11 @@ def fill_depressions(
 
     Raises:
         ValueError: No surface, an unknown edge rule, a periodic side without its opposite, or more than 2^31 cells.
-        MemoryError: There is no room, told before anything is allocated.
+        MemoryError: Too little memory, told before anything is allocated.
     """
     cells = pad_terrain(surface_of(terrain), edges, nodata, FILL_BYTES)
-    _flood(cells, epsilon)
-    return _with_heights(terrain, cells)
+    fill_cells(cells, epsilon)
+    return with_heights(terrain, cells)
 
 
 def carve_depressions(
@@ -66,7 +76,7 @@ def carve_depressions(
     max_depth: float | None = None,
     max_length: float | None = None,
 ) -> Surface:
-    """Cut a course out of every depression where that takes least height away, and fill what cannot be cut.
+    """Cut a course out of every depression where that takes away the least height, and fill what cannot be cut.
 
     Pits are opened one after another, the lowest first, at equal height the first in the raster. From the pit's cells
     the cheapest course to lower ground, to drained ground of the same height, or to an outlet is searched, where a cell
@@ -79,31 +89,31 @@ def carve_depressions(
         terrain: The surface, a terrain or a raster of heights in m; it is not changed.
         edges: As in :func:`fill_depressions`.
         nodata: As in :func:`fill_depressions`.
-        max_depth: Greatest cut in a cell in m; None for any.
-        max_length: Greatest length of a course in m; None for any. A limit also bounds the time of the search.
+        max_depth: Maximum cut in a cell in m; None for any.
+        max_length: Maximum length of a course in m; None for any. A limit also bounds the time of the search.
 
     Returns:
         The carved surface, a terrain or a raster as was given, on the same device.
 
     Raises:
         ValueError: A limit below 0, and as :func:`fill_depressions`.
-        MemoryError: There is no room, told before anything is allocated.
+        MemoryError: Too little memory, told before anything is allocated.
     """
-    depth, length = _limit(max_depth, "max_depth"), _limit(max_length, "max_length")
+    depth, length = limit_in_m(max_depth, "max_depth"), limit_in_m(max_length, "max_length")
     cells = pad_terrain(surface_of(terrain), edges, nodata, CARVE_BYTES)
-    _carve(cells, depth, length / terrain.cell_size)
-    _flood(cells, True)
-    return _with_heights(terrain, cells)
+    carve_cells(cells, depth, length / terrain.cell_size)
+    fill_cells(cells, True)
+    return with_heights(terrain, cells)
 
 
-def _flood(cells: PaddedCells, epsilon: bool) -> None:
-    """Fill the heights in place; the ghosts among them get stale."""
+def fill_cells(cells: PaddedCells, epsilon: bool) -> None:
+    """Fill the heights in place; the states and the ghosts among the heights get stale."""
     kernel, count = kernels.build(wp.float64), cells.count
     lowest, highest = float(np.fmin.reduce(cells.height, axis=None)), float(np.fmax.reduce(cells.height, axis=None))
     buckets = count // CELLS_PER_BUCKET + 1
     flood = kernel.Flood()
     flood.rows, flood.stride, flood.epsilon, flood.lowest = cells.rows, cells.stride, int(epsilon), lowest
-    flood.buckets_per_meter = buckets / max(highest - lowest, LEAST_RELIEF)
+    flood.buckets_per_meter = buckets / max(highest - lowest, MIN_RELIEF)
     launch_kernel(
         kernel.flood_cells,
         dim=1,
@@ -123,12 +133,19 @@ def _flood(cells: PaddedCells, epsilon: bool) -> None:
     )
 
 
-def _carve(cells: PaddedCells, max_depth: float, max_length: float) -> None:
+def mark_pits(cells: PaddedCells) -> NDArray[np.uint8]:
+    """Mark the padded cells that are no outlets and have no lower neighbour, not 0."""
+    pit = np.zeros(cells.count, np.uint8)
+    inputs = [cells.stride, flat(cells.height), flat(cells.state)]
+    launch_kernel(kernels.build(wp.float64).find_pits, cells.rows, inputs, [flat(pit)], device="cpu")
+    return pit
+
+
+def carve_cells(cells: PaddedCells, max_depth: float, max_length: float) -> None:
     """Carve courses into the heights in place; lengths are in cells."""
     kernel = kernels.build(wp.float64)
     height, state, count = flat(cells.height), flat(cells.state), cells.count
-    pit = np.zeros(count, np.uint8)
-    launch_kernel(kernel.find_pits, cells.rows, [cells.stride, height, state], [flat(pit)], device="cpu")
+    pit = mark_pits(cells)
     pit_cell = np.flatnonzero(pit).astype(np.int32)
     if not len(pit_cell):
         return
@@ -151,7 +168,7 @@ def _carve(cells: PaddedCells, max_depth: float, max_length: float) -> None:
     )
 
 
-def _limit(value: float | None, name: str) -> float:
+def limit_in_m(value: float | None, name: str) -> float:
     """Return a limit as a number, or raise ``ValueError``."""
     if value is None:
         return math.inf
@@ -160,7 +177,7 @@ def _limit(value: float | None, name: str) -> float:
     return float(value)
 
 
-def _with_heights(surface: Surface, cells: PaddedCells) -> Surface:
+def with_heights(surface: Surface, cells: PaddedCells) -> Surface:
     """Return the heights as what the surface is, on its device."""
     height = table(cells.interior(cells.height))
     if isinstance(surface, Raster):

@@ -15,7 +15,7 @@ from warpriver.validate import positive
 
 __all__ = ["NetworkLaws", "network_laws"]
 
-# P(A > a) is fitted up to this part of the largest area: above, the map cuts basins off.
+# P(A > a) is fitted up to this fraction of the largest area: above, the map cuts basins off.
 EXCEEDANCE_HIGH = 0.05
 # Cells that drain less than this many have lengths of 0 or one step.
 HACK_CELLS = 3
@@ -33,7 +33,7 @@ class NetworkLaws(NamedTuple):
             like Hack's. What a stream gains in its own order alone is measured by :func:`horton_ratios`.
         hack_exponent: h of L ~ A^h over all cells that drain three cells or more, with L the longest course to the
             cell. Small basins are many, and make it larger than it is in the limit.
-        area_exponent: beta of P(A > a) ~ a^-beta over all cells, from the least area of the network to 5 % of the
+        area_exponent: beta of P(A > a) ~ a^-beta over all cells, from the minimum area of the network to 5 % of the
             largest basin.
     """
 
@@ -50,15 +50,15 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
 
     A stream is a run of cells of one Strahler order; all count, also those that leave through an edge. Its area and
     length are taken at its last cell, above the junction. Ratios are those of lines fitted by least squares to the
-    logarithm over the order, through all orders but the highest one, whose few streams the map cuts off; NaN for less
+    logarithm over the order, through all orders but the highest one, whose few streams the map cuts off; NaN for fewer
     than three orders.
 
     Args:
         flow: From :func:`warpriver.hydrology.route`; periodic sides are joined.
-        min_drainage_area: Least drainage area of a cell of the network, m2.
+        min_drainage_area: Minimum drainage area of a cell of the network, m2.
 
     Raises:
-        ValueError: A threshold that is not positive, or that leaves less than two cells.
+        ValueError: A threshold that is not positive, or that leaves fewer than two cells.
     """
     positive(min_drainage_area, "min_drainage_area", "m2")
     size = flow.terrain.cell_size
@@ -82,9 +82,9 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
 def _streams(
     cell: NDArray[np.int64], to: NDArray[np.int64], area: NDArray[np.float64], length: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Number of streams of each order, their mean area, and the mean length to their lower ends; ``to`` is below."""
+    """Number of streams of each order, their mean area, and the mean length to their lower ends."""
     leaves = to == cell
-    # Below each mouth a node of its own.
+    # Downstream of each mouth a node of its own.
     order = strahler_order(cell, np.where(leaves, cell + area.size, to))
     cell_order = np.zeros(area.size, np.int64)
     cell_order[cell] = order

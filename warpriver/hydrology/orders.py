@@ -1,8 +1,8 @@
 """Stream orders of a channel graph, and the laws that drainage networks follow.
 
-Pure functions on NumPy arrays. A graph is given as the nodes above and below each channel, as ``channel_from`` and
-``channel_to`` of a ``RiverNetwork`` (or any other numbers of nodes): a forest in which water leaves a node by at most
-one channel. What has been joined at a node may be more than two channels.
+Pure functions on NumPy arrays. A graph is given as the nodes upstream and downstream of each channel, like
+``channel_from`` and ``channel_to`` of a ``RiverNetwork`` (or any other numbers of nodes): a forest in which water
+leaves a node by at most one channel. More than two channels may join at a node.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
-# Limits of the fit of P(A > a): this many times the least area, this part of the largest.
+# Limits of the fit of P(A > a): a multiple of the minimum area, a fraction of the maximum.
 EXCEEDANCE_LOW, EXCEEDANCE_HIGH = 10.0, 0.01
 EXCEEDANCE_SAMPLES = 64
 
 
 class PowerLaw(NamedTuple):
-    """A law y = coefficient x^exponent.
+    """A power law y = coefficient x^exponent.
 
     Attributes:
         exponent: Dimensionless.
@@ -55,7 +55,7 @@ class PowerLaw(NamedTuple):
 
 
 class HortonRatios(NamedTuple):
-    """Horton's laws of a network: streams of each Strahler order and how they go on with order.
+    """Horton's laws of a network: streams of each Strahler order, and their ratios.
 
     A stream is a run of channels of one order.
 
@@ -81,7 +81,7 @@ class Exceedance(NamedTuple):
 
     Attributes:
         area: (n,) distinct areas, ascending, m2.
-        probability: (n,) part of all that is larger, P(A > a).
+        probability: (n,) fraction of all that is larger, P(A > a).
         exponent: beta of P(A > a) ~ a^-beta.
     """
 
@@ -97,8 +97,8 @@ class Tokunaga(NamedTuple):
         matrix: (K, K), [i - 1, j - 1]: number of streams of order i that join a stream of order j from the side, a
             stream of order j; the two or more whose meeting forms it do not count. 0 for i >= j.
         mean: (K - 1,) T_k, the mean over all pairs of orders k apart, weighted by the streams of the higher one.
-        first: a of the law T_k = a c^(k - 1); NaN where less than two T_k are above 0.
-        ratio: c of the law.
+        first: a of T_k = a c^(k - 1); NaN where fewer than two T_k are above 0.
+        ratio: c of the same.
     """
 
     matrix: FloatArray
@@ -111,14 +111,14 @@ def strahler_order(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArray
     """Strahler order: 1 at sources; where the highest order arrives twice or more, one higher, else the highest.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
 
     Returns:
         (C,) int64.
 
     Raises:
-        ValueError: Channels part or flow in a circle.
+        ValueError: Channels split or flow in a circle.
     """
     return _strahler(_Graph(channel_from, channel_to))
 
@@ -127,8 +127,8 @@ def shreve_magnitude(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArr
     """Shreve magnitude: the number of sources above each channel, (C,) int64.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
     """
     graph = _Graph(channel_from, channel_to)
     magnitude = (graph.arriving == 0).astype(np.int64)
@@ -144,8 +144,8 @@ def main_stem(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike) -
     Upstream of a junction Hack's main stem goes on along the channel of the largest area; at equal areas, the first.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
         area: (C,) drainage area, or what else decides.
     """
     graph = _Graph(channel_from, channel_to)
@@ -158,8 +158,8 @@ def main_stem_length(
     """Length of the main stem above the lower end of each channel, from its source: (C,) m.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
         length: (C,) m.
         area: (C,) drainage area, which decides how the stem goes on upstream.
         longest: Take the longest course instead.
@@ -184,8 +184,8 @@ def horton_order(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike
     without areas, the larger Shreve magnitude.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
         area: (C,) drainage area, or None.
 
     Returns:
@@ -206,8 +206,8 @@ def horton_ratios(channel_from: ArrayLike, channel_to: ArrayLike, length: ArrayL
     streams of the highest order are often cut off by the map: read the arrays before the ratios.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
         length: (C,) m.
         area: (C,) drainage area at the lower end, m2.
     """
@@ -255,9 +255,9 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
 
     Args:
         area: Areas of cells or channels in m2; NaN is left out.
-        low: Least area of the fit; by default ten times the least.
-        high: Largest area of the fit; by default 1 % of the largest. Where that leaves less than a decade, all areas
-            are fitted.
+        low: Minimum area of the fit; by default ten times the smallest area.
+        high: Maximum area of the fit; by default 1 % of the largest area. Where that leaves less than a decade, all
+            areas are fitted.
 
     Raises:
         ValueError: Fewer than two distinct areas, or one that is not positive.
@@ -280,17 +280,17 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
         return Exceedance(distinct, probability, math.nan)
     sample = np.geomspace(a, b, EXCEEDANCE_SAMPLES)
     place = np.searchsorted(distinct, sample * (1.0 + 1e-12), side="right") - 1
-    part = np.where(place >= 0, probability[np.maximum(place, 0)], 1.0)
-    seen = part > 0.0
-    return Exceedance(distinct, probability, -_slope(np.log(sample[seen]), np.log(part[seen])))
+    fraction = np.where(place >= 0, probability[np.maximum(place, 0)], 1.0)
+    seen = fraction > 0.0
+    return Exceedance(distinct, probability, -_slope(np.log(sample[seen]), np.log(fraction[seen])))
 
 
 def tokunaga(channel_from: ArrayLike, channel_to: ArrayLike) -> Tokunaga:
     """Count the side tributaries of streams, order by order, and fit T_k = a c^(k - 1) to them.
 
     Args:
-        channel_from: (C,) node above each channel.
-        channel_to: (C,) node below it.
+        channel_from: (C,) node upstream of each channel.
+        channel_to: (C,) node downstream of it.
     """
     graph = _Graph(channel_from, channel_to)
     order = _strahler(graph)
@@ -322,14 +322,14 @@ class _Graph:
         above, below = np.asarray(channel_from).reshape(-1), np.asarray(channel_to).reshape(-1)
         if len(above) != len(below) or len(above) == 0:
             raise InputError(
-                f"channel_from has {len(above)} nodes and channel_to {len(below)}; give one each a channel"
+                f"channel_from has {len(above)} nodes and channel_to {len(below)}; give one for each channel"
             )
         nodes, label = np.unique(np.concatenate([above, below]), return_inverse=True)
         begin, end = label.reshape(2, -1)
         leaving = np.bincount(begin, minlength=len(nodes))
         if (leaving > 1).any():
             node = int(leaving.argmax())
-            raise InputError(f"{leaving[node]} channels leave node {nodes[node]}; orders need water that never parts")
+            raise InputError(f"{leaving[node]} channels leave node {nodes[node]}; orders need water that never splits")
         out = np.full(len(nodes), -1, np.int64)
         out[begin] = np.arange(len(begin))
         self.down: IndexArray = out[end]
@@ -374,7 +374,7 @@ def _strahler(graph: _Graph) -> IndexArray:
     return order
 
 
-def _continues(graph: _Graph, weight: NDArray) -> NDArray[np.bool_]:
+def _continues(graph: _Graph, weight: FloatArray | IndexArray) -> NDArray[np.bool_]:
     """Channels of the largest weight among those that arrive at their node; the first of equals."""
     joining = np.flatnonzero(graph.down >= 0)
     by_weight = joining[np.lexsort((-joining, weight[joining]))]
@@ -396,7 +396,7 @@ def _labels(graph: _Graph, continues: NDArray[np.bool_]) -> IndexArray:
         last = further
 
 
-def _stems(graph: _Graph, weight: NDArray) -> IndexArray:
+def _stems(graph: _Graph, weight: FloatArray | IndexArray) -> IndexArray:
     """Lowest channel of each channel's stem."""
     return _labels(graph, _continues(graph, weight))
 

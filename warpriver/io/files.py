@@ -1,4 +1,4 @@
-"""Files as wholes: read and unpacked within limits, named so that GDAL opens them, replaced in one move."""
+"""Files as wholes: read and unpacked within limits, and named so that GDAL opens them."""
 
 from __future__ import annotations
 
@@ -6,27 +6,18 @@ import contextlib
 import gzip
 import os
 import re
-import shutil
 import tempfile
 import threading
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 from warpriver.device import available_memory
-from warpriver.errors import InputError, MissingFileError, OutOfMemoryError, WrongPathError
+from warpriver.errors import InputError, MissingFileError, OutOfMemoryError
 
-__all__ = [
-    "beside",
-    "check_readable",
-    "check_unpacked",
-    "decoded",
-    "filtered_warnings",
-    "is_number",
-    "plain_path",
-]
+__all__ = ["check_readable", "check_unpacked", "decoded", "filtered_warnings", "is_number", "plain_path"]
 
 # Python has one list of warning filters for all threads, so that those who change it take turns.
 _FILTERS = threading.RLock()
@@ -149,34 +140,3 @@ def filtered_warnings(action: Literal["error", "ignore"], category: type[Warning
     with _FILTERS, warnings.catch_warnings():
         warnings.filterwarnings(action, message, category)
         yield
-
-
-@contextlib.contextmanager
-def beside(path: Path, parts: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a path of that name in a new folder beside it; at the end what is in there moves to its place.
-
-    Args:
-        path: File to write.
-        parts: Suffixes of further files that belong to it; those that are not written anew are removed.
-
-    Raises:
-        OSError: The file cannot be written; what was there before is untouched.
-    """
-    folder = None
-    try:
-        if path.is_dir():
-            raise WrongPathError("it is a directory; give a file name")
-        folder = Path(tempfile.mkdtemp(prefix=".writing-", dir=path.parent))
-        yield folder / path.name
-        made = {file.name for file in folder.iterdir()}
-        for stale in (path.with_suffix(part) for part in parts):
-            if stale.name not in made:
-                stale.unlink(missing_ok=True)
-        # The file itself last: once it is in place, its parts are there as well.
-        for name in sorted(made, key=lambda name: name == path.name):
-            os.replace(folder / name, path.parent / name)
-    except OSError as error:
-        raise type(error)(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)

@@ -33,7 +33,8 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
-from warpriver.io.files import beside, is_number
+from warpriver.files import beside
+from warpriver.io.files import is_number
 from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
@@ -419,7 +420,7 @@ def write_mesh(grid: Any, path: Any) -> None:
 
     Args:
         grid: ValleyGrid.
-        path: .obj; or .ply, .stl or .vtp, which need pyvista. Coordinates are absolute m, z up.
+        path: .obj, .ply or .stl; or .vtp, which needs pyvista. Coordinates are absolute m, z up.
 
     Raises:
         ImportError: pyvista is missing.
@@ -432,13 +433,45 @@ def write_mesh(grid: Any, path: Any) -> None:
             with temporary.open("w", encoding="ascii") as file:
                 np.savetxt(file, grid.points(), fmt="v %.4f %.4f %.4f")
                 np.savetxt(file, grid.triangles() + 1, fmt="f %d %d %d")
-            return
-        try:
-            import pyvista
-        except ImportError as error:
-            raise MissingExtraError(f'writing {target.suffix} needs pyvista: pip install "warpriver[viz]"') from error
-        faces = np.insert(grid.triangles(), 0, 3, axis=1)
-        pyvista.PolyData(grid.points(), faces.ravel()).save(temporary)
+        else:
+            encoded = {".ply": _ply, ".stl": _stl, ".vtp": _vtp}[target.suffix.lower()]
+            temporary.write_bytes(encoded(grid.points(), grid.triangles()))
+
+
+def _stl(points: np.ndarray, triangles: np.ndarray) -> bytes:
+    """Triangles as binary STL: a normal and three corners each, in single precision."""
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    facets = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets["normal"], facets["corners"] = normal, corners
+    return b"warpriver".ljust(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
+
+
+def _ply(points: np.ndarray, triangles: np.ndarray) -> bytes:
+    """Triangles as binary PLY, in double precision: coordinates of a map need more digits than single has."""
+    head = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.zeros(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, triangles
+    return head.encode() + np.ascontiguousarray(points, "<f8").tobytes() + faces.tobytes()
+
+
+def _vtp(points: np.ndarray, triangles: np.ndarray) -> bytes:
+    """Triangles as VTK's XML writer has them, in memory: on a full disk it would end the process."""
+    try:
+        import pyvista
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+    except ImportError as error:
+        raise MissingExtraError('writing .vtp needs pyvista: pip install "warpriver[viz]"') from error
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(pyvista.PolyData(points, np.insert(triangles, 0, 3, axis=1).ravel()))
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return writer.GetOutputString().encode()
 
 
 def read_mesh(path: Any) -> tuple[np.ndarray, np.ndarray]:

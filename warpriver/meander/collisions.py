@@ -10,6 +10,7 @@ import warp as wp
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase, Row
+from warpriver.engine.saved import SavedError
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -147,6 +148,8 @@ class Collide(Phase):
 
     def restore(self, state: State, saved: dict[str, np.ndarray]) -> None:
         """Take up the labels of nodes."""
+        if "channel_nodes" not in saved:
+            raise SavedError("channel_nodes")
         self._saved = saved["channel_nodes"]
 
     def stages(self, state: State) -> list[Stage]:

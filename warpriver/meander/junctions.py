@@ -23,7 +23,7 @@ from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
 
-__all__ = ["DriftJunctions", "JunctionParams", "junction_angles", "shape_junctions"]
+__all__ = ["JunctionParams", "MoveJunctions", "junction_angles", "shape_junctions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,28 +172,35 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
 
 
-class DriftJunctions(Phase):
-    """Lets junctions wander downstream, in ``state.point_moved``; not part of a step where ``junction_drift`` is 0.
+class MoveJunctions(Phase):
+    """Moves junctions with the stem that goes on through them, and lets them wander downstream; tributaries follow.
+
+    It works on ``state.point_moved``, and is not part of a step where every channel is held at its nodes.
 
     Attributes:
         downstream: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
         drift: (C,) speed of the junction at its head, m/yr; ``active``, ``shift``: scratch.
     """
 
-    name = "drift"
+    name = "junctions"
     moves_nodes = True
 
-    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray]):
-        """Take (width, params) -> the rate k of channels, m/yr: junctions drift at a fraction of it."""
-        self._rate = rate
+    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows_stems: bool, drifts: bool):
+        """Say what moves junctions: the stem, or a drift at a fraction of the rate k, m/yr, from (width, params)."""
+        self._rate, self.follows_stems, self._drifts = rate, follows_stems, drifts
+        self._capacity = 0
 
     def check_network(self, network: RiverNetwork) -> None:
-        """Junctions have one channel downstream of them."""
-        check_forest(network)
+        """Junctions that drift have one channel downstream of them."""
+        if self._drifts:
+            check_forest(network)
 
     def allocate(self, state: State) -> None:
-        """Make the device arrays."""
+        """Make the device arrays; where there are more points but no more channels, they stay."""
         count = state.channel_capacity
+        if self._capacity == count:
+            return
+        self._capacity = count
         self.downstream, self.tributaries, self.active = state.zeros(count), state.zeros(count), state.zeros(count)
         self.drift, self.shift = state.zeros(count, state.scalar), state.zeros(count, state.vec2)
 
@@ -210,32 +217,27 @@ class DriftJunctions(Phase):
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stage: heads of channels at junctions move, and the ends of their tributaries follow."""
-        kernel, device, params, channels = kernels.build(state.scalar), state.device, state.params, state.channels()
+        joined = state.stems is not None and state.stems.joined
+        if not joined and not self._drifts:
+            return []
+        kernel, capacity, channels = kernels.build(state.scalar), state.channel_capacity, state.channels()
         junctions = kernel.Junctions()
         junctions.downstream, junctions.tributaries, junctions.drift = self.downstream, self.tributaries, self.drift
 
-        def drift(_: Share) -> None:
-            clear(self.active)
-            launch(
-                kernel.count_active,
-                dim=state.channel_capacity,
-                inputs=[channels, junctions],
-                outputs=[self.active],
-                device=device,
-            )
-            launch(
-                kernel.shift_heads,
-                dim=state.channel_capacity,
-                inputs=[channels, junctions, params.time_step, state.substep, self.active],
-                outputs=[self.shift, state.point_moved],
-                device=device,
-            )
-            launch(
-                kernel.follow_heads,
-                dim=state.channel_capacity,
-                inputs=[channels, junctions, params.junction_reach, self.shift],
-                outputs=[state.point_moved],
-                device=device,
-            )
+        def start(name: str, inputs: list[Any], outputs: list[Any]) -> None:
+            launch(getattr(kernel, name), capacity, [channels, *inputs], outputs, state.device)
 
-        return [Stage("drift", drift, shared=False)]
+        def run(whole: Share) -> None:
+            start("settle_heads", [state.network.point_xy, whole.work], [self.shift, state.point_moved])
+            if self._drifts:
+                clear(self.active)
+                start("count_active", [junctions], [self.active])
+                inputs = [junctions, state.params.time_step, state.substep, self.active]
+                start("shift_heads", inputs, [self.shift, state.point_moved])
+            start("follow_heads", [junctions, state.params.junction_reach, self.shift], [state.point_moved])
+
+        return [Stage(self.name, run, shared=False)]
+
+    def check(self, state: State) -> None:
+        """Points are finite."""
+        state.check_moved(self.name, anchored=False)

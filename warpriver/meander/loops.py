@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import warp as wp
 
@@ -123,6 +125,7 @@ class Loops:
         """Start without room; ``closed``: oxbow lakes are kept as closed lines, the first point repeated."""
         self.closed = closed
         self.cut_capacity = self.oxbow_capacity = 0
+        self._told = False
 
     def allocate(self, state: State) -> None:
         """Make the device arrays, for a cutoff in 384 points and a sixth of them."""
@@ -193,7 +196,7 @@ class Loops:
         cut = self.cut[:count].numpy()
         xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
         section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()
-        split = network.channel_closed[cut[:, 0]] & (state.params.ring_policy == "both")
+        split = self._limited(state, network.channel_closed[cut[:, 0]] & (state.params.ring_policy == "both"))
         edited = split_rings(network, cut[split, :3], xy, state.next_identity) if split.any() else None
         added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
@@ -207,6 +210,20 @@ class Loops:
         if edited is not None:
             state.adopt(edited, self.oxbow_xy, self.oxbow_section)
         return events
+
+    def _limited(self, state: State, split: np.ndarray) -> np.ndarray:
+        """Return which loops become rings of their own, so many that there are ``max_rings`` at most."""
+        rings, limit = int(state.network.channel_closed.sum()), state.params.max_rings
+        within = split & (np.cumsum(split) <= limit - rings)
+        if (split & ~within).any() and not self._told:
+            self._told = True
+            warnings.warn(
+                f"there are {rings + int(within.sum())} rings: no more are made (max_rings={limit:g}), and where a "
+                "ring splits, the part without its first point becomes an oxbow lake",
+                UserWarning,
+                stacklevel=2,
+            )
+        return within
 
     def grow(self, state: State, status: list[int]) -> bool:
         """Make room for the loops of a sub-step; where those of a row did not fit together, the next one has it all."""

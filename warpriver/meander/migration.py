@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
+from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.params import MeanderParams
 
 __all__ = [
     "Migrate",
     "explicit_dt",
     "measure_rings",
-    "migration_constants",
     "rate_of",
     "stable_dt",
     "step_limits",
@@ -90,21 +89,6 @@ def explicit_dt(width: Any, params: MeanderParams) -> Any:
         return np.where(diffusivity > 0, 9.0 / 32.0 * params.spacing**2 / diffusivity, np.inf)
 
 
-def migration_constants(params: MeanderParams, dtype: str) -> Any:
-    """Pack the constants of migration for the kernels of that precision."""
-    constants = kernels.build(PRECISIONS[dtype][0]).MigrationConstants()
-    constants.migration_rate = params.migration_rate
-    constants.reference_width = params.reference_width or 0.0
-    constants.friction = params.friction
-    constants.local_weight = params.local_weight
-    constants.upstream_weight = params.upstream_weight
-    constants.scale_local = int(params.sinuosity_scaling == "whole")
-    constants.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
-    constants.end_damping = params.end_damping
-    constants.slope_threshold = params.slope_threshold
-    return constants
-
-
 def measure_rings(state: State) -> list[Stage]:
     """Return the stages that measure ``state.area``, that of every active ring; none without rings.
 
@@ -135,38 +119,71 @@ class Migrate(Phase):
 
     Attributes:
         point_rate: (P,) migration rate, m/yr, positive to the right.
+        memory: What the links of stems hand on; None where no phase follows stems.
     """
 
     name = "migrate"
     point_rate: wp.array
+    memory: StemMemory | None
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
         self.point_rate = state.zeros(state.point_capacity, state.scalar)
+        self.memory = None
+        if state.stems is not None:
+            self.memory = StemMemory(state.channel_capacity, state.scalar, state.device)
 
     def stages(self, state: State) -> list[Stage]:
-        """Return the stages: areas of rings, rates, the move."""
+        """Return the stages: areas of rings, rates, what links hand on to each other, the move."""
         kernel, constants = kernels.build(state.scalar), migration_constants(state.params, state.network.dtype)
         channels, points, ground, moved = state.channels(), state.points(), state.ground(), state.moved()
+        stems, memory = state.stems, self.memory
+        handed_on = memory.struct() if memory is not None and stems is not None and stems.joined else kernel.Memory()
 
-        def move(share: Share) -> None:
+        def compute(share: Share) -> None:
             launch(
                 kernel.compute_rate,
                 dim=share.point_threads,
                 inputs=[channels, points, constants, share.work],
-                outputs=[self.point_rate],
+                outputs=[self.point_rate, handed_on],
                 device=state.device,
             )
+
+        def move(share: Share) -> None:
             launch(
                 kernel.move_points,
                 dim=share.point_threads,
-                inputs=[channels, points, ground, constants, share.work, self.point_rate],
+                inputs=[channels, points, ground, constants, share.work, self.point_rate, handed_on],
                 outputs=[moved, state.pace_bits],
                 device=state.device,
             )
 
-        return [*measure_rings(state), Stage("migrate", move)]
+        areas = measure_rings(state)
+        if memory is None or stems is None or not stems.joined:
+            return [*areas, Stage("migrate", compute), Stage("migrate", move)]
+
+        def measure(_: Share) -> None:
+            memory.measure(channels, stems.length)
+
+        def chain(whole: Share) -> None:
+            memory.chain(channels, constants, whole.work)
+
+        def add(share: Share) -> None:
+            memory.add(channels, points, constants, share, self.point_rate)
+
+        def find_tails(whole: Share) -> None:
+            memory.find_tails(channels, points, constants, whole.work, self.point_rate)
+
+        return [
+            *areas,
+            Stage("migrate", measure, shared=False),
+            Stage("migrate", compute),
+            Stage("migrate", chain, shared=False),
+            Stage("migrate", add),
+            Stage("migrate", find_tails, shared=False),
+            Stage("migrate", move),
+        ]
 
     def check(self, state: State) -> None:
-        """Points are finite, and the ends of channels have not moved."""
-        state.check_moved(self.name, anchored=True)
+        """Points are finite, and no end has moved but where a stem goes on, or leaves the map."""
+        state.check_moved(self.name, anchored=True if state.stems is None else state.stems.holds_feet())

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch, whole_share
+from warpriver.engine.stems import StemArrays
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
 from warpriver.extras import IMPORTING
 from warpriver.kernels import migration as kernels
-from warpriver.meander.migration import migration_constants
+from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
@@ -69,9 +72,8 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     check_ground(network, terrain)
     params = params.for_widths(network.channel_width)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
-    rates = _compute_rates(network, lines, params)
-    for c, (line, rate) in enumerate(zip(lines, rates, strict=True)):
-        rates[c] = line.at_points(rate) * line.end_weight(params.end_damping * float(network.channel_width[c]))
+    rates, ends = _compute_rates(network, lines, params, terrain)
+    rates = [line.at_points(rate) * line.end_weight(end) for line, rate, end in zip(lines, rates, ends, strict=True)]
     if terrain is not None:
         weight = _slope_weight(terrain, network.points(), params.slope_threshold)
         rates = [r * w for r, w in zip(rates, np.split(weight, network.starts()[1:-1]), strict=True)]
@@ -127,20 +129,62 @@ class _Line:
         again = np.append(self.even, self.length), np.append(rate, rate[0])
         return CubicSpline(*again, bc_type="periodic")(self.arc)
 
-    def end_weight(self, reach: float) -> np.ndarray | float:
-        """Return the factor of the channel's points: 0 at both ends, 1 from ``reach`` m on; see the kernels."""
-        if self.closed or reach == 0.0:
+    def end_weight(self, ends: Any) -> np.ndarray | float:
+        """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt."""
+        if self.closed:
             return 1.0
-        away = np.minimum(self.arc, self.length - self.arc)
+        up, down = self.arc, self.length - self.arc
         if self.even is None:  # exactly even, as for the kernel
             index = np.arange(len(self.arc))
-            away = np.minimum(index, index[::-1]) * self.spacing
-        t = np.minimum(away / reach, 1.0)
+            up, down = index * self.spacing, index[::-1] * self.spacing
+        t = np.ones(len(self.arc))
+        for away, reach in ((ends["above"] + up, ends["head_reach"]), (ends["below"] + down, ends["foot_reach"])):
+            if reach > 0.0:
+                t = np.minimum(t, away / reach)
         return t * t * (3.0 - 2.0 * t)
 
 
-def _compute_rates(network: RiverNetwork, lines: list[_Line], params: MeanderParams) -> list[np.ndarray]:
-    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing."""
+def _compute_rates(
+    network: RiverNetwork, lines: list[_Line], params: MeanderParams, terrain: Terrain | None
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing.
+
+    With it, (C,) ``Ends`` of ``kernels/polyline.py`` as named columns: how far the ends of the river are.
+    """
+    scalar, device, start = PRECISIONS[network.dtype][0], network.device, network.starts()
+    kernel, count = kernels.build(scalar), network.channel_count
+    channels, points = _as_kernels_take_it(network, lines)
+    constants, whole = migration_constants(params, network.dtype), whole_share(network.point_count, device)
+    if network.channel_closed.any():
+        launch(kernel.measure_rings, whole.point_threads, [channels, points.xy, whole.work], [channels.area], device)
+    rate = wp.zeros(network.point_count, dtype=scalar, device=device)
+    ends = np.zeros(count, [(name, np.float64) for name in ("above", "head_reach", "below", "foot_reach")])
+    ends["head_reach"] = ends["foot_reach"] = params.end_damping * network.channel_width
+    stems = StemArrays(count, device) if params.upstream_memory == "stem" else None
+    if stems is not None:
+        # The stencil at a junction reaches two segments far into the next link.
+        stems.take(network, terrain, alone=np.diff(start) < 3)
+        stems.give(channels)
+        ends["foot_reach"][~stems.holds_feet()] = 0.0
+    handed_on = kernel.Memory()
+    if stems is not None and stems.joined:
+        memory = StemMemory(count, scalar, device)
+        handed_on = memory.struct()
+        memory.measure(channels, stems.length)
+    launch(
+        kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device
+    )
+    if stems is not None and stems.joined:
+        memory.chain(channels, constants, whole.work)
+        memory.add(channels, points, constants, whole.of_channels(count), rate)
+        linked = (stems.links.upper >= 0) | (stems.links.lower >= 0)
+        for name in ends.dtype.names or ():
+            ends[name][linked] = memory.ends.numpy()[name][linked]
+    return np.split(rate.numpy().astype(np.float64), start[1:-1]), ends
+
+
+def _as_kernels_take_it(network: RiverNetwork, lines: list[_Line]) -> tuple[Any, Any]:
+    """Return channels and points with even points on each line; a channel of two points is straight, and inactive."""
     scalar, vec2, real = PRECISIONS[network.dtype]
     kernel, device, start = kernels.build(scalar), network.device, network.starts()
 
@@ -154,24 +198,16 @@ def _compute_rates(network: RiverNetwork, lines: list[_Line], params: MeanderPar
         even = [np.concatenate([line.at_even(v) for line, v in zip(lines, part, strict=True)]) for part in of_points]
         widest = np.maximum.reduceat(even[0], start[:-1])
         points.section = on_device(np.column_stack(even), vec2)
-    spacing = np.array([line.spacing for line in lines])
     form = np.zeros(len(lines), kernel.Form.numpy_dtype())
     form["width"], form["depth"], form["widest"] = network.channel_width, network.channel_depth, widest
-    # A channel of two points is straight: it is inactive, and its rates stay 0.
-    step = np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0)
     channels = kernel.Channels()
     channels.start, channels.form = on_device(start, wp.int32, np.int32), wp.array(form, kernel.Form, device=device)
-    channels.spacing, channels.step = on_device(spacing, scalar), on_device(step, scalar)
-    whole = whole_share(network.point_count, device)
+    channels.spacing = on_device(np.array([line.spacing for line in lines]), scalar)
+    channels.step = on_device(np.where(np.diff(start) > 2, np.finfo(network.dtype).tiny, 0.0), scalar)
     if network.channel_closed.any():
         channels.closed = on_device(network.channel_closed, wp.int32, np.int32)
         channels.area = wp.zeros(len(lines), dtype=wp.int64, device=device)
-        inputs = [channels, points.xy, whole.work]
-        launch(kernel.measure_rings, whole.point_threads, inputs, [channels.area], device)
-    rate = wp.zeros(network.point_count, dtype=scalar, device=device)
-    inputs = [channels, points, migration_constants(params, network.dtype), whole.work]
-    launch(kernel.compute_rate, whole.point_threads, inputs, [rate], device)
-    return np.split(rate.numpy().astype(np.float64), start[1:-1])
+    return channels, points
 
 
 def _slope_weight(terrain: Terrain, xy: np.ndarray, threshold: float) -> np.ndarray:

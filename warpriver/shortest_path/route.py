@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from warpriver.engine.phase import Phase, Row
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
 from warpriver.kernels import routes as kernels
@@ -46,7 +46,7 @@ class TakeShortcuts(Phase):
 
     def install(self, state: State) -> None:
         """Forget the shortcuts of channels that are no more."""
-        self.shortcuts.necks.zero_()
+        clear(self.shortcuts.necks)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: the shortcuts, the path, the cut."""

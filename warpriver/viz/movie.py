@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError
+from warpriver.files import in_memory
 from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
@@ -95,10 +96,17 @@ def write_frames(
         hold: Time in s for which the last frame stays.
         ramps: Ramps of colours that must not band in a .gif.
     """
-    with replacing(path, (".gif", ".mp4")) as temporary:
-        if pathlib.Path(path).suffix.lower() == ".mp4":
+    is_mp4 = pathlib.Path(path).suffix.lower() == ".mp4"
+    sent = 0
+
+    def check(written: pathlib.Path) -> None:
+        if (found := _count_mp4_frames(written)) != sent:
+            raise InputError(f"{found} of {sent} frames")
+
+    with replacing(path, (".gif", ".mp4"), check if is_mp4 else None) as temporary:
+        if is_mp4:
             rows, columns = sample.shape[:2]
-            _mp4_writer()(temporary, frames, fps, (columns, rows), hold)
+            sent = _mp4_writer()(temporary, frames, fps, (columns, rows), hold)
         else:
             _write_gif(temporary, frames, sample, fps, hold, ramps)
 
@@ -134,11 +142,13 @@ def _write_gif(
     # GIF counts in hundredths of a second, and viewers slow down what is faster than two of them.
     tick = 10 * max(2, round(100.0 / fps))
     duration = [tick] * (len(pictures) - 1) + [max(tick, round(1000.0 * hold))]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False)
+    options = {"save_all": True, "append_images": pictures[1:], "duration": duration, "loop": 0, "optimize": False}
+    with in_memory(path) as buffer:
+        pictures[0].save(buffer, "GIF", **options)
 
 
-def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int], float], None]:
-    """Return the function that writes .mp4 files, or raise ``ImportError`` that says what to install."""
+def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int], float], int]:
+    """Return the function that writes .mp4 files and counts frames, or raise ``ImportError`` with what to install."""
     try:
         import imageio_ffmpeg
     except ImportError as error:
@@ -146,18 +156,42 @@ def _mp4_writer() -> Callable[[str, Iterator[np.ndarray], float, tuple[int, int]
             'an .mp4 movie needs imageio-ffmpeg: pip install "warpriver[movie]"; a .gif does without it'
         ) from error
 
-    def write(path: str, frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], hold: float) -> None:
+    def write(path: str, frames: Iterator[np.ndarray], fps: float, size: tuple[int, int], hold: float) -> int:
+        sent = 0
         stream = imageio_ffmpeg.write_frames(
             path, size, fps=fps, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
         )
         stream.send(None)
         try:
-            frame = None
             for frame in frames:
                 stream.send(frame)
+                sent += 1
             for _ in range(round(hold * fps)):
                 stream.send(frame)
+                sent += 1
         finally:
             stream.close()
+        return sent
 
     return write
+
+
+def _count_mp4_frames(path: pathlib.Path) -> int:
+    """Count the frames that a whole .mp4 file lists, 0 where it is cut: ffmpeg's exit code is not handed on to us."""
+    data = path.read_bytes()
+    first, last = 0, len(data)
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsz"):
+        boxes = {}
+        while first + 8 <= last:
+            size, kind = int.from_bytes(data[first : first + 4], "big"), data[first + 4 : first + 8]
+            head = 8
+            if size == 1:
+                head, size = 16, int.from_bytes(data[first + 8 : first + 16], "big")
+            boxes[kind] = (first + head, first + size)
+            if size < head or first + size > last:
+                return 0
+            first += size
+        if first != last or name not in boxes:
+            return 0
+        first, last = boxes[name]
+    return int.from_bytes(data[first + 8 : first + 12], "big")

@@ -10,6 +10,7 @@ import numpy as np
 
 from warpriver.errors import InputError, InternalError, MissingExtraError
 from warpriver.extras import IMPORTING
+from warpriver.files import in_memory
 from warpriver.validate import not_negative
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
@@ -83,7 +84,8 @@ def render_scene(
         pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until)
         from PIL import Image
 
-        Image.fromarray(pixels).save(temporary)
+        with in_memory(temporary) as buffer:
+            Image.fromarray(pixels).save(buffer, "PNG" if temporary.lower().endswith(".png") else "JPEG")
 
 
 def _draw(

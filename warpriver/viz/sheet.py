@@ -7,16 +7,25 @@ from __future__ import annotations
 
 import contextlib
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError, WrongPathError
-from warpriver.io.files import beside
+from warpriver.files import beside, in_memory
 from warpriver.viz.bands import Window
 
-__all__ = ["Sheet", "checked_window", "color_ramp", "grow_to_aspect", "need_matplotlib", "replacing", "style_bar"]
+__all__ = [
+    "Sheet",
+    "checked_window",
+    "color_ramp",
+    "grow_to_aspect",
+    "need_matplotlib",
+    "replacing",
+    "save_figure",
+    "style_bar",
+]
 
 WATER = "#3d7ea6"
 BANK = "#1d4560"
@@ -193,7 +202,13 @@ class Sheet:
     def save(self, path: Any) -> None:
         """Write the figure; the format follows the suffix."""
         with replacing(path, (".png", ".jpg", ".pdf", ".svg")) as temporary:
-            self.figure.savefig(temporary, dpi=self.dpi)
+            save_figure(self.figure, temporary, self.dpi)
+
+
+def save_figure(figure: Any, path: str, dpi: float) -> None:
+    """Write a figure in the format that the suffix names."""
+    with in_memory(path) as buffer:
+        figure.savefig(buffer, format=pathlib.Path(path).suffix[1:], dpi=dpi)
 
 
 def _fitted_size(window: Window) -> tuple[float, float]:
@@ -258,12 +273,13 @@ def need_matplotlib() -> None:
 
 
 @contextlib.contextmanager
-def replacing(path: Any, suffixes: Sequence[str]) -> Iterator[str]:
+def replacing(path: Any, suffixes: Sequence[str], check: Callable[[pathlib.Path], None] | None = None) -> Iterator[str]:
     """Yield a temporary name for ``path``, which it replaces when the block ends without an error.
 
     Args:
         path: File to write.
         suffixes: Suffixes allowed, with their dots.
+        check: As in :func:`warpriver.files.beside`.
 
     Raises:
         ValueError: Another suffix.
@@ -276,7 +292,7 @@ def replacing(path: Any, suffixes: Sequence[str]) -> Iterator[str]:
         raise MissingFileError(f"cannot write {target}: the folder {target.parent} does not exist")
     if target.is_dir():
         raise WrongPathError(f"cannot write {target}: it is a folder")
-    with beside(target) as temporary:
+    with beside(target, check=check) as temporary:
         yield str(temporary)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.validate import positive
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import BANK, FAINT, INK, WATER, need_matplotlib, replacing
+from warpriver.viz.sheet import BANK, FAINT, INK, WATER, need_matplotlib, replacing, save_figure
 
 __all__ = ["draw_valley", "draw_valley_sections"]
 
@@ -263,4 +263,4 @@ def _save(figure: Any, path: Any, dpi: float) -> None:
     FigureCanvasAgg(figure)
     if path is not None:
         with replacing(path, SUFFIXES) as temporary:
-            figure.savefig(temporary, dpi=dpi)
+            save_figure(figure, temporary, dpi)

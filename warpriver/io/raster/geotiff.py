@@ -20,7 +20,7 @@ from warpriver.io.files import filtered_warnings, plain_path
 from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.raster import Raster
 
-__all__ = ["FOREIGN", "TIFF", "read_gdal", "write_geotiff"]
+__all__ = ["FOREIGN", "TIFF", "check_geotiff", "read_gdal", "write_geotiff"]
 
 TIFF = (".tif", ".tiff")
 # Formats that are read and not written, by the driver of GDAL. No other driver ever opens a file: some, such as VRT,
@@ -33,6 +33,8 @@ NAMES = {
     "GTiff": "a GeoTIFF", "USGSDEM": "a USGS DEM", "HFA": "an Erdas Imagine file", "EHdr": "an ESRI .bil or .flt",
     "SAGA": "a SAGA grid", "SRTMHGT": "an SRTM .hgt",
 }  # fmt: skip
+# Rows that are read back at a time, two rows of tiles.
+CHECK_ROWS = 512
 
 
 def read_gdal(path: Path, band: int, nodata: float | None, *, heights: bool) -> RasterSource:
@@ -121,3 +123,17 @@ def write_geotiff(raster: Raster, path: Path) -> None:
         if raster.name:
             dataset.set_band_description(1, raster.name)
         dataset.update_tags(AREA_OR_POINT="Area")
+
+
+def check_geotiff(path: Path, raster: Raster) -> None:
+    """Raise ``ValueError`` unless a file holds that raster: GDAL does not tell when its last bytes find no room."""
+    rasterio, windows = need(f"reading {path.suffix}", "rasterio", "rasterio.windows")
+    values = raster.numpy()
+    with rasterio.open(path) as dataset:
+        if dataset.shape != values.shape or (dataset.crs is None) != (raster.crs is None):
+            raise InputError(f"it has {dataset.shape} cells in place of {values.shape}, or no CRS")
+        for row in range(0, values.shape[0], CHECK_ROWS):
+            rows = values[row : row + CHECK_ROWS]
+            found = dataset.read(1, window=windows.Window(0, row, rows.shape[1], len(rows)))
+            if not np.array_equal(found.astype(values.dtype, copy=False), rows, equal_nan=values.dtype.kind == "f"):
+                raise InputError(f"rows {row} to {row + len(rows) - 1} differ")

@@ -230,6 +230,9 @@ def write_numpy(raster: Raster, path: Path, key: str) -> None:
         arrays |= {"unit": np.str_(raster.unit), "name": np.str_(raster.name)}
     with open(path, "wb") as file:
         if path.suffix.lower() == ".npy":
-            np.save(file, arrays[key])
+            # Not by np.save, which does not tell when the last bytes find no room.
+            values = np.ascontiguousarray(arrays[key])
+            np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(values))
+            file.write(values.data)
         else:
             np.savez(file, **arrays)

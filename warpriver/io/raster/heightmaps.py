@@ -15,6 +15,7 @@ import numpy as np
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
+from warpriver.files import in_memory
 from warpriver.io.files import decoded, filtered_warnings
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
@@ -118,9 +119,11 @@ def write_heightmap(terrain: Terrain, path: Path, limits: tuple[float, float] | 
     step[gap] = 0.0
     if path.suffix.lower() == PNG:
         (image,) = need(f"writing {path.suffix}", "PIL.Image")
-        image.fromarray(step.astype(np.uint16)).save(path)
+        with in_memory(path) as buffer:
+            image.fromarray(step.astype(np.uint16)).save(buffer, "PNG")
     else:
-        step.astype("<u2").tofile(path)
+        # Not by tofile, which does not tell when its last bytes find no room.
+        path.write_bytes(np.ascontiguousarray(step, "<u2").data)
     side = {
         "metres_per_pixel": terrain.cell_size, "rows": terrain.shape[0], "columns": terrain.shape[1],
         "height_low": low, "height_high": high, "no_data": 0 if first else None,

@@ -15,8 +15,9 @@ import warp as wp
 
 from warpriver.crs import CRSLike
 from warpriver.errors import InputError
-from warpriver.io.files import beside, check_readable
-from warpriver.io.raster.geotiff import FOREIGN, TIFF, read_gdal, write_geotiff
+from warpriver.files import beside
+from warpriver.io.files import check_readable
+from warpriver.io.raster.geotiff import FOREIGN, TIFF, check_geotiff, read_gdal, write_geotiff
 from warpriver.io.raster.grids import (
     ASCII,
     HEIGHTS,
@@ -224,7 +225,7 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
     suffix = _suffix(path)
     if range is not None and suffix not in HEIGHT_MAPS:
         raise InputError(f"{path}: {suffix} holds heights themselves; leave range= out")
-    with _replaced(path, suffix) as temporary:
+    with _replaced(path, suffix, terrain.raster) as temporary:
         if suffix in CELLS:
             _write_cells(terrain.raster, temporary, suffix, HEIGHTS[0])
         else:
@@ -251,15 +252,16 @@ def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
     suffix = _cell_suffix(path)
     if not isinstance(raster, Raster):
         raise InputError(f"raster is a {type(raster).__name__}; give a Raster, or write_terrain a terrain")
-    with _replaced(path, suffix) as temporary:
+    with _replaced(path, suffix, raster) as temporary:
         _write_cells(raster, temporary, suffix, VALUES)
         if suffix in ASCII:
             write_labels(raster, temporary)
 
 
-def _replaced(path: Path, suffix: str) -> contextlib.AbstractContextManager[Path]:
+def _replaced(path: Path, suffix: str, raster: Raster) -> contextlib.AbstractContextManager[Path]:
     """Give the path to write a file at that takes the place of an old one, and of what lies beside that."""
-    return beside(path, (PROJECTION, label_suffix(path)) if suffix in ASCII else ())
+    check = (lambda written: check_geotiff(written, raster)) if suffix in TIFF else None
+    return beside(path, (PROJECTION, label_suffix(path)) if suffix in ASCII else (), check)
 
 
 def _write_cells(raster: Raster, path: Path, suffix: str, key: str) -> None:

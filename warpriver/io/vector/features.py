@@ -31,7 +31,9 @@ __all__ = [
     "OGR",
     "PARQUET",
     "SHAPEFILE_PARTS",
+    "check_ogr",
     "reason",
+    "refuse_others",
     "write_geojson",
     "write_ogr",
     "write_parquet",
@@ -46,6 +48,9 @@ PARQUET = ".parquet"
 NEEDS = {suffix: ("pyogrio", "shapely") for suffix in OGR} | {PARQUET: ("geopandas", "pyarrow", "shapely")}
 # A .prj or an index that an older shapefile left behind would be taken for one of the new file.
 SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx", ".shp.xml")
+
+# How files of a format begin.
+BEGINNINGS = {".gpkg": b"SQLite format 3\0", ".shp": (9994).to_bytes(4, "big"), ".fgb": b"fgb\x03"}
 
 # The layer of nodes that belongs to a layer of channels in a GeoPackage; the key of what no attribute holds elsewhere.
 NODES = "_nodes"
@@ -109,6 +114,19 @@ def write_ogr(network: RiverNetwork, temporary: Path, path: Path, suffix: str, l
         raise InputError(f"{path}: GDAL cannot write it ({reason(error)})") from error
 
 
+def check_ogr(network: RiverNetwork, path: Path, suffix: str, layer: str) -> None:
+    """Raise ``ValueError`` unless a file holds that network: GDAL does not tell when its last bytes find no room."""
+    _, shapely, raw = need(f"reading {suffix}", *NEEDS[suffix], "pyogrio.raw")
+    if suffix == ".shp":
+        refuse_others(path, suffix)
+        _refuse_cut_table(path.with_suffix(".dbf"))
+    meta, _, wkb, _ = raw.read(path, layer=layer if suffix == ".gpkg" else None)
+    if (meta["crs"] is None) != (network.crs is None):
+        raise InputError("it states no CRS")
+    if not np.array_equal(shapely.from_wkb(wkb), _line_strings(shapely, network)):
+        raise InputError("its lines differ")
+
+
 def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
     """Write GeoParquet."""
     geopandas, _, shapely = need("writing .parquet", *NEEDS[PARQUET])
@@ -120,6 +138,37 @@ def write_parquet(network: RiverNetwork, temporary: Path, path: Path) -> None:
         frame.to_parquet(temporary, index=False)
     except RuntimeError as error:
         raise InputError(f"{path}: cannot be written as GeoParquet ({reason(error)})") from error
+
+
+def refuse_others(path: Path, suffix: str) -> None:
+    """Raise ``ValueError`` for what is no file of this format, or is shorter than its header says.
+
+    GDAL would open by its content what has another format's name, and some of its formats read whatever other files or
+    addresses they name; of a file that is cut short it may read a part without a word.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(100)
+    if not head.startswith(BEGINNINGS[suffix]):
+        raise InputError(f"{path}: cannot be read as {OGR[suffix]}, it does not begin like one; is its suffix right?")
+    needed = 0
+    if suffix == ".gpkg":
+        page = int.from_bytes(head[16:18], "big")
+        needed = max(100, (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big"))
+    elif suffix == ".shp":
+        needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
+    if size < needed:
+        raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
+
+
+def _refuse_cut_table(path: Path) -> None:
+    """Raise ``ValueError`` for the table of a shapefile that is shorter than its header says."""
+    head = path.read_bytes()[:12]
+    needed = int.from_bytes(head[8:10], "little") + int.from_bytes(head[4:8], "little") * int.from_bytes(
+        head[10:12], "little"
+    )
+    if len(head) < 12 or path.stat().st_size < needed:
+        raise InputError(f"{path.name} has {path.stat().st_size} of {needed} bytes")
 
 
 def reason(error: Exception) -> str:

@@ -14,8 +14,9 @@ import warp as wp
 
 from warpriver.crs import CRSLike
 from warpriver.errors import InputError
+from warpriver.files import beside
 from warpriver.io.crs import one_crs, reproject, settled_crs
-from warpriver.io.files import beside, check_readable
+from warpriver.io.files import check_readable
 from warpriver.io.vector.attributes import ROLES
 from warpriver.io.vector.direction import tell_direction
 from warpriver.io.vector.extras import check_extra, extra_columns
@@ -25,6 +26,7 @@ from warpriver.io.vector.features import (
     OGR,
     PARQUET,
     SHAPEFILE_PARTS,
+    check_ogr,
     write_geojson,
     write_ogr,
     write_parquet,
@@ -344,7 +346,8 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
             "write .gpkg, .geojson, .parquet, .fgb or .csv"
         )
     check_extra(network.channels, path, suffix, text=suffix in TEXT)
-    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else ()) as temporary:
+    check = (lambda written: check_ogr(network, written, suffix, layer)) if suffix in OGR else None
+    with beside(path, SHAPEFILE_PARTS if suffix == ".shp" else (), check) as temporary:
         if suffix in TEXT:
             write_text(network, temporary, "," if suffix == ".csv" else " ")
         elif suffix in JSON:

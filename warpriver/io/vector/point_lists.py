@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.io.vector.attributes import is_no_value, list_names
 
 __all__ = ["PointLists", "filled_gaps"]
@@ -103,7 +104,7 @@ def _parsed(text: str) -> Any:
     counted = re.fullmatch(r"\((\d+):(.*)\)", text)
     words = (counted[2] if counted else text.strip("{}")).replace(",", " ").split()
     if len(text) >= LONGEST_TEXT or (counted and int(counted[1]) != len(words)):
-        raise ValueError("cut short")
+        raise InputError("cut short")
     return words
 
 

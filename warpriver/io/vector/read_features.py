@@ -26,7 +26,7 @@ from warpriver.io.vector.attributes import (
     useful_names,
 )
 from warpriver.io.vector.extras import EXTRA, stated_extra, wanted_extra
-from warpriver.io.vector.features import FRAME, NEEDS, NODES, OGR, PARQUET, reason
+from warpriver.io.vector.features import FRAME, NEEDS, NODES, OGR, PARQUET, reason, refuse_others
 from warpriver.io.vector.point_lists import PointLists
 from warpriver.io.vector.source import Line, Source, checked_points
 
@@ -34,8 +34,6 @@ __all__ = ["read_geojson", "read_ogr", "read_parquet"]
 
 log = logging.getLogger("warpriver")
 
-# How files of a format begin.
-BEGINNINGS = {".gpkg": b"SQLite format 3\0", ".shp": (9994).to_bytes(4, "big"), ".fgb": b"fgb\x03"}
 
 # A feature is its kind of geometry, the (n, 2) or (n, 3) arrays of its parts, and its attributes by lower-case name.
 _Feature = tuple[str, list[np.ndarray], dict[str, Any]]
@@ -72,7 +70,7 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
 def read_ogr(path: Path, suffix: str, layer: str | None, wanted: Sequence[str], asked: Iterable[str] | None) -> Source:
     """Read lines through GDAL."""
     need(f"reading {suffix}", *NEEDS[suffix])
-    _refuse_others(path, suffix)
+    refuse_others(path, suffix)
     with plain_path(path) as plain:
         return _read_ogr(path, plain, suffix, layer, wanted, asked)
 
@@ -240,27 +238,6 @@ def _has_z(info: dict[str, Any]) -> bool:
     """Tell whether a layer's points have a third coordinate."""
     kind = str(info["geometry_type"])
     return kind.endswith(" Z") or kind.startswith("2.5D")
-
-
-def _refuse_others(path: Path, suffix: str) -> None:
-    """Raise ``ValueError`` for what is no file of this format, or is shorter than its header says.
-
-    GDAL would open by its content what has another format's name, and some of its formats read whatever other files or
-    addresses they name; of a file that is cut short it may read a part without a word.
-    """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(100)
-    if not head.startswith(BEGINNINGS[suffix]):
-        raise InputError(f"{path}: cannot be read as {OGR[suffix]}, it does not begin like one; is its suffix right?")
-    needed = 0
-    if suffix == ".gpkg":
-        page = int.from_bytes(head[16:18], "big")
-        needed = max(100, (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big"))
-    elif suffix == ".shp":
-        needed = max(100, 2 * int.from_bytes(head[24:28], "big"))
-    if size < needed:
-        raise InputError(f"{path}: cut short, {size} of {needed} bytes are there; fetch it again")
 
 
 def _frame_extra(frame: Any) -> dict[str, str]:

@@ -1,0 +1,430 @@
+"""Memory of curvature upstream: what is left of it along a channel, and what a link of a stem hands on to the next."""
+
+import math
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels import polyline
+from warpriver.kernels.channels import EDGE_NONE, Work
+from warpriver.kernels.status import HALT
+from warpriver.kernels.variants import once
+
+wp.set_module_options({"enable_backward": False})
+
+
+@once
+def build(scalar):
+    """Make the kernels for one precision, and the functions that they share with those of migration.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.memory_{scalar.__name__}"
+    line = polyline.build(scalar)
+    vec2, vec3 = line.vec2, wp.types.vector(3, scalar)
+    Channels, Points, Run, Ends = line.Channels, line.Points, line.Run, line.Ends
+    ZERO, ONE = scalar(0.0), scalar(1.0)
+    EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (8.0 / 9.0, 0.25, 2.0 / 3.0))
+    SERIES_LIMIT = scalar(0.5)
+    # What has faded to this fraction is lost in the rounding of the sum.
+    LOST = scalar(math.exp(-float(line.REACH)))
+    # Areas of rings are added up in 2^-62 of the squared length, as integers, so that the order does not matter. The
+    # greatest, that of a circle, is 1 / (4 pi) of it. Lengths of stems are added up in quanta.
+    AREA_PARTS, AREA_PART = wp.float64(2.0**62), wp.float64(2.0**-62)
+    QUANTUM, QUANTA = line.ARC_QUANTUM, wp.float64(1.0) / line.ARC_QUANTUM
+    TWO_64, PI_64 = wp.float64(2.0), wp.float64(math.pi)
+    # 1/2 - x/6 + x^2/24 - ...: below the limit the first term left out is under 1e-16.
+    factorial, SERIES = 2.0, []
+    for term in range(14):
+        SERIES.append((-1.0) ** term / factorial)
+        factorial *= term + 3
+    C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10, C11, C12, C13 = (scalar(c) for c in SERIES)
+
+    @wp.struct
+    class MigrationConstants:
+        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
+
+        migration_rate: scalar
+        reference_width: scalar
+        friction: scalar
+        local_weight: scalar
+        upstream_weight: scalar
+        scale_local: int
+        scale_upstream: int
+        end_damping: scalar
+        slope_threshold: scalar
+
+    @wp.struct
+    class Terms:
+        """What the terms of the rate weigh in a channel in this sub-step.
+
+        ``sinuosity`` is the factor sigma^(-2/3), ``root`` the root r of the smoothing at the widest point.
+        """
+
+        local: scalar
+        upstream: scalar
+        sinuosity: scalar
+        root: scalar
+
+    @wp.struct
+    class Memory:
+        """What the links of stems hand on, by channel; the arrays are missing where no channel goes on in another one.
+
+        A link turns the upstream mean I and the smoothed rate u that enter it into A I + B and R u + T I + S: ``end``
+        is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is the (I, u) that enters.
+        ``tail`` is the rate just downstream of a link, smoothed upstream to there. ``ends`` is how far the ends of the
+        stem are.
+        """
+
+        end: wp.array[vec2]
+        fade: wp.array[vec3]
+        start: wp.array[vec2]
+        tail: wp.array[scalar]
+        ends: wp.array[Ends]
+
+    @wp.func(module=name)
+    def decay_weights(x: scalar) -> vec3:
+        """Weights (q, w0, w1) of I_i = q I_(i-1) + w0 v_(i-1) + w1 v_i over a segment of optical depth x.
+
+        They integrate e^(-x) times a v that is linear on the segment exactly: w1 = 1 - (1 - q)/x, w0 = (1 - q)/x - q.
+        """
+        if x < SERIES_LIMIT:
+            psi = C13
+            psi = psi * x + C12
+            psi = psi * x + C11
+            psi = psi * x + C10
+            psi = psi * x + C9
+            psi = psi * x + C8
+            psi = psi * x + C7
+            psi = psi * x + C6
+            psi = psi * x + C5
+            psi = psi * x + C4
+            psi = psi * x + C3
+            psi = psi * x + C2
+            psi = psi * x + C1
+            psi = psi * x + C0
+            mean = ONE - x * psi
+            return vec3(ONE - x * mean, x * (mean - psi), x * psi)
+        q = wp.exp(-x)
+        share = (ONE - q) / x
+        return vec3(q, share - q, ONE - share)
+
+    @wp.func(module=name)
+    def strength_of(width: scalar, constants: MigrationConstants) -> scalar:
+        """Rate times radius of a bend, k w; where a reference width W is given k belongs to it: k w^2 / W."""
+        if constants.reference_width > ZERO:
+            return constants.migration_rate * width * (width / constants.reference_width)
+        return constants.migration_rate * width
+
+    @wp.func(module=name)
+    def smoothing_root(width: scalar, run: Run, sinuosity: scalar, constants: MigrationConstants) -> scalar:
+        """Root r of the implicit fraction of the local term, 0 where the explicit step is stable by itself.
+
+        The local term diffuses with D = k w |omega|. With b = D dt / h^2 the step's factor on the shortest wave of the
+        grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the smallest implicit fraction with which it keeps above
+        -1/2, so that a kink rings for a few steps at most.
+        """
+        diffusivity = -constants.local_weight * strength_of(width, constants)
+        if constants.scale_local != 0:
+            diffusivity = diffusivity * sinuosity
+        c = EIGHT_NINTHS * diffusivity * run.step / (run.spacing * run.spacing) - QUARTER
+        if not (c > ZERO):
+            return ZERO
+        return line.recurrence_root(c)
+
+    @wp.func(module=name)
+    def segment_depth(points: Points, run: Run, friction: scalar, i: int, j: int) -> scalar:
+        """Optical depth of the segment between two points: alpha = 2 f / d, in the mean of both, times its length."""
+        return (
+            friction
+            * run.spacing
+            * (ONE / line.section_at(points, i, run)[1] + ONE / line.section_at(points, j, run)[1])
+        )
+
+    @wp.func(module=name)
+    def line_sinuosity(point_xy: wp.array[vec2], run: Run) -> scalar:
+        """sigma^(-2/3), written (chord / length)^(2/3) so that a channel that returns to its head gives 0."""
+        chord = wp.length(point_xy[run.last] - point_xy[run.first])
+        return wp.pow(wp.min(chord / (run.spacing * scalar(run.last - run.first)), ONE), TWO_THIRDS)
+
+    @wp.func(module=name)
+    def ring_sinuosity(area: wp.int64) -> scalar:
+        """sigma^(-2/3) of a ring: sigma is its length over that of the circle of the same area [Hutchinson1957]."""
+        fraction = wp.abs(wp.float64(area)) * AREA_PART
+        return wp.pow(wp.min(scalar(TWO_64 * wp.sqrt(PI_64 * fraction)), ONE), TWO_THIRDS)
+
+    @wp.func(module=name)
+    def length_of_link(channels: Channels, channel: int) -> scalar:
+        """Length of a channel, m."""
+        return scalar(channels.start[channel + 1] - 1 - channels.start[channel]) * channels.spacing[channel]
+
+    @wp.func(module=name)
+    def sinuosity_of(channels: Channels, point_xy: wp.array[vec2], run: Run) -> scalar:
+        """sigma^(-2/3) of the river that a channel is part of: the ring, or the stem from its source to its mouth."""
+        if run.closed != 0:
+            return ring_sinuosity(channels.area[run.channel])
+        if run.upper < 0 and run.lower < 0:
+            return line_sinuosity(point_xy, run)
+        top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
+        chord = wp.length(point_xy[channels.start[bottom + 1] - 1] - point_xy[channels.start[top]])
+        length = scalar(wp.float64(channels.stems.length[top]) * QUANTUM)
+        return wp.pow(wp.min(chord / length, ONE), TWO_THIRDS)
+
+    @wp.func(module=name)
+    def smoothing_of(channels: Channels, point_xy: wp.array[vec2], run: Run, constants: MigrationConstants) -> Terms:
+        """Of the terms of a channel those that the smoothing needs."""
+        sinuosity = scalar(1.0)
+        if constants.scale_local != 0:
+            sinuosity = sinuosity_of(channels, point_xy, run)
+        return Terms(ZERO, ZERO, sinuosity, smoothing_root(run.form.widest, run, sinuosity, constants))
+
+    @wp.func(module=name)
+    def terms_of(channels: Channels, point_xy: wp.array[vec2], run: Run, constants: MigrationConstants) -> Terms:
+        """What the terms of the rate weigh in the channel of a run."""
+        sinuosity = sinuosity_of(channels, point_xy, run)
+        local = constants.local_weight
+        upstream = constants.upstream_weight
+        if constants.scale_local != 0:
+            local = local * sinuosity
+        if constants.scale_upstream != 0:
+            upstream = upstream * sinuosity
+        return Terms(local, upstream, sinuosity, smoothing_root(run.form.widest, run, sinuosity, constants))
+
+    @wp.func(module=name)
+    def is_felt(channels: Channels, run: Run) -> bool:
+        """Tell whether the rates of a channel count in this sub-step: it is active, or the link downstream is."""
+        if run.step > ZERO:
+            return True
+        return run.lower >= 0 and channels.step[wp.max(run.lower, 0)] > ZERO
+
+    @wp.func(module=name)
+    def fade_of(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> vec3:
+        """(A, R, T) of a link, see ``Memory``."""
+        r = terms.root
+        q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
+        mean = scalar(1.0)
+        root = scalar(1.0)
+        mixed = scalar(0.0)
+        for j in range(run.first + 1, run.last + 1):
+            if points.section:
+                q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
+            mean = mean * q
+            mixed = (ONE - r) * terms.upstream * mean + r * mixed
+            root = root * r
+            if mean < LOST and root < LOST and mixed < LOST:
+                return vec3(ZERO, ZERO, ZERO)
+        return vec3(mean, root, mixed)
+
+    @wp.func(module=name)
+    def chained_start(channels: Channels, memory: Memory, run: Run) -> vec2:
+        """Upstream mean and smoothed rate that enter a link: what the links upstream hand on, until all is lost."""
+        mean = scalar(1.0)
+        root = scalar(1.0)
+        mixed = scalar(0.0)
+        start = vec2(ZERO, ZERO)
+        below = int(run.channel)
+        link = int(run.upper)
+        while link >= 0 and (mean > LOST or root > LOST or mixed > LOST):
+            if channels.step[link] == ZERO and channels.step[below] == ZERO:
+                # Its rates were not computed: from here on upstream the river counts as straight.
+                return start
+            end, fade = memory.end[link], memory.fade[link]
+            start = start + vec2(mean * end[0], root * end[1] + mixed * end[0])
+            mixed = root * fade[2] + mixed * fade[0]
+            mean = mean * fade[0]
+            root = root * fade[1]
+            below = link
+            link = channels.stems.upper[link]
+        return start
+
+    @wp.func(module=name)
+    def free_ends(run: Run, constants: MigrationConstants) -> Ends:
+        """Ends of a channel that no other goes on from. Where it leaves the map its foot is not held."""
+        reach = constants.end_damping * run.form.width
+        if run.edge != EDGE_NONE:
+            return Ends(ZERO, reach, ZERO, ZERO)
+        return Ends(ZERO, reach, ZERO, reach)
+
+    @wp.func(module=name)
+    def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
+        """How far the ends of its stem are from a link, as far as they are felt."""
+        top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
+        ends = free_ends(line.whole_run(channels, bottom), constants)
+        ends.head_reach = constants.end_damping * channels.form[top].width
+        link = int(run.channel)
+        while link != top and ends.above < ends.head_reach:
+            link = channels.stems.upper[link]
+            ends.above = ends.above + length_of_link(channels, link)
+        link = int(run.channel)
+        while link != bottom and ends.below < ends.foot_reach:
+            link = channels.stems.lower[link]
+            ends.below = ends.below + length_of_link(channels, link)
+        # A link that was not looked at lies farther away than the end is felt.
+        return ends
+
+    @wp.kernel(module=name, enable_backward=False)
+    def measure_stems(
+        # network
+        channels: Channels,
+        # out
+        stem_length_io: wp.array[wp.int64],
+    ):
+        """Length of each stem in quanta, at its top: each channel adds its own."""
+        channel = wp.tid()
+        if channels.start[channel] < channels.start[channel + 1]:
+            quanta = wp.round(wp.float64(length_of_link(channels, channel)) * QUANTA)
+            wp.atomic_add(stem_length_io, channels.stems.top[channel], wp.int64(quanta))
+
+    @wp.kernel(module=name, enable_backward=False)
+    def chain_links(
+        # network
+        channels: Channels,
+        # params
+        constants: MigrationConstants,
+        work: Work,
+        # out
+        memory_io: Memory,
+    ):
+        """What enters each link from upstream, and how far the ends of its stem are.
+
+        A link hands on (I, u) -> (A I + B, R u + T I + S), so that links are chained without a look at their points.
+        """
+        channel = wp.tid()
+        if work.status[HALT] == 0 and channels.step[channel] > ZERO:
+            run = line.whole_run(channels, channel)
+            memory_io.ends[channel] = ends_of(channels, run, constants)
+            memory_io.start[channel] = chained_start(channels, memory_io, run)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def add_upstream(
+        # network
+        channels: Channels,
+        points: Points,
+        # params
+        constants: MigrationConstants,
+        work: Work,
+        # in
+        memory: Memory,
+        # out
+        point_rate_io: wp.array[scalar],
+    ):
+        """Add to the rates of each link what enters it, gamma I e^(-depth), smoothed downstream as they are."""
+        share = line.channel_range(work, work.first + wp.tid())
+        for channel in range(share[0], share[1]):
+            run = line.whole_run(channels, channel)
+            if run.upper >= 0 and run.step > ZERO:
+                terms = terms_of(channels, points.xy, run, constants)
+                mean = scalar(memory.start[channel][0])
+                smoothed = scalar(memory.start[channel][1])
+                lost = LOST * (wp.abs(terms.upstream * mean) + wp.abs(smoothed))
+                r = terms.root
+                q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
+                point_rate_io[run.first] = smoothed
+                j = int(run.first + 1)
+                while j <= run.last and wp.abs(terms.upstream * mean) + wp.abs(smoothed) > lost:
+                    if points.section:
+                        q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                        r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
+                    mean = mean * q
+                    smoothed = (ONE - r) * terms.upstream * mean + r * smoothed
+                    point_rate_io[j] = point_rate_io[j] + smoothed
+                    j += 1
+
+    @wp.func(module=name)
+    def foot_rate(run: Run, point_rate: wp.array[scalar]) -> scalar:
+        """Smoothed rate at the last point of a stem, which is held, or slides along the edge of the map."""
+        if run.edge != EDGE_NONE:
+            return point_rate[run.last]
+        return ZERO
+
+    @wp.func(module=name)
+    def link_tail(
+        channels: Channels,
+        points: Points,
+        point_rate: wp.array[scalar],
+        link: int,
+        constants: MigrationConstants,
+        tail: scalar,
+    ) -> scalar:
+        """Rate of the second point of a link, smoothed upstream to there; ``tail`` comes from downstream of it."""
+        run = line.whole_run(channels, link)
+        terms = smoothing_of(channels, points.xy, run, constants)
+        r = terms.root
+        smoothed = scalar(tail)
+        lowest = wp.min(run.last, run.first + 1 + line.recurrence_reach(r))
+        for k in range(0, lowest - run.first):
+            j = lowest - k
+            if points.section:
+                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
+            smoothed = (ONE - r) * point_rate[j] + r * smoothed
+            if j == run.last and run.lower < 0:
+                smoothed = foot_rate(run, point_rate)
+        return smoothed
+
+    @wp.kernel(module=name, enable_backward=False)
+    def find_tails(
+        # network
+        channels: Channels,
+        points: Points,
+        # params
+        constants: MigrationConstants,
+        work: Work,
+        # in
+        point_rate: wp.array[scalar],
+        # out
+        channel_tail_out: wp.array[scalar],
+    ):
+        """Rate of the point just downstream of each link, smoothed upstream to there, from as far as it counts.
+
+        A junction is the last point of the link upstream and counts once. Inactive links hold it, and hand nothing on.
+        """
+        channel = wp.tid()
+        if work.status[HALT] != 0 or channels.step[channel] == ZERO:
+            return
+        nearest = channels.stems.lower[channel]
+        tail = scalar(0.0)
+        if nearest >= 0:
+            left = scalar(1.0)
+            link = int(channel)
+            lower = int(nearest)
+            while lower >= 0 and left > LOST:
+                if channels.step[lower] == ZERO:
+                    left = ZERO
+                else:
+                    link = lower
+                    run = line.whole_run(channels, link)
+                    root = smoothing_of(channels, points.xy, run, constants).root
+                    left = left * wp.pow(root, scalar(run.last - run.first))
+                    lower = run.lower
+            while link != channel:
+                tail = link_tail(channels, points, point_rate, link, constants, tail)
+                link = channels.stems.upper[link]
+        channel_tail_out[channel] = tail
+
+    return SimpleNamespace(
+        vec2=vec2,
+        vec3=vec3,
+        Channels=Channels,
+        Points=Points,
+        Ends=Ends,
+        MigrationConstants=MigrationConstants,
+        Terms=Terms,
+        Memory=Memory,
+        AREA_PARTS=AREA_PARTS,
+        decay_weights=decay_weights,
+        strength_of=strength_of,
+        segment_depth=segment_depth,
+        smoothing_root=smoothing_root,
+        smoothing_of=smoothing_of,
+        terms_of=terms_of,
+        is_felt=is_felt,
+        fade_of=fade_of,
+        free_ends=free_ends,
+        foot_rate=foot_rate,
+        measure_stems=measure_stems,
+        chain_links=chain_links,
+        add_upstream=add_upstream,
+        find_tails=find_tails,
+    )

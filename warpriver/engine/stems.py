@@ -1,0 +1,91 @@
+"""Stems on the device: which channels go on from each other as one river, and which leave the map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpriver.graph.stems import Stems, find_stems
+from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
+
+__all__ = ["StemArrays", "find_edges"]
+
+
+class StemArrays:
+    """The links next to each channel, and the edge of the map at its foot, for kernels.
+
+    Attributes:
+        links: The stems of the network.
+        joined: Whether any channel goes on in another one; ``slides``: whether any leaves the map.
+        length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
+        parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
+    """
+
+    links: Stems
+
+    def __init__(self, count: int, device: Any):
+        """Allocate for so many channels."""
+        self._arrays = {
+            name: wp.zeros(count, dtype=wp.int32, device=device) for name in ("upper", "lower", "top", "bottom")
+        }
+        self._edge = wp.zeros(count, dtype=wp.int32, device=device)
+        self.length = wp.zeros(count, dtype=wp.int64, device=device)
+        self.parts = wp.zeros(count, dtype=wp.int32, device=device)
+        self.joined = self.slides = False
+
+    def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
+        """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
+        before = self.joined, self.slides
+        self.links, capacity = find_stems(network, alone), len(self._edge)
+        for name, array in self._arrays.items():
+            # Beyond the channels nothing goes on.
+            values = (
+                np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
+            )
+            values[: network.channel_count] = getattr(self.links, name)
+            array.assign(values)
+        edge = np.full(capacity, EDGE_NONE, np.int32)
+        if terrain is not None:
+            edge[: network.channel_count] = find_edges(network, terrain)
+        self._edge.assign(edge)
+        self.joined, self.slides = bool((self.links.upper >= 0).any()), bool((edge != EDGE_NONE).any())
+        return before != (self.joined, self.slides)
+
+    def give(self, channels: Any) -> None:
+        """Set the arrays in the channels as kernels take them; they stay missing where there is nothing to tell."""
+        if self.joined:
+            for name, array in self._arrays.items():
+                setattr(channels.stems, name, array)
+            channels.stems.length = self.length
+        if self.slides:
+            channels.edge = self._edge
+
+    def holds_feet(self) -> np.ndarray:
+        """Return whether the last point of each channel stays in place, (C,) bool."""
+        return (self.links.lower < 0) & (self._edge.numpy()[: len(self.links.lower)] == EDGE_NONE)
+
+    def level(self, parts: np.ndarray) -> np.ndarray:
+        """Return the maximum over the links of each channel's stem, (C,); 0 where that of the channel itself is 0."""
+        most = np.zeros(len(parts), parts.dtype)
+        np.maximum.at(most, self.links.top, parts)
+        return np.where(parts > 0, most[self.links.top], 0)
+
+
+def find_edges(network: RiverNetwork, terrain: Terrain) -> np.ndarray:
+    """Return the edge of the map at the foot of each channel, (C,) int32: ``EDGE_NORTH_SOUTH`` and so on.
+
+    A channel leaves the map where it alone ends at a node within a cell of the edge, from which nothing flows on.
+    """
+    west, south, east, north = terrain.bounds
+    foot = network.node_xy[network.channel_to]
+    away_x = np.minimum(foot[:, 0] - west, east - foot[:, 0])
+    away_y = np.minimum(foot[:, 1] - south, north - foot[:, 1])
+    edge = np.where(away_x <= away_y, EDGE_NORTH_SOUTH, EDGE_WEST_EAST)
+    meeting = np.bincount(network.channel_to, minlength=network.node_count)
+    meeting += np.bincount(network.channel_from, minlength=network.node_count)
+    leaves = (meeting[network.channel_to] == 1) & (np.minimum(away_x, away_y) < terrain.cell_size)
+    return np.where(leaves, edge, EDGE_NONE).astype(np.int32)

@@ -1,0 +1,77 @@
+"""Memory of stems: the curvature that a channel feels of the links upstream, handed on from each to the next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from warpriver.device import PRECISIONS
+from warpriver.engine.stages import Share, clear, launch
+from warpriver.kernels import memory as kernels
+from warpriver.params import MeanderParams
+
+__all__ = ["StemMemory", "migration_constants"]
+
+
+def migration_constants(params: MeanderParams, dtype: str) -> Any:
+    """Pack the constants of migration for the kernels of that precision."""
+    constants = kernels.build(PRECISIONS[dtype][0]).MigrationConstants()
+    constants.migration_rate = params.migration_rate
+    constants.reference_width = params.reference_width or 0.0
+    constants.friction = params.friction
+    constants.local_weight = params.local_weight
+    constants.upstream_weight = params.upstream_weight
+    constants.scale_local = int(params.sinuosity_scaling == "whole")
+    constants.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
+    constants.end_damping = params.end_damping
+    constants.slope_threshold = params.slope_threshold
+    return constants
+
+
+class StemMemory:
+    """What the links of stems hand on in a sub-step, and the launches that hand it on.
+
+    The rates of a link are computed as if nothing came from upstream. They are linear in what enters it: a few numbers
+    tell what a link makes of that, the links are chained without a walk over their points, and what enters each is
+    added to its rates afterwards.
+    """
+
+    def __init__(self, count: int, scalar: Any, device: Any):
+        """Allocate for so many channels."""
+        kernel = kernels.build(scalar)
+
+        def zeros(kind: Any) -> wp.array:
+            return wp.zeros(count, dtype=kind, device=device)
+
+        self._kernel, self._device, self._count = kernel, device, count
+        self.end, self.fade, self.start = zeros(kernel.vec2), zeros(kernel.vec3), zeros(kernel.vec2)
+        self.tail, self.ends = zeros(scalar), zeros(kernel.Ends)
+
+    def struct(self) -> Any:
+        """Return the arrays as kernels take them."""
+        memory = self._kernel.Memory()
+        memory.end, memory.fade, memory.start = self.end, self.fade, self.start
+        memory.tail, memory.ends = self.tail, self.ends
+        return memory
+
+    def measure(self, channels: Any, length: wp.array) -> None:
+        """Measure the stems, whose sinuosity the rates need."""
+        clear(length)
+        self._launch("measure_stems", self._count, [channels], [length])
+
+    def chain(self, channels: Any, constants: Any, work: Any) -> None:
+        """Find what enters each link, when the rates of all are computed."""
+        self._launch("chain_links", self._count, [channels, constants, work], [self.struct()])
+
+    def add(self, channels: Any, points: Any, constants: Any, share: Share, rate: wp.array) -> None:
+        """Add to the rates of a share of the channels what enters them."""
+        inputs = [channels, points, constants, share.work, self.struct()]
+        self._launch("add_upstream", share.channel_threads, inputs, [rate])
+
+    def find_tails(self, channels: Any, points: Any, constants: Any, work: Any, rate: wp.array) -> None:
+        """Find what comes from downstream of each link where rates are smoothed, when they are complete."""
+        self._launch("find_tails", self._count, [channels, points, constants, work, rate], [self.tail])
+
+    def _launch(self, name: str, threads: int, inputs: list[Any], outputs: list[Any]) -> None:
+        launch(getattr(self._kernel, name), threads, inputs, outputs, self._device)
