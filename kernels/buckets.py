@@ -1,16 +1,16 @@
 """Functions that find the bucket of a grid cell in a table, shared by the searches for points that are near."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import channels
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the bucket functions for one precision.
 

@@ -5,11 +5,12 @@ The padding is a wall or a ghost, a copy of the cell at the far side of a period
 numbered 0 .. 7, clockwise from the north; the odd ones are diagonal.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
+
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,7 +18,7 @@ wp.set_module_options({"enable_backward": False})
 OPEN, DONE, GHOST, OUTLET = 0, 1, 2, 3
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the functions and kernels on cells for one precision of the heights.
 

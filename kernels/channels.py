@@ -1,11 +1,11 @@
 """Channels as kernels take them, and how their points are dealt out to the threads of a launch."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels.status import HALT
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,7 +47,7 @@ class Stems:
     length: wp.array[wp.int64]
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the structs and functions of channels for one precision.
 

@@ -1,6 +1,5 @@
 """Collisions: where channels of a network come closer to each other than they are wide."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -8,6 +7,7 @@ import warp as wp
 from warpriver.kernels import buckets, polyline
 from warpriver.kernels.channels import COARSEST_SPACING, Work
 from warpriver.kernels.status import CONTACTS, HALT
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,7 +36,7 @@ class Contacts:
     share_sum: wp.array[int]
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the collision kernels for one precision.
 

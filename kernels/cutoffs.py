@@ -1,6 +1,5 @@
 """Neck cutoffs: pairs of points of one channel that come close are found on a grid, and the loops between them cut."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -18,7 +17,7 @@ from warpriver.kernels.status import (
     FAULT_OXBOWS_FULL,
     HALT,
 )
-from warpriver.kernels.variants import named
+from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,7 +32,7 @@ class Cut:
     substep: int
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the cutoff kernels for one precision.
 

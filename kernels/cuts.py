@@ -1,11 +1,11 @@
 """What is cut off in a sub-step: the necks of channels, the cuts chosen among them, and the chunks that hold any."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels.channels import Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -41,7 +41,7 @@ class Marks:
     sum: wp.array[wp.vec2i]
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the functions; they are the same in both precisions, in a module for each.
 

@@ -1,16 +1,16 @@
 """Depressions: filled by a flood from the outlets, or opened by the smallest cuts; each kernel runs on one thread."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import cells
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the depression kernels for one precision.
 

@@ -5,13 +5,13 @@ walls around it, and at its exits, cells of its height that water leaves by: suc
 none of these, outlets. Nothing passes from flat to flat, so that each is one thread's work.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import cells
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False})
 SHORES, EXITS = 0, 1
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels on flats for one precision.
 

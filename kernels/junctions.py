@@ -1,6 +1,5 @@
 """Junctions: nodes that move with the stem that goes on through them, and wander along the channel downstream."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -8,11 +7,12 @@ import warp as wp
 from warpriver.kernels import polyline
 from warpriver.kernels.channels import Work
 from warpriver.kernels.status import HALT, NUMBER
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the junction kernels for one precision.
 

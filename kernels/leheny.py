@@ -1,16 +1,16 @@
 """Leheny's erosion: rain that walks downhill by chance, digs where it has been, and slides that follow it."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import cells
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of Leheny's model for one precision of the heights.
 
@@ -36,7 +36,10 @@ def build(scalar):
 
     @wp.struct
     class Constants:
-        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m."""
+        """Grid and constants: ``bias`` is E in 1/m; ``depth``, ``threshold`` (D and M) and ``quantum`` are in m.
+
+        ``base`` is the height in m that no cell sinks below, a whole number of quanta, or minus infinity.
+        """
 
         rows: int
         columns: int
@@ -47,6 +50,7 @@ def build(scalar):
         depth: scalar
         threshold: scalar
         quantum: scalar
+        base: scalar
 
     @wp.func(module=name)
     def neighbor(constants: Constants, cell: int, k: int) -> int:
@@ -178,10 +182,10 @@ def build(scalar):
     ):
         """Do the events first .. first + count - 1 of one grid, one after another [Leheny1995].
 
-        Rain falls on a random cell, walks down to an outlet, lowers each cell of its way by D; then slides come to
-        rest. The numbers of an event are those of a counter-based state made of the grid's seed and the event. The
-        tally gains visited cells, slides, and walks that ended elsewhere than at an outlet: three numbers a grid.
-        ``cell_waiting_out`` is 0 before and after.
+        Rain falls on a random cell, walks down to an outlet, lowers each cell of its way by D, but none below the base
+        level and none to the height of the next one or below it; then slides come to rest. The numbers of an event are
+        those of a counter-based state made of the grid's seed and the event. The tally gains visited cells, slides, and
+        walks that ended elsewhere than at an outlet: three numbers a grid. ``cell_waiting_out`` is 0 before and after.
         """
         grid = wp.tid()
         base = grid * cell_state.shape[0]
@@ -203,9 +207,14 @@ def build(scalar):
                         stuck += wp.int64(1)
                     else:
                         cell = neighbor(constants, cell, k)
+            floor = scalar(constants.base)
             for i in range(size):
-                visited = stack_io[base + i]
-                cell_height_io[base + visited] = cell_height_io[base + visited] - constants.depth
+                visited = stack_io[base + size - 1 - i]
+                height = cell_height_io[base + visited]
+                # A cell above the next one by a quantum is never raised by this.
+                height = wp.max(height - constants.depth, wp.min(height, floor))
+                floor = height + constants.quantum
+                cell_height_io[base + visited] = height
                 cell_waiting_out[base + visited] = YES
             visits += wp.int64(size)
             slides += wp.int64(settle_around(constants, base, size, cell_height_io, stack_io, cell_waiting_out))
@@ -255,6 +264,74 @@ def build(scalar):
                         cell_next_io[cell] = below
             cell = below
         wp.atomic_add(tally_io, 0, wp.int64(size))
+
+    @wp.kernel(module=name, enable_backward=False)
+    def begin_grading(
+        # params
+        constants: Constants,
+        # in
+        cell_state: wp.array[wp.uint8],
+        cell_height: wp.array[scalar],
+        cell_visits: wp.array[int],
+        cell_next: wp.array[int],
+        # out
+        cell_graded_out: wp.array[scalar],
+        cell_ahead_out: wp.array[int],
+    ):
+        """Height of each cell after a batch if only outlets are held at the base level, and the next cell of its water.
+
+        Cells without a next one, or that no rain has visited, are ahead of none: -1.
+        """
+        cell = wp.tid()
+        visits = cell_visits[cell]
+        height = cell_height[cell]
+        lowered = height - scalar(visits) * constants.depth
+        ahead = int(-1)
+        if visits > 0:
+            if cell_state[cell] == OUTLET:
+                lowered = wp.max(lowered, wp.min(height, constants.base))
+            else:
+                ahead = cell_next[cell]
+        cell_graded_out[cell] = lowered
+        cell_ahead_out[cell] = ahead
+
+    @wp.kernel(module=name, enable_backward=False)
+    def double_grading(
+        # params
+        rise: scalar,
+        # in
+        cell_graded: wp.array[scalar],
+        cell_ahead: wp.array[int],
+        # out
+        next_graded_out: wp.array[scalar],
+        next_ahead_out: wp.array[int],
+    ):
+        """Raise each cell above the one that is 2^k cells ahead, by a quantum a cell, and look twice as far ahead.
+
+        After n rounds a cell is as high as the next 2^n cells of its way require: max of h_i + i quantum.
+        """
+        cell = wp.tid()
+        ahead = cell_ahead[cell]
+        height = cell_graded[cell]
+        farther = int(-1)
+        if ahead >= 0:
+            height = wp.max(height, cell_graded[ahead] + rise)
+            farther = cell_ahead[ahead]
+        next_graded_out[cell] = height
+        next_ahead_out[cell] = farther
+
+    @wp.kernel(module=name, enable_backward=False)
+    def raise_graded(
+        # in
+        cell_graded: wp.array[scalar],
+        # out
+        cell_height_io: wp.array[scalar],
+    ):
+        """Raise cells that a batch has lowered to the height that their way to the base level requires."""
+        cell = wp.tid()
+        # Not by max: NaN stays.
+        if cell_graded[cell] > cell_height_io[cell]:
+            cell_height_io[cell] = cell_graded[cell]
 
     @wp.func(module=name)
     def words_of_row(constants: Constants) -> int:
@@ -440,6 +517,9 @@ def build(scalar):
     return SimpleNamespace(
         Constants=Constants,
         erode_serially=erode_serially,
+        begin_grading=begin_grading,
+        double_grading=double_grading,
+        raise_graded=raise_graded,
         walk_together=walk_together,
         lower_visited=lower_visited,
         mark_steep=mark_steep,

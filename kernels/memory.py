@@ -1,6 +1,5 @@
 """Memory of curvature upstream: what is left of it along a channel, and what a link of a stem hands on to the next."""
 
-import functools
 import math
 from types import SimpleNamespace
 
@@ -9,11 +8,12 @@ import warp as wp
 from warpriver.kernels import polyline
 from warpriver.kernels.channels import EDGE_NONE, Work
 from warpriver.kernels.status import HALT
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels for one precision, and the functions that they share with those of migration.
 

@@ -1,17 +1,17 @@
 """Meander migration: the rate from local and upstream curvature, and the move [Howard1984, Paris2023]."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import memory, polyline, raster
 from warpriver.kernels.channels import EDGE_NONE, Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the migration kernels for one precision.
 

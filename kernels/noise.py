@@ -1,15 +1,16 @@
 """Seeded noise that the kernels of several processes share; every value depends on the seed and the place alone."""
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
+from warpriver.kernels.variants import once
+
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the noise functions for one precision.
 

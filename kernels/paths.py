@@ -1,6 +1,5 @@
 """Meanders by shortest paths, the move: a push by the curvature, blurred along the channel, and a smoothing."""
 
-import functools
 import math
 from types import SimpleNamespace
 
@@ -8,11 +7,12 @@ import warp as wp
 
 from warpriver.kernels import polyline, raster
 from warpriver.kernels.channels import Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of the push for one precision.
 

@@ -1,12 +1,12 @@
 """Geometry of channels: tangents, curvature, arc lengths, recurrences along the line."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import channels
 from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -32,7 +32,7 @@ class ArcPlace:
     before: wp.int64
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the functions on polylines for one precision; their namespace has those of ``channels`` as well.
 

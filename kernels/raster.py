@@ -6,16 +6,17 @@ are scaled up to 1. So a value goes on unchanged through the outer half cell, an
 NaN.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
+from warpriver.kernels.variants import once
+
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make functions and kernels on rasters for one precision of the positions; the rasters hold float64 in both.
 

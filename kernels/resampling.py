@@ -1,6 +1,5 @@
 """Resampling: evenly spaced points on the C1 cubic through the moved ones [Paris2023, Sec. 4.3]."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -27,11 +26,12 @@ from warpriver.kernels.status import (
     STEPS,
     TOTAL,
 )
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the resampling kernels for one precision; arc lengths are float64 in both.
 

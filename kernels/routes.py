@@ -1,6 +1,5 @@
 """The shortest path over the shortcuts of a channel, down a line or round a ring."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -10,11 +9,12 @@ from warpriver.kernels.channels import RING_POINTS, Work
 from warpriver.kernels.cuts import Cuts, Marks
 from warpriver.kernels.links import Links, Route
 from warpriver.kernels.polyline import Arcs
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of routes for one precision; arc lengths and what a shortcut saves are float64 in both.
 

@@ -1,16 +1,16 @@
 """Routing: where water goes from each cell, in which order, and what it gathers on the way; D8 and multiple flow."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import cells
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the routing kernels for one precision.
 

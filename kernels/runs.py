@@ -1,16 +1,16 @@
 """Runs of points that an edit of the network puts into a new order."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import channels
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernel for one precision.
 

@@ -1,16 +1,15 @@
 """Running sums along arrays: whole numbers only, so that no order of additions can be seen in them."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels.variants import named
+from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of running sums; they are the same in both precisions, in a module for each.
 

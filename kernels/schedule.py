@@ -1,6 +1,5 @@
 """In how many parts each channel does a time step, and which of them it takes."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -8,11 +7,12 @@ import warp as wp
 from warpriver.kernels import polyline, raster
 from warpriver.kernels.channels import Work
 from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, SUBSTEPS, TOTAL, TOUCH
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the planning kernels for one precision.
 

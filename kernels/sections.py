@@ -1,10 +1,11 @@
 """Forms of a channel's cross section: depth below top of bank in bankfull depths, from the left bank to the right."""
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
+
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -12,7 +13,7 @@ wp.set_module_options({"enable_backward": False})
 ASYMMETRIC, TRAPEZOID, SEMICIRCLE, POLYNOMIAL, WEIBULL = range(5)
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the functions of cross sections for one precision.
 

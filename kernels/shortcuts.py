@@ -1,6 +1,5 @@
 """Shortcuts between near strands of a channel: found on a grid, listed in order, weighed."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -11,12 +10,12 @@ from warpriver.kernels.cuts import Cuts
 from warpriver.kernels.links import Links, Route
 from warpriver.kernels.polyline import Arcs
 from warpriver.kernels.status import FAULT, FAULT_SHORTCUTS_FULL, HALT, LINKS_NEEDED
-from warpriver.kernels.variants import named
+from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the shortcut kernels for one precision; arc lengths and what a shortcut saves are float64 in both.
 

@@ -1,17 +1,17 @@
 """Smoothing of channels without shrinking them: passes of Taubin's pair of weights [Taubin1995]."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import polyline
 from warpriver.kernels.channels import Work
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the smoothing kernel for one precision.
 

@@ -1,11 +1,11 @@
 """What is set into the surface of a synthetic valley: patches of rough ground, and meshes."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import noise
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,7 +13,7 @@ wp.set_module_options({"enable_backward": False})
 RAISE, LOWER, REPLACE = range(3)
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of patches and stamped meshes for one precision; heights are float64 in both.
 

@@ -1,17 +1,17 @@
 """Terrain: gradients at points, slope of cells, brushes, ridges, and another cell size."""
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import raster
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the terrain kernels for one precision of the positions; heights are float64 in both.
 

@@ -1,17 +1,17 @@
 """Terrains from nothing: sums of noise, and the steady form of land that rivers drain."""
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import noise
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of synthetic terrains for one precision of the noise; heights are float64 in both.
 

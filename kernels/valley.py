@@ -4,13 +4,13 @@ Places are in the frame of the valley: x along its axis from the upstream end, y
 that slopes with top of bank are called rises; the channel's are below 0.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
 from warpriver.kernels import noise, sections
+from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,7 +23,7 @@ IS_LOG, PLACE, CELL, COUNT, CHANCE, MIN_RADIUS, SPREAD, HEIGHT, LENGTH, FADE = r
 NOWHERE = 2**31 - 1
 
 
-@functools.cache
+@once
 def build(scalar):
     """Make the kernels of synthetic valleys for one precision; heights that are written are float64 in both.
 

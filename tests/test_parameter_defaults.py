@@ -17,9 +17,9 @@ DEFAULTS = {
     "MeanderParams": {
         "time_step": (0.29021218343600275, "yr"),
         "spacing": (50.0, "m"),
-        "spacing_in_widths": (0.0, "widths"),
+        "spacing_in_widths": (1.0, "widths"),
         "migration_rate": (60.0, "m/yr"),
-        "reference_width": (0.0, "m"),
+        "reference_width": (None, "m"),
         "friction": (0.011, "-"),
         "local_weight": (-1.0, "-"),
         "upstream_weight": (2.5, "-"),
@@ -39,7 +39,7 @@ DEFAULTS = {
     "PathMeander": {
         "time_step": (0.29021218343600275, "yr"),
         "spacing": (50.0, "m"),
-        "spacing_in_widths": (0.0, "widths"),
+        "spacing_in_widths": (1.0, "widths"),
         "displacement_rate": (60.0, "m/yr"),
         "downstream_share": (0.9, "-"),
         "blur_length": (1.5, "widths"),

@@ -1,9 +1,10 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
-from warpriver.params import DAYS_PER_YEAR, MeanderParams, describe
+from warpriver.params import DAYS_PER_YEAR, MeanderParams, PathMeander, describe
 
 
 def test_paper_values_are_table_1():
@@ -17,7 +18,8 @@ def test_paper_values_are_table_1():
 
 def test_every_field_states_unit_source_and_meaning():
     for name, default, unit, source, doc in describe(MeanderParams):
-        assert default is not None and unit and source and doc, name
+        # What follows from the network has no number.
+        assert (default is not None or name == "reference_width") and unit and source and doc, name
 
 
 @pytest.mark.parametrize(
@@ -37,6 +39,15 @@ def test_every_field_states_unit_source_and_meaning():
 def test_a_value_out_of_range_is_named(change, word):
     with pytest.raises(ValueError, match=word):
         MeanderParams(**change)
+
+
+def test_the_reference_width_is_that_of_the_widest_channel_where_widths_differ():
+    alike, mixed = np.array([40.0, 40.0]), np.array([12.0, 90.0, 30.0])
+    assert MeanderParams().for_widths(alike) == MeanderParams()
+    assert MeanderParams().for_widths(mixed) == MeanderParams(reference_width=90.0)
+    for own in (MeanderParams(reference_width=0.0), MeanderParams(reference_width=30.0), MeanderParams.paper()):
+        assert own.for_widths(mixed) == own
+    assert PathMeander().for_widths(mixed) == PathMeander()
 
 
 def test_params_are_frozen_and_replaceable():

@@ -37,9 +37,11 @@ LEVELS = [
     {"graph"},
     {"engine"},
     {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
+    {"io"},
     {"models"},
+    {"resume"},
     {"simulation"},
-    {"bench", "io"},
+    {"bench"},
     {"viz"},
     {"cli", "__main__"},
 ]

@@ -14,13 +14,12 @@ if TYPE_CHECKING:
     from warpriver import erosion, generate, history, hydrology, io, meander, metrics, valley, viz
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
-    from warpriver.history import Every, History
+    from warpriver.history import Every, History, read_history
     from warpriver.hydrology.extraction import extract_network
     from warpriver.io.meshes import write_mesh
     from warpriver.io.raster.terrains import read_terrain, write_terrain
     from warpriver.io.raster.xarrays import from_xarray, to_xarray
     from warpriver.io.vector.networks import read_network, write_network
-    from warpriver.meander.smoothing import taubin_smooth
     from warpriver.network import RiverNetwork
     from warpriver.params import LehenyParams, MeanderParams, PathMeander
     from warpriver.simulation import Simulation
@@ -48,10 +47,10 @@ __all__ = [
     "io",
     "meander",
     "metrics",
+    "read_history",
     "read_network",
     "read_terrain",
     "synthetic_valley",
-    "taubin_smooth",
     "to_xarray",
     "valley",
     "viz",
@@ -76,10 +75,11 @@ _HOMES = {
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_terrain": "warpriver.io.raster.terrains",
     "synthetic_valley": "warpriver.valley.valley",
-    "taubin_smooth": "warpriver.meander.smoothing",
+    "taubin_smooth": "warpriver.meander.smoothing",  # listed by its room
     "to_xarray": "warpriver.io.raster.xarrays",
     "write_mesh": "warpriver.io.meshes",
     "write_network": "warpriver.io.vector.networks",

@@ -1,13 +1,17 @@
-"""Devices: the one that a name means, the precisions there are, and whether something fits into its memory."""
+"""Devices: a quiet start of Warp, launches that threads share, the device that a name means, precisions, memory."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import logging
 import math
 import os
+import sys
 import tempfile
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +20,16 @@ import warp as wp
 
 from warpriver.errors import InputError, OutOfMemoryError, PathError
 
-__all__ = ["PRECISIONS", "available_memory", "present_device", "require_memory", "resolve_device", "start_warp"]
+__all__ = [
+    "PRECISIONS",
+    "available_memory",
+    "launch_kernel",
+    "load_kernel",
+    "present_device",
+    "require_memory",
+    "resolve_device",
+    "start_warp",
+]
 
 log = logging.getLogger("warpriver")
 
@@ -50,14 +63,98 @@ def _settle_cache() -> None:
 _settle_cache()
 
 
+# Warp's own start is not safe where two threads come to it at once.
+_starting = threading.Lock()
+_started = False
+
+
 def start_warp() -> None:
-    """Start Warp, or raise ``OSError`` that says how to let it keep its kernels."""
+    """Start Warp, once in a process, without its greeting.
+
+    From then on Warp tells of warnings and errors only, unless ``wp.config.log_level`` had been set before or is set
+    again afterwards. On a machine without a CUDA driver its native line about that is left out as well.
+
+    Raises:
+        OSError: Warp cannot keep its kernels; it says how to let it.
+    """
+    global _started
+    if _started:
+        return
+    with _starting:
+        if not _started:
+            if wp.config.log_level == wp.LOG_INFO:  # as Warp comes
+                wp.config.log_level = wp.LOG_WARNING
+            with contextlib.nullcontext() if _has_driver() else _without_driver_lines():
+                try:
+                    wp.init()
+                except OSError as error:
+                    raise PathError.of(
+                        error, "Warp cannot keep its kernels; set WARP_CACHE_PATH to a folder that can be written"
+                    ) from error
+            _started = True
+
+
+def _has_driver() -> bool:
     try:
-        wp.init()
-    except OSError as error:
-        raise PathError.of(
-            error, "Warp cannot keep its kernels; set WARP_CACHE_PATH to a folder that can be written"
-        ) from error
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _without_driver_lines() -> Iterator[None]:
+    """Hold back what native code says to standard error, and let through what is not about the missing driver."""
+    try:
+        sys.stderr.flush()
+        kept = os.dup(2)
+    except (AttributeError, OSError):  # there is no standard error
+        yield
+        return
+    # In memory: there may be no room for a file.
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    os.dup2(writing, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(writing)
+        with os.fdopen(reading, errors="replace") as said:
+            for line in said:
+                if "CUDA driver" not in line:
+                    print(line, end="", file=sys.stderr)
+
+
+# Modules of kernels that are loaded, each with the device and the threads of a block that it is loaded for.
+_loaded: set[tuple[Any, str, int]] = set()
+_loading = threading.Lock()
+# Threads of a block where nothing else is said, as Warp has them on a GPU.
+BLOCK_DIM = 256
+
+
+def load_kernel(kernel: Any, device: Any, block_dim: int) -> None:
+    """Load the module of a kernel, and compile it if need be, by one thread at a time.
+
+    Warp lets two threads load a module at the same time; the one that comes second then unloads what the first is
+    running.
+    """
+    key = (kernel.module, device.alias, block_dim)
+    if key not in _loaded:
+        with _loading:
+            kernel.module.load(device, block_dim)
+            _loaded.add(key)
+
+
+def launch_kernel(
+    kernel: Any, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any] = (), *, device: Any
+) -> None:
+    """Launch a kernel, from any thread; in place of ``wp.launch``."""
+    device = resolve_device(device)
+    block_dim = 1 if device.is_cpu else BLOCK_DIM
+    load_kernel(kernel, device, block_dim)
+    wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim)
 
 
 def resolve_device(device: Any) -> Any:
@@ -72,6 +169,7 @@ def resolve_device(device: Any) -> Any:
 
 def present_device(alias: str, what: str) -> Any:
     """Return the device that something lay on when it was pickled, or the CPU with a ``UserWarning``."""
+    start_warp()
     if alias in [device.alias for device in wp.get_devices()]:
         return wp.get_device(alias)
     text = f"{what} was pickled on {alias!r}, which this machine does not have; it lies on the CPU now"

@@ -44,7 +44,7 @@ class RiverNetwork:
     written into: ``network.with_channels(network.channels.replace(width=...))`` is a network with other ones.
 
     Attributes:
-        node_xy: (N, 2) float64, node positions in m, absolute.
+        node_xy: (N, 2) float64, read-only: node positions in m, absolute.
         origin: (2,) float64, absolute position of the device coordinates' zero.
         crs: Coordinate reference system as text ("EPSG:32619", WKT ...), or None.
         dtype: "float64" or "float32", the precision on the device.
@@ -122,6 +122,7 @@ class RiverNetwork:
             channels = channels.replace(from_node=above, to_node=below)
         check_graph(channels, np.asarray(node_xy))
         self.channel_start: wp.array
+        self.node_xy: np.ndarray
         self.point_z: np.ndarray | None
         self.replace_channels(start, channels, node_xy)
         self.point_xy: wp.array = wp.array(np.asarray(xy, real), dtype=vec2, device=self.device)
@@ -340,8 +341,13 @@ class RiverNetwork:
         self.point_count = int(start[-1])
         self.channel_start = wp.array(start, dtype=wp.int32, device=self.device)
         self._channels = channels
-        self.node_xy = np.array(node_xy, np.float64)
+        self.place_nodes(node_xy)
         self.point_z = None
+
+    def place_nodes(self, node_xy: np.ndarray) -> None:
+        """Set the positions of the nodes, (N, 2) in m, absolute; the ends of the channels are the caller's affair."""
+        self.node_xy = np.array(node_xy, np.float64)
+        self.node_xy.flags.writeable = False
 
     def with_channels(self, channels: ChannelTable) -> RiverNetwork:
         """Return a copy with another table of the same channels, such as ``network.channels.replace(width=...)``.

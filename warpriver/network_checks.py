@@ -8,6 +8,7 @@ import numpy as np
 
 from warpriver.channel_table import ChannelTable
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.kernels.channels import RING_POINTS
 
 __all__ = [
@@ -39,9 +40,10 @@ def find_nodes(
 
     Both ends of a ring are its first point.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
 
     count = len(start) - 1
     ends = np.concatenate([xy[start[:-1]], xy[np.where(closed, start[:-1], start[1:] - 1)]])
@@ -113,7 +115,8 @@ def check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[n
     """Raise ``ValueError`` where a ring shares a point with another ring or with the end of a channel."""
     if not rings.any() or len(lines) < 2:
         return
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.spatial import cKDTree
 
     index = np.flatnonzero(rings)
     owner = np.repeat(index, [len(lines[c]) for c in index])

@@ -6,6 +6,8 @@ import dataclasses
 import math
 from typing import Any, TypeVar
 
+import numpy as np
+
 from warpriver.errors import InputError
 
 __all__ = [
@@ -38,7 +40,7 @@ def parameter(
     """Declare one constant of a process: a dataclass field that knows its unit, range, source and meaning.
 
     Args:
-        default: Value used when none is given.
+        default: Value used when none is given; None where it follows from the network.
         unit: Unit at the API, for example ``"m/yr"``; ``"-"`` for a pure number.
         low: Least value allowed.
         high: Greatest value allowed.
@@ -83,10 +85,16 @@ class Params:
         """Return a copy with some fields changed (and checked again)."""
         return dataclasses.replace(self, **changes)
 
+    def for_widths(self: P, channel_width: np.ndarray) -> P:
+        """Return the constants for a network: defaults that follow from the widths of its channels are filled in."""
+        return self
+
 
 def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
     """Raise ``ValueError`` unless a value lies in the range that its field declares."""
     meta = field.metadata
+    if value is None and field.default is None:
+        return
     if meta["choices"]:
         if value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
@@ -123,16 +131,16 @@ class MeanderParams(Params):
         low=0.0,
         low_open=True,
         source="Paris2023",
-        doc="distance between the points of a channel; at most the channel width",
+        doc="maximum distance between the points of a channel",
     )
     spacing_in_widths: float = parameter(
-        0.0,
+        1.0,
         "widths",
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer; a network "
-        "of brooks and rivers then needs no more points than each asks for",
+        doc="maximum distance between the points of a channel as well, in widths at its narrowest place, so that each "
+        "channel of a network has its own; 0: no such limit, and a spacing wider than a channel is refused",
     )
     migration_rate: float = parameter(
         60.0,
@@ -141,13 +149,14 @@ class MeanderParams(Params):
         source="Sylvester2019",
         doc="k: lateral migration per unit of width times curvature",
     )
-    reference_width: float = parameter(
-        0.0,
+    reference_width: float | None = parameter(
+        None,
         "m",
         low=0.0,
         source="Hickin1984",
-        doc="above 0: migration_rate is that of channels so wide, and others migrate in proportion to their width, as "
-        "surveyed rivers do; 0: the same rate for all [Paris2023]",
+        doc="migration_rate is that of channels of this width, and others migrate in proportion to their width, as "
+        "surveyed rivers do; 0: the same rate for all [Paris2023]; by default the width of the widest channel of the "
+        "network",
     )
     friction: float = parameter(
         0.011,
@@ -276,9 +285,18 @@ class MeanderParams(Params):
     def paper(cls) -> MeanderParams:
         """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5.
 
-        Channels are held at their nodes, as there.
+        As there, channels are held at their nodes, and the spacing and the rate are the same for all of them, however
+        wide they are.
         """
-        return cls(migration_rate=0.164 * DAYS_PER_YEAR, upstream_memory="channel")
+        return cls(
+            migration_rate=0.164 * DAYS_PER_YEAR, spacing_in_widths=0.0, reference_width=0.0, upstream_memory="channel"
+        )
+
+    def for_widths(self, channel_width: np.ndarray) -> MeanderParams:
+        """Return the constants with the reference width of a network, where its channels differ in width."""
+        if self.reference_width is not None or np.ptp(channel_width) == 0.0:
+            return self
+        return self.replace(reference_width=float(np.max(channel_width)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -356,10 +374,7 @@ class PathMeander(Params):
 
     time_step: float = shared("time_step")
     spacing: float = shared("spacing")
-    spacing_in_widths: float = shared(
-        "spacing_in_widths",
-        doc="above 0: each channel has its own spacing, so many of its narrowest width, where that is finer",
-    )
+    spacing_in_widths: float = shared("spacing_in_widths")
     displacement_rate: float = parameter(
         60.0,
         "m/yr",

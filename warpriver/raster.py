@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from warpriver.crs import CRSLike, metric_crs, pyproj_or_none, short_name
-from warpriver.device import PRECISIONS, present_device, require_memory, resolve_device
+from warpriver.device import PRECISIONS, launch_kernel, present_device, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
@@ -220,7 +220,7 @@ class Raster:
             return self._sample_cells(points)
         out = wp.empty(len(points), dtype=wp.float64, device=self.device)
         inputs = [self.values, self.grid(), points]
-        wp.launch(kernels.build(wp.float64).sample_values, len(points), inputs, [out], device=self.device)
+        launch_kernel(kernels.build(wp.float64).sample_values, len(points), inputs, [out], device=self.device)
         return out.numpy().copy()
 
     def _sample_cells(self, points: wp.array) -> np.ndarray:
@@ -231,7 +231,7 @@ class Raster:
         cell = wp.empty(len(points), dtype=wp.int32, device=self.device)
         inside = wp.empty(len(points), dtype=wp.uint8, device=self.device)
         inputs = [rows, columns, self.grid(), points]
-        wp.launch(kernels.build(wp.float64).find_cells, len(points), inputs, [cell, inside], device=self.device)
+        launch_kernel(kernels.build(wp.float64).find_cells, len(points), inputs, [cell, inside], device=self.device)
         if not len(points):
             return np.empty(0)
         # Gathered on the device, so that the points' values alone come to the host.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import os
 import signal
@@ -19,11 +20,13 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import History, Record, StopReason
+from warpriver.history import Ground, History, Record, StopReason
+from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
+from warpriver.resume import continued, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
 from warpriver.validate import not_negative, whole
 
@@ -36,20 +39,22 @@ MAX_STEPS = 2**31 - 1
 class Simulation:
     """A river network that migrates and cuts off its loops, step by step.
 
+    All attributes are read-only. A simulation goes on with other constants, or over other ground, by :meth:`resume`.
+
     Attributes:
         network: The network as it is now; the one given to the constructor is left as it was.
-        params: Constants; their kind says which solver moves the channels.
+        params: Constants; their type says which solver moves the channels.
         history: What has been recorded so far.
-        step_count: Steps done.
-        substeps: Equal parts in which the last step was done. A channel takes as many of them as its width, its depth
-            and its pace in the step before ask for, spread evenly, and rests in the others; where the ground is too
-            steep for it to move, in all.
+        step_count: Number of steps done.
+        substeps: Number of equal sub-steps in which the last step was done. A channel takes as many of them as its
+            width, its depth and its maximum speed in the step before require, spread evenly, and is inactive in the
+            others; where the ground is too steep for it to move, in all.
         terrain: The ground, or None for a plain.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
-        threads: Greatest number of threads that a step is dealt out to; the results do not depend on it.
-        seed: Seed of random events; migration and cutoffs draw no random numbers.
-        check: True: every phase of every step is checked.
-        stepper: Does the steps; what it holds on the device is of no concern to most.
+        threads: Maximum number of threads of a step; the results do not depend on it.
+        seed: Seed of the random numbers that phases draw; those of the two models draw none.
+        check: Whether every phase of every step is checked.
+        stepper: Does the steps; most programs need not look at it.
     """
 
     def __init__(
@@ -69,18 +74,19 @@ class Simulation:
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
         Args:
-            network: Where to start from. Elevations of its points, ``point_z``, are not taken over: they are those of
-                the line as it was given.
+            network: Where to start from. Elevations of its points, ``point_z``, are dropped: they are those of the line
+                as it was given.
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
-            terrain: Ground under the network, in the same CRS: migration fades with its slope and stops off its edge
-                and where it has no data. It is not copied: brush it between steps and the channels feel it. One on
-                another device is copied, once: then brush the simulation's ``terrain``.
-            seed: Seed of random events.
+            terrain: Ground under the network, in the same CRS: migration fades with its slope and stops beyond its edge
+                and where it has no data. A terrain on the network's device is shared, not copied: brush it between
+                steps, and the channels feel it. From another device it is copied once; then brush
+                ``simulation.terrain``, which is the copy.
+            seed: Seed of the random numbers that ``phases`` draw.
             device: Warp device, by default the network's.
             dtype: "float64" or "float32", by default the network's.
             check: Check every phase of every step, slowly, and stop at the first that breaks its promise.
             capture: Record the step once and replay it, where the device allows; same results, less overhead.
-            threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
+            threads: Maximum number of threads on the CPU, by default one for each core that the process may use.
             phases: Processes beyond those of the model, see :class:`warpriver.engine.phase.Phase`; they work on the
                 points of every sub-step right after these have moved.
 
@@ -89,18 +95,20 @@ class Simulation:
                 part or flow in a circle, the terrain lies elsewhere or in another CRS, or the time step is out of all
                 proportion.
         """
-        self.params = params if params is not None else MeanderParams()
+        params = params if params is not None else MeanderParams()
         self._added = tuple(phases)
-        model = model_of(self.params).with_phases(self._added)
-        _check_network(network, self.params, model)
+        model = model_of(params).with_phases(self._added)
+        params = params.for_widths(network.channel_width)
+        _check_network(network, params, model)
         check_ground(network, terrain)
         own = network.to(device, dtype)
         own.point_z = None  # of the line as given, whose points are about to move
-        self.seed = seed
-        self.stepper = Stepper(
-            own, self.params, terrain, model.phases, model.limits, check=check, capture=capture, threads=threads
-        )
-        self.history = History(self.params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype)
+        seed = whole(seed, "seed")
+        ground = None if terrain is None else Ground.of(terrain)
+        options = {"seed": seed, "check": check, "capture": capture, "threads": threads}
+        self._stepper = Stepper(own, params, terrain, model.phases, model.limits, **options)
+        self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
+        self._ground, self._ground_sum = ground, _sum_of(terrain)
         self._record()
 
     @classmethod
@@ -108,7 +116,9 @@ class Simulation:
         cls,
         history: History | str | os.PathLike,
         *,
+        params: MeanderParams | PathMeander | None = None,
         terrain: Terrain | None = None,
+        change_terrain: bool = False,
         device: Any = "cpu",
         check: bool = False,
         capture: bool = True,
@@ -117,9 +127,17 @@ class Simulation:
     ) -> Simulation:
         """Go on from the last record of a history, to the bit as if the run had not stopped there.
 
+        Other constants, or other ground, are taken from there on and recorded as events of the history
+        (``ParameterChange``, ``GroundChange``).
+
         Args:
             history: A history, or the path of a saved or streamed run; a streamed one grows when run again.
-            terrain: The ground, as it was; as in the constructor.
+            params: Constants to go on with, by default those of the run. The time step and the type of the constants
+                cannot change.
+            terrain: The ground of the run; by default it is read again from the file that it came from. Another one is
+                refused.
+            change_terrain: Take the terrain that is given, or the plain that is given by none, also if it is not the
+                ground of the run.
             device: Warp device.
             check: As in the constructor.
             capture: As in the constructor.
@@ -127,36 +145,53 @@ class Simulation:
             phases: As in the constructor, and the same.
 
         Raises:
-            ValueError: The history holds no record, or is damaged.
+            ValueError: The history is empty or damaged, its terrain is not found or is another one, or constants are
+                given that cannot change in a run.
         """
         if not isinstance(history, History):
             history = History.load(history)
+        record = history.record(-1)
+        before = history.events[: record.events_before]
+        old_params, old_ground = params_after(history.params, before), ground_after(history.ground, before)
+        params = continued(old_params, params)
+        changes = parameter_changes(record.time, old_params, params)
+        if changes:
+            _check_network(history.network_of(record), params, model_of(params))
+        terrain = ground_again(old_ground, terrain, change_terrain, device)
+        ground = None if terrain is None else Ground.of(terrain)
+        changes += ground_changes(record.time, old_ground, ground)
         self = cls.__new__(cls)
         options = {"check": check, "capture": capture, "threads": threads}
-        self._take_up(history, history.record(-1), terrain, device, phases, **options)
+        self._take_up(history, record, params, terrain, device, phases, **options)
+        self._ground = ground
         history.rewind()
+        history.events.extend(changes)
         return self
 
     def _take_up(
         self,
         history: History,
         record: Record,
+        params: MeanderParams | PathMeander,
         terrain: Terrain | None,
         device: Any,
         phases: Sequence[Phase],
         **options: Any,
     ) -> None:
         """Go on from a record, and with the history that it belongs to."""
-        self.params, self.seed, self._added = history.params, history.seed, tuple(phases)
+        self._added = tuple(phases)
         network = history.network_of(record)
-        check_saved(network, self.params, record.resume, record.step)
+        # The record is on the scale of the constants that it was made with.
+        check_saved(
+            network, params_after(history.params, history.events[: record.events_before]), record.resume, record.step
+        )
         network = network.to(device)
         check_ground(network, terrain)
-        model = model_of(self.params).with_phases(self._added)
-        saved = dict(record.resume)
-        self.stepper = Stepper(network, self.params, terrain, model.phases, model.limits, saved=saved, **options)
-        self.stepper.step_count = record.step
-        self.history = history
+        model = model_of(params).with_phases(self._added)
+        options |= {"seed": history.seed, "saved": dict(record.resume)}
+        self._stepper = Stepper(network, params, terrain, model.phases, model.limits, **options)
+        self._stepper.step_count = record.step
+        self._history, self._ground_sum = history, _sum_of(terrain)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle and copy between two steps: the copy goes on to the same bits, and its history is stored nowhere."""
@@ -165,6 +200,8 @@ class Simulation:
         return {
             "history": self.history,
             "record": self._as_record(),
+            "params": self.params,
+            "ground": self._ground,
             "terrain": self.terrain,
             "device": self.device.alias,
             "phases": self._added,
@@ -173,11 +210,39 @@ class Simulation:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        parts = (state[name] for name in ("history", "record", "terrain", "device", "phases"))
+        parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
+        self._ground, self._ground_sum = state["ground"], None
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
+
+    @property
+    def params(self) -> MeanderParams | PathMeander:
+        """Constants; their type says which solver moves the channels."""
+        return self._stepper.state.params
+
+    @params.setter
+    def params(self, params: Any) -> None:
+        raise AttributeError(
+            "the constants of a simulation are read-only; go on with others by Simulation.resume(simulation.history, "
+            "params=...)"
+        )
+
+    @property
+    def history(self) -> History:
+        """What has been recorded so far."""
+        return self._history
+
+    @property
+    def stepper(self) -> Stepper:
+        """What does the steps."""
+        return self._stepper
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random numbers that phases draw."""
+        return self._stepper.state.seed
 
     @property
     def network(self) -> RiverNetwork:
@@ -291,6 +356,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
+            self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
                     reason = self._run_steps(count, schedule, hooks, interrupted, advance)
@@ -353,7 +419,19 @@ class Simulation:
             if events := self.stepper.take_events():
                 self.history.events.extend(events)
 
+    def _note_ground(self) -> None:
+        """Note in the history that the ground has been edited since the last look at it."""
+        total = _sum_of(self.terrain)
+        if self.terrain is None or total == self._ground_sum:
+            return
+        self._ground_sum = total
+        now = dataclasses.replace(Ground.of(self.terrain), path=None, options={})
+        if changes := ground_changes(self.time, self._ground, now):
+            self._ground = now
+            self.history.events.extend(changes)
+
     def _record(self) -> None:
+        self._note_ground()
         self.stepper.state.place_nodes()
         with _storing():
             self.history.append(self._as_record())
@@ -396,14 +474,16 @@ class Simulation:
         return count
 
 
+def _sum_of(terrain: Terrain | None) -> int | None:
+    """A sum of the bits of all heights, which tells at little cost that some were edited."""
+    return None if terrain is None else int(terrain.height.numpy().view(np.uint64).sum())
+
+
 def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, model: Model) -> None:
     """Raise ``ValueError`` for a network that a simulation cannot take."""
     looped = (network.channel_from == network.channel_to) & ~network.channel_closed
     if looped.any():
-        raise InputError(
-            f"channel {int(looped.argmax())}: its ends coincide; make it a ring, RiverNetwork.from_polylines(..., "
-            "closed=True), or open it"
-        )
+        raise InputError(f"channel {int(looped.argmax())}: its ends coincide; make it a ring, closed=True, or open it")
     for phase in model.phases:
         phase.check_network(network)
     if params.spacing_in_widths > 0.0:

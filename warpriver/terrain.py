@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from warpriver.crs import CRSLike, metric_crs
-from warpriver.device import require_memory, resolve_device
+from warpriver.device import launch_kernel, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import terrain as kernels
 from warpriver.raster import (
@@ -25,7 +27,7 @@ from warpriver.sentinels import find_sentinels, listed
 from warpriver.thumbnail import card, png_of, raster_picture
 from warpriver.validate import checked_points, finite_numbers, positive
 
-__all__ = ["NAME", "UNIT", "Terrain", "square_cells", "surface_of"]
+__all__ = ["NAME", "UNIT", "Terrain", "TerrainFile", "square_cells", "surface_of"]
 
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # A cell is a whole multiple of another up to this relative error.
@@ -34,6 +36,19 @@ WHOLE = 1e-9
 SMOOTH_FRACTION, SMOOTH_MINIMUM, SMOOTH_REACH = 0.125, 0.75, 3.0
 # What a terrain's raster holds.
 UNIT, NAME = "m", "height"
+
+
+@dataclasses.dataclass(frozen=True)
+class TerrainFile:
+    """The file that a terrain was read from or written to.
+
+    Attributes:
+        path: Absolute path.
+        options: Arguments that ``read_terrain`` needs beside it to come to the same heights.
+    """
+
+    path: str
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 class Terrain:
@@ -49,9 +64,12 @@ class Terrain:
 
     Attributes:
         raster: The heights as a Raster, in the same memory; maps on the same cells are made by ``raster.like``.
+        file: The file that it comes from, which a run notes to find its ground again; None where there is none. Heights
+            that were edited since are told by their :meth:`digest`.
     """
 
     raster: Raster
+    file: TerrainFile | None = None
 
     def __init__(
         self,
@@ -168,11 +186,26 @@ class Terrain:
 
     def copy(self) -> Terrain:
         """Return a copy on the same device."""
-        return Terrain.wrap_raster(self.raster.copy())
+        return self._same_file(Terrain.wrap_raster(self.raster.copy()))
 
     def to(self, device: wp.DeviceLike) -> Terrain:
         """Return a copy on another device."""
-        return Terrain.wrap_raster(self.raster.to(device))
+        return self._same_file(Terrain.wrap_raster(self.raster.to(device)))
+
+    def _same_file(self, copy: Terrain) -> Terrain:
+        copy.file = self.file
+        return copy
+
+    def digest(self) -> str:
+        """Return a hash of the heights and their place, 32 hexadecimal digits; the CRS does not count.
+
+        Terrains whose heights are the same to the bit have the same digest, on any device.
+        """
+        height = self.to_numpy()
+        height[np.isnan(height)] = np.nan
+        height += 0.0  # -0.0 is 0.0
+        place = np.array([*self.shape, self.cell_size, *self.origin], np.float64)
+        return hashlib.blake2b(place.tobytes() + height.tobytes(), digest_size=16).hexdigest()
 
     def grid(self, dtype: str = "float64", origin: Sequence[float] | np.ndarray = (0.0, 0.0)) -> Any:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside ``height``, as :meth:`Raster.grid`."""
@@ -329,7 +362,7 @@ class Terrain:
 
     def _launch(self, name: str, dim: Any, inputs: list[Any], outputs: list[Any]) -> None:
         """Launch one of the float64 kernels."""
-        wp.launch(getattr(kernels.build(wp.float64), name), dim, inputs, outputs, device=self.device)
+        launch_kernel(getattr(kernels.build(wp.float64), name), dim, inputs, outputs, device=self.device)
 
 
 def surface_of(surface: Terrain | Raster) -> Terrain:
@@ -362,7 +395,7 @@ def _resample(height: wp.array, step: tuple[float, float]) -> wp.array:
     ways = [0 if s <= 1.0 else 1 if abs(s - round(s)) < WHOLE * s else 2 for s in step]
     kernel = kernels.build(wp.float64).resample_cells
     inputs = [wp.vec2d(*step), wp.vec2i(*ways), height]
-    wp.launch(kernel, dim=shape, inputs=inputs, outputs=[out], device=height.device)
+    launch_kernel(kernel, dim=shape, inputs=inputs, outputs=[out], device=height.device)
     return out
 
 

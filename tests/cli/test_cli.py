@@ -66,8 +66,11 @@ def test_erode_writes_terrain_rivers_and_pictures(start, tmp_path, capsys):
     arguments = ["--size", "60x40"]
     if start == "file":
         write_terrain(generate.fractal_terrain((40, 60), 10.0, 80.0, 3), tmp_path / "dem.npz")
-        arguments, start = ["--fill", "--depth", 0.5, "--slide-threshold", 40, "--flow-bias", 1], tmp_path / "dem.npz"
-    arguments += ["--start", start, "--events", 600, "--rivers", 20, "--no-progress", "-o", tmp_path / "out"]
+        arguments, start = (
+            ["--fill", "--cut-depth", 0.5, "--slide-threshold", 40, "--flow-bias", 1],
+            tmp_path / "dem.npz",
+        )
+    arguments += ["--start", start, "--events", 600, "--min-area", "20cells", "--no-progress", "-o", tmp_path / "out"]
     code, said, err = run(capsys, "erode", *arguments, "--movie", "growth.gif", "--frames", 4)
     assert code == 0, err
     for word in ("600 events", "slides", "m3 removed", "orders", "Hack"):
@@ -79,13 +82,14 @@ def test_erode_writes_terrain_rivers_and_pictures(start, tmp_path, capsys):
 
 def test_every_parameter_of_erode_is_a_flag(tmp_path, capsys):
     flags = "--size 30x40 --cell-size 5 --slope 0.2 --edges closed,open,closed,closed --events 300 --flow-bias 0.1 "
-    flags += "--depth 2 --slide-threshold 30 --neighbors 4 --seed 7 --batch 4 --dtype float32 --rivers 10"
+    flags += "--cut-depth 2 --slide-threshold 30 --neighbors 4 --seed 7 --batch 4 --dtype float32 --min-area 10cells"
+    flags += " --base-level -20"
     code, said, err = run(capsys, "erode", *flags.split(), "-o", tmp_path, "--no-progress")
     assert code == 0 and "40 x 30 cells of 5 m" in said, err
     params = LehenyParams(flow_bias=0.1, depth=2.0, slide_threshold=30.0, neighbors=4)
     edges = ("closed", "open", "closed", "closed")
     plane = generate.erosion_plane((40, 30), 5.0, 0.2)
-    expected = erode(plane, params, events=300, seed=7, edges=edges, batch=4, dtype="float32")
+    expected = erode(plane, params, events=300, seed=7, edges=edges, batch=4, dtype="float32", base_level=-20.0)
     assert (read_terrain(tmp_path / "terrain.npz").to_numpy() == expected.to_numpy()).all()
 
 
@@ -94,19 +98,21 @@ def test_every_parameter_of_erode_is_a_flag(tmp_path, capsys):
     [
         (["--size", "300x1"], "at least 2 of each"),
         (["--size", "big"], "such as 300x200"),
-        (["--events", "-1"], "events is -1"),
-        (["--depth", "0"], "--depth is 0"),
+        (["--events", "-1"], "--events: '-1' is not a whole number"),
+        (["--cut-depth", "0"], "--cut-depth is 0"),
         (["--flow-bias", "nan"], "--flow-bias is nan"),
         (["--slide-threshold", "-5"], "--slide-threshold is -5"),
         (["--slope", "0"], "slope is 0"),
         (["--edges", "closed"], "water has nowhere to go"),
         (["--edges", "open,closed"], "edges is"),
-        (["--batch", "0"], "batch is 0"),
+        (["--batch", "0"], "--batch: '0'"),
         (["--start", "nowhere.tif"], "nowhere.tif"),
         (["--start", "nowhere.tif", "--size", "30x30"], "--size is for a plane or peak"),
         (["--start", "flat.npz"], "the ground is level"),
-        (["--movie", "film.avi"], "use .gif or .mp4"),
-        (["--rivers", "1e9"], "min_drainage_area"),
+        (["--movie", "film.avi"], "use .gif, .mp4"),
+        (["--min-area", "1e9"], "--min-area"),
+        (["--z-factor", "2"], "--start plane is none; leave it out"),
+        (["--base-level", "deep"], "--base-level: 'deep'"),
     ],
 )
 def test_bad_input_of_erode_is_one_line(tmp_path, capsys, monkeypatch, arguments, words):
@@ -132,16 +138,14 @@ def test_simulate_on_a_terrain(river, tmp_path, capsys):
 
 def test_every_parameter_is_a_flag(river, tmp_path, capsys):
     flags = "--step-days 50 --spacing 20 --migration-rate 30 --friction 0.02 --local-weight -0.9 --upstream-weight 2 "
-    flags += (
-        "--sinuosity-scaling whole --cutoff-distance 1.5 --cutoff-min-arc 6 --end-damping 2 --seed 3 --dtype float32"
-    )
+    flags += "--sinuosity-scaling whole --cutoff-distance 1.5 --cutoff-min-arc 6 --end-damping 2 --dtype float32"
     code, _, err = run(capsys, "simulate", river, "--years", 2, *flags.split(), "-o", tmp_path / "o", "--no-progress")
     assert code == 0, err
     history = History.load(tmp_path / "o" / "run")
     p = history.params
     assert (p.spacing, p.migration_rate, p.friction, p.local_weight, p.upstream_weight) == (20, 30, 0.02, -0.9, 2)
     assert (p.sinuosity_scaling, p.cutoff_distance, p.cutoff_min_arc, p.end_damping) == ("whole", 1.5, 6, 2)
-    assert p.time_step == pytest.approx(50 / 365.25) and history.seed == 3 and history.dtype == "float32"
+    assert p.time_step == pytest.approx(50 / 365.25) and history.dtype == "float32"
 
 
 def test_render_and_info_of_a_run(river, tmp_path, capsys):
@@ -212,19 +216,21 @@ def test_info_tells_of_each_gpu_alone():
     ("arguments", "words"),
     [
         (["simulate", "nowhere.csv", "--width", "50"], "nowhere.csv"),
-        (["simulate", "{river}", "--spacing", "80"], "coarser than channel 0"),
-        (["simulate", "{river}", "--width", "-5"], "positive"),
+        (["simulate", "{river}", "--spacing", "80", "--spacing-in-widths", "0"], "coarser than channel 0"),
+        (["simulate", "{river}", "--z-factor", "2"], "none is given; leave it out"),
+        (["simulate", "{river}", "--change-terrain"], "for a run that goes on"),
+        (["simulate", "{river}", "--width", "-5"], "--width: '-5' is not a number of m above 0"),
         (["simulate", "{river}", "--width", "99999"], "99999"),
         (["simulate", "{river}", "--friction", "0"], "friction"),
         (["simulate", "{river}", "--device", "cuda:17"], "it has: cpu"),
         (["simulate", "{river}", "--step-days", "9158400"], "is it in years"),
-        (["simulate", "{river}", "--years", "nan"], "years"),
-        (["simulate", "{river}", "--record-every", "0"], "Every"),
+        (["simulate", "{river}", "--years", "nan"], "--years: 'nan' is not a number of years, 0 or more"),
+        (["simulate", "{river}", "--record-every", "0"], "such as 20 or 20steps, 10yr"),
         (["simulate", "{river}", "-o", "{river}/x"], "river.csv"),
         (["simulate", "{full}"], "holds an earlier run"),
         (["simulate", "{text}", "--width", "50"], "text.csv"),
         (["render", "{river}", "-o", "x.gif"], "not a run"),
-        (["render", "{river}", "-o", "x.bmp"], ".png, .gif or .mp4"),
+        (["render", "{river}", "-o", "x.bmp"], ".svg, .gif, .mp4"),
         (["info", "nowhere.csv"], "nowhere.csv"),
     ],
 )
@@ -244,6 +250,10 @@ def test_a_wrong_flag_exits_with_2(capsys):
     with pytest.raises(SystemExit) as caught:
         main(["simulate", "x.csv", "--no-such-flag"])
     assert caught.value.code == 2
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", "x.csv", "--seed", "3"])
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 2, "a line each"
 
 
 def test_help_does_not_wait_for_warp_and_explains_units_and_defaults():
@@ -349,7 +359,7 @@ def test_heights_in_feet_without_a_system_and_with_a_value_for_no_data(tmp_path,
     assert code == 0, err
     code, _, err = run(capsys, "render", tmp_path / "out", *ground, "-o", tmp_path / "map.png")
     assert code == 0 and (tmp_path / "map.png").stat().st_size > 0, err
-    start = ["--start", tmp_path / "feet.asc", *flags, "--depth", 0.5, "--slide-threshold", 40, "--fill"]
+    start = ["--start", tmp_path / "feet.asc", *flags, "--cut-depth", 0.5, "--slide-threshold", 40, "--fill"]
     code, _, err = run(capsys, "erode", *start, "--events", 20, "-o", tmp_path / "eroded", "--no-progress")
     assert code == 0, err
     eroded = read_terrain(tmp_path / "eroded" / "terrain.npz").to_numpy()
@@ -385,9 +395,9 @@ def test_demo_goes_from_a_terrain_to_pictures(tmp_path, capsys):
 def test_demo_refuses_bad_numbers_in_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for flags, words in (
-        (["--cell-size", 5000], "cell_size is 5000"),
-        (["--relief", -1], "relief is -1"),
-        (["--min-area", 1e6], "min_drainage_area"),
+        (["--cell-size", 5000], "--cell-size is 5000"),
+        (["--relief", -1], "--relief: '-1'"),
+        (["--min-area", 1e6], "--min-area"),
         (["--cell-size", 250, "--min-area", 40, "--reference-width", -5], "--reference-width is -5"),
     ):
         code, _, err = run(capsys, "demo", *flags)
@@ -398,7 +408,7 @@ def test_demo_refuses_bad_numbers_in_one_line(tmp_path, capsys, monkeypatch):
 def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(bench, "RIVER_YEARS", 1.0)
     monkeypatch.setattr(bench, "COPY_BYTES", 2**20)
-    arguments = ["bench", "--points", 600, "--channels", 2, "--threads", 1, "--no-cutoffs", "--terrain"]
+    arguments = ["bench", "--points", 600, "--channels", 2, "--threads", 1, "--no-cutoffs", "--on-slopes"]
     code, said, err = run(capsys, *arguments, "--json", tmp_path / "bench.json")
     assert code == 0, err
     for word in ("ms, ", "ns a point", "migrate", "resample", "GB/s", "1 thread,", "copies of its points"):
@@ -413,9 +423,10 @@ def test_bench_measures_prints_and_writes(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--points", 2], "3 points for each"),
-        (["--channels", 0], "at least 1 channel"),
-        (["--points", 600, "--channels", 2, "--threads", 0], "threads is 0"),
+        (["--points", 2], "--points: '2'"),
+        (["--points", 5], "3 points for each"),
+        (["--channels", 0], "--channels: '0'"),
+        (["--points", 600, "--channels", 2, "--threads", 0], "--threads: '0'"),
         (["--device", "cuda:99"], "not on this machine"),
         (["--json", "nowhere/bench.json"], "no folder nowhere"),
     ],

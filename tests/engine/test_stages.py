@@ -226,7 +226,8 @@ def mixed(kind, *widths):
     for k, width in enumerate(widths):
         length = 60.0 * width
         lines.append(generate.noisy_line(length, width, width, k) + [-0.5 * length, 20_000.0 * k])
-    params = kind(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0)
+    alike = {"reference_width": 0.0} if kind is MeanderParams else {}  # each channel as if it were alone
+    params = kind(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0, **alike)
     return RiverNetwork.from_polylines(lines, width=list(widths)), params
 
 

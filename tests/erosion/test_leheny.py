@@ -392,6 +392,27 @@ def test_any_height_field_with_any_edges(edges, neighbors, batch, device):
     assert drainage_area(flow).numpy()[stays].sum() == np.isfinite(height).sum() * 100.0
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("batch", [1, 40])
+def test_nothing_sinks_below_the_base_level(batch, dtype, device):
+    """Rivers are graded to it, water still leaves at the outlets alone, and erosion goes on with it."""
+    plane = erosion_plane((40, 50), device=device)
+    free = wr.erode(plane, events=4000, seed=5, batch=batch, dtype=dtype)
+    assert np.nanmin(free.to_numpy()) < -500.0
+    held = wr.erode(plane, events=4000, seed=5, batch=batch, base_level=-60.0, dtype=dtype)
+    height = held.to_numpy()
+    assert height.min() == height[-1].min() == -60.0 and held.base_level == -60.0
+    assert pit_count(held) == 0 and held.copy().base_level == -60.0
+    receiver = held.flow().receiver.numpy()
+    stays = receiver == np.arange(receiver.size).reshape(receiver.shape)
+    assert stays[-1].all() and not stays[:-1].any()
+    first = wr.erode(plane, events=1600, seed=5, batch=batch, base_level=-60.0, dtype=dtype)
+    again = wr.erode(first, events=2400, seed=5, batch=batch, dtype=dtype)
+    assert np.array_equal(again.to_numpy(), height)
+    with pytest.raises(ValueError, match="base_level"):
+        wr.erode(plane, events=1, base_level=float("nan"))
+
+
 def test_filling_is_that_of_the_flood_but_for_its_slope(device):
     """Where nothing slides: at most the least slope per cell of way above the filled terrain of the hydrology."""
     land = wr.generate.fractal_terrain((60, 70), 10.0, 300.0, 5, device=device)

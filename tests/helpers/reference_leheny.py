@@ -1,5 +1,8 @@
 """Float64 twin of Leheny's erosion: event by event on a NumPy raster, written from the rules."""
 
+import collections
+import functools
+import itertools
 import math
 
 import numpy as np
@@ -38,9 +41,10 @@ class Ground:
         depth=10.0,
         threshold=2000.0,
         quantum=2.0**-21,
+        base=-math.inf,
     ):
         self.height, self.outlet, self.wraps, self.four = np.array(height, np.float64), outlet, wraps, four
-        self.bias, self.depth, self.threshold, self.quantum = bias, depth, threshold, quantum
+        self.bias, self.depth, self.threshold, self.quantum, self.base = bias, depth, threshold, quantum, base
         self.cells = [tuple(int(v) for v in rc) for rc in np.argwhere(~np.isnan(self.height))]
         self.slides = 0
 
@@ -78,8 +82,7 @@ class Ground:
         way = [self.cells[lots.whole(len(self.cells))]]
         while not self.outlet[way[-1]]:
             way.append(self.goes_to(way[-1], lots.part()))
-        for cell in way:
-            self.height[cell] -= self.depth
+        self.grade(way, dict.fromkeys(way, 1))
         waiting = list(way)
         while waiting:
             cell = waiting.pop()
@@ -87,6 +90,14 @@ class Ground:
                 if self.slide(n, cell) and n not in waiting:
                     waiting.append(n)
         return way
+
+    def grade(self, way, visits):
+        """Lower the cells of a way by D a visit, the last one not below the base, the others not to the next one."""
+        least = self.base
+        for cell in reversed(way):
+            before = self.height[cell]
+            self.height[cell] = max(before - visits[cell] * self.depth, min(before, least))
+            least = self.height[cell] + self.quantum
 
     def slide(self, high, low):
         """Lower one of two neighbours by quarters until they differ by no more than M; says whether it was."""
@@ -109,9 +120,17 @@ class Ground:
                 index = way[-1][0] * self.height.shape[1] + way[-1][1]
                 way.append(self.goes_to(way[-1], Lots(turn_seed, index).part()))
             ways.append(way)
-        for way in ways:
-            for cell in way:
-                self.height[cell] -= self.depth
+        visits = collections.Counter(cell for way in ways for cell in way)
+        ahead = {cell: beyond for way in ways for cell, beyond in itertools.pairwise(way)}
+        before = self.height.copy()
+
+        @functools.cache
+        def graded(cell):
+            least = graded(ahead[cell]) + self.quantum if cell in ahead else self.base
+            return max(before[cell] - visits[cell] * self.depth, min(before[cell], least))
+
+        for cell in visits:
+            self.height[cell] = graded(cell)
         return ways
 
     def color(self, place, axis):

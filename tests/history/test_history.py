@@ -161,11 +161,11 @@ def test_what_is_not_a_run_is_refused(tmp_path, history):
 def test_a_run_of_another_format_is_refused(tmp_path, history, old):
     history.save(tmp_path / "saved")
     header = json.loads((tmp_path / "saved" / "run.json").read_text())
-    assert header["format"] == "warpriver-run-2"
+    assert header["format"] == "warpriver-run-3"
     del header["checksum"]  # the first format had none
     (tmp_path / "saved" / "run.json").write_text(json.dumps({**header, "format": old}))
     with pytest.raises(
-        ValueError, match=rf"run\.json is a run of the format '{old}'; this version reads 'warpriver-run-2'"
+        ValueError, match=rf"run\.json is a run of the format '{old}'; this version reads 'warpriver-run-3'"
     ):
         History.load(tmp_path / "saved")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from trees import assert_forest
 
-from warpriver import Terrain, generate
+from warpriver import RiverNetwork, Terrain, generate
 from warpriver.hydraulic_geometry import bankfull_depth
-from warpriver.hydrology import carve_depressions, discharge, drainage_area, route
+from warpriver.hydrology import carve_depressions, drainage_area, route
 from warpriver.hydrology.extraction import extract_network
 from warpriver.hydrology.orders import shreve_magnitude, strahler_order
 
@@ -87,7 +87,14 @@ def test_attributes_follow_their_laws():
     network = extract_network(valley(), min_drainage_area=1.5e4)
     area = network.channel_drainage_area
     assert (area % 100.0 == 0.0).all()
-    np.testing.assert_allclose(network.channel_discharge, discharge(area))
+    # One relation of width and bankfull discharge, of channels that are found and of those that are given.
+    wide = 7.2 * np.sqrt(0.42 * 100**0.69) / 1e4 * np.sqrt(area)
+    np.testing.assert_allclose(network.channel_discharge, (wide / 7.2) ** 2)
+    lines = [xy[:3] for xy in network.polylines()]
+    given = RiverNetwork.from_polylines(lines, width=wide, allow_short=True)
+    np.testing.assert_allclose(given.channel_discharge, network.channel_discharge)
+    # It is in proportion to the area, so that what flows into a junction flows out of it.
+    np.testing.assert_allclose(network.channel_discharge / area, 0.42 * 100**0.69 / 1e8)
     for width, depth, a, mean in zip(
         network.point_widths(), network.point_depths(), area, network.channel_width, strict=True
     ):

@@ -24,7 +24,9 @@ CASES = [
 class Case:
     """The same ground for the twin and for the kernels: heights in quanta, without pits, some without data."""
 
-    def __init__(self, wraps, four, shape, seed=0, dtype="float64", device="cpu", threshold=40.0, gaps=True):
+    def __init__(
+        self, wraps, four, shape, seed=0, dtype="float64", device="cpu", threshold=40.0, gaps=True, base=-np.inf
+    ):
         rng = np.random.default_rng(seed)
         rows, columns = shape
         outlet = np.zeros(shape, bool)
@@ -42,13 +44,14 @@ class Case:
             front = sorted({n for c in front for n in ground.neighbors(c) if np.isnan(height[n])})
             for cell in front:
                 height[cell] = level + rng.integers(24) / 8.0
-        self.twin = Ground(height, outlet, wraps, four, threshold=threshold, quantum=0.125)
+        self.twin = Ground(height, outlet, wraps, four, threshold=threshold, quantum=0.125, base=base)
         self.scalar, self.real, self.device, self.shape = SCALARS[dtype], REALS[dtype], device, shape
         self.kernel = leheny.build(self.scalar)
         constants = self.kernel.Constants()
         constants.rows, constants.columns = shape
         constants.wraps_rows, constants.wraps_columns, constants.four = int(wraps[0]), int(wraps[1]), int(four)
         constants.bias, constants.depth, constants.threshold, constants.quantum = 0.05, 10.0, threshold, 0.125
+        constants.base = base
         self.constants = constants
         self.height = to_device(height.ravel(), self.scalar, device)
         state = np.where(np.isnan(height), cells.DONE, np.where(outlet, cells.OUTLET, cells.OPEN)).astype(np.uint8)
@@ -66,10 +69,11 @@ class Case:
         return self.height.numpy().astype(np.float64).reshape(self.shape)
 
 
+@pytest.mark.parametrize("base", [-np.inf, -15.0, 2.0], ids=["no base", "base", "base above outlets"])
 @pytest.mark.parametrize(("wraps", "four", "shape"), CASES)
-def test_events_one_after_another_are_those_of_the_twin(wraps, four, shape, dtype, device):
+def test_events_one_after_another_are_those_of_the_twin(wraps, four, shape, base, dtype, device):
     """Heights are equal to the bit after every event, in both precisions; visits and slides are counted."""
-    case = Case(wraps, four, shape, dtype=dtype, device=device)
+    case = Case(wraps, four, shape, dtype=dtype, device=device, base=base)
     twin, visits = case.twin, 0
     seed = to_device(np.array([12345], np.int32), wp.int32, device)
     stack, waiting = case.full(int), case.full(wp.uint8)
@@ -79,8 +83,11 @@ def test_events_one_after_another_are_those_of_the_twin(wraps, four, shape, dtyp
         case.launch("erode_serially", 1, inputs, [case.height, stack, waiting, case.tally])
         np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"event {event}")
         assert not twin.pits() and twin.largest_difference() <= twin.threshold
-    assert case.tally.numpy().tolist() == [visits, twin.slides, 0] and twin.slides > 0
+    assert case.tally.numpy().tolist() == [visits, twin.slides, 0] and (twin.slides > 0 or base > -1e9)
     assert not waiting.numpy().any()
+    lowest = np.nanmin(case.heights())
+    assert lowest == {-np.inf: lowest, -15.0: -15.0, 2.0: 0.0}[base], "outlets below the base stay where they are"
+    assert base > -1e9 or lowest < -100.0
 
 
 def test_grids_side_by_side_know_nothing_of_each_other(device):
@@ -134,11 +141,22 @@ def swept(case, marks, chunk):
     return moved
 
 
+def graded(case, visits, below):
+    """Heights after a batch, graded to the base by the kernels."""
+    one, two = ([case.full(case.scalar), case.full(int)] for _ in range(2))
+    case.launch("begin_grading", case.height.size, [case.constants, case.state, case.height, visits, below], one)
+    for k in range(case.height.size.bit_length()):
+        case.launch("double_grading", case.height.size, [case.scalar(0.125 * 2**k), *one], two)
+        one, two = two, one
+    return one[0]
+
+
+@pytest.mark.parametrize("base", [-np.inf, -15.0], ids=["no base", "base"])
 @pytest.mark.parametrize("chunk", [1, 4, 64])
 @pytest.mark.parametrize(("wraps", "four", "shape"), CASES)
-def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device):
-    """Walks over heights that stay, what they take, and each sweep of slides; however rows are cut into parts."""
-    case = Case(wraps, four, shape, dtype=dtype, device=device)
+def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, base, dtype, device):
+    """Walks over heights that stay, what they take, and each sweep of slides; however rows are cut into fractions."""
+    case = Case(wraps, four, shape, dtype=dtype, device=device, base=base)
     twin, rows, columns = case.twin, *shape
     below, visits = case.full(int, -1), case.full(int)
     tables = [a.reshape(shape) for a in (case.height, visits, below)]
@@ -152,15 +170,20 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, dtype, device)
             found, [[sum((r, c) in w for w in ways) for c in range(columns)] for r in range(rows)]
         )
         marks = wp.zeros(rows * -(-columns // 64), dtype=wp.uint64, device=device)
+        heights = graded(case, visits, below)
         case.launch("lower_visited", (rows, -(-columns // chunk)), [case.constants, chunk], [*tables, marks])
         assert not visits.numpy().any() and (below.numpy() == -1).all()
         assert marked(case, marks.numpy()) == {cell for way in ways for cell in way}
+        case.launch("raise_graded", case.height.size, [heights], [case.height])
         while marks.numpy().any():
             marks = swept(case, marks, chunk)
             twin.sweep()
             np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"batch {number}")
         assert not twin.pits() and twin.largest_difference() <= twin.threshold
-    assert case.tally.numpy()[1] == twin.slides > 0 and case.tally.numpy()[2] == 0
+    np.testing.assert_array_equal(case.heights(), twin.height)
+    assert case.tally.numpy()[1] == twin.slides and case.tally.numpy()[2] == 0
+    assert twin.slides > 0 or base > -1e9
+    assert np.nanmin(case.heights()) == base or not base > -1e9
 
 
 @pytest.mark.parametrize("columns", [2, 63, 64, 65, 128, 150])

@@ -8,16 +8,17 @@ import warnings
 from collections.abc import Sequence
 
 from warpriver import __version__
-from warpriver.cli import bench, demo, erode, info, network, render, simulate, valley
-from warpriver.cli.console import forgiving_console
-from warpriver.cli.shared import BAD_INPUT, INTERRUPTED
-from warpriver.cli.words import Parser, flags_of, in_flags
+from warpriver.cli import bench, convert, demo, erode, info, network, render, simulate, valley
+from warpriver.cli.output import complain, forgiving_console
+from warpriver.cli.parser import BAD_INPUT, BadValue, Parser
+from warpriver.cli.shared import INTERRUPTED
+from warpriver.cli.words import flag_names, in_flags, naming, typed
 from warpriver.errors import WarpriverError
 
 __all__ = ["main"]
 
 # In the order in which --help lists them.
-COMMANDS = (demo, network, simulate, erode, valley, render, bench, info)
+COMMANDS = (demo, network, simulate, erode, valley, render, convert, bench, info)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,25 +27,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     This is the one place where errors end: each becomes a line on standard error. In Python's development mode
     (``python -X dev -m warpriver``) those that are not ours come with their traceback.
     """
+    words = sys.argv[1:] if arguments is None else list(arguments)
     with forgiving_console():
-        options = _parser().parse_args(arguments)
-        flags = flags_of(options.parser)
-
-        def say(text: str) -> None:
-            print(f"warpriver {options.name}: {in_flags(' '.join(text.split()), flags)}", file=sys.stderr)
-
         try:
-            with warnings.catch_warnings():
-                warnings.showwarning = lambda message, *_: say(f"warning: {message}")
-                return options.command(options)
-        except KeyboardInterrupt:
-            say("interrupted")
-            return INTERRUPTED
-        except Exception as error:
-            if sys.flags.dev_mode and not isinstance(error, WarpriverError):
-                raise
-            say(_text_of(error))
+            options = _parser().parse_args(words)
+        except BadValue:
             return BAD_INPUT
+        with naming(**flag_names(options.parser)), typed(words):
+            return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    def tell(text: str) -> None:
+        complain(f"warpriver {options.name}: {in_flags(' '.join(text.split()))}")
+
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: tell(f"warning: {message}")
+            return options.command(options)
+    except KeyboardInterrupt:
+        tell("interrupted")
+        return INTERRUPTED
+    except Exception as error:
+        if sys.flags.dev_mode and not isinstance(error, WarpriverError):
+            raise
+        tell(_text_of(error))
+        return BAD_INPUT
 
 
 def _text_of(error: Exception) -> str:
@@ -62,7 +70,7 @@ def _text_of(error: Exception) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="warpriver",
-        description="Rivers that meander, on the GPU or the CPU: migrate channel networks, real or not, and draw them.",
+        description="Find the rivers of a terrain, let rivers meander on the GPU or the CPU, and draw them.",
         epilog="warpriver COMMAND --help explains the flags of a command with their units and defaults.",
     )
     parser.add_argument("--version", action="version", version=f"warpriver {__version__}")

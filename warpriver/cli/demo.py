@@ -1,4 +1,4 @@
-"""``warpriver demo``: from a made-up terrain to its rivers after centuries."""
+"""``warpriver demo``: from a synthetic terrain to its rivers after centuries."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.output import say
+from warpriver.cli.parser import area, number, whole_number
 from warpriver.cli.results import write_ground, write_run
-from warpriver.cli.runs import add_run_options, check_run_options, make_simulation, run_simulation, write_results
+from warpriver.cli.runs import add_run_options, make_params, run_simulation, write_results
 from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp, results_in
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ __all__ = ["add"]
 
 # Frames of the demo's movie; more make the file larger, not the film better.
 DEMO_FRAMES = 40
+RESULTS = ("run", "terrain.npz", "network.csv", "channels.csv", "rivers.gpkg", "rivers.geojson")
 
 
 def add(commands: Any) -> None:
@@ -27,8 +30,8 @@ def add(commands: Any) -> None:
         "demo",
         _demo,
         help="the main job on built-in input: a terrain, its rivers, and what they do in centuries",
-        description="Make up a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off\n"
-        "their bends and run into each other, and draw them before and after. Needs no file from outside.\n"
+        description="Make a basin of 40 x 26 km among mountains, find its rivers, let them migrate, cut off their\n"
+        "bends and run into each other, and draw them before and after. Needs no file from outside.\n"
         "Into FOLDER go terrain.npz and terrain.tif, network.csv and network.png (the rivers as found), run (the\n"
         "simulation), channels.csv and rivers.png (the rivers after it), rivers.gpkg (for a GIS: rivers, courses with\n"
         "times, oxbow lakes, abandoned courses), before_after.png, and the movie rivers.gif.",
@@ -38,15 +41,30 @@ def add(commands: Any) -> None:
         "  warpriver demo --min-area 2 --cell-size 50 --no-movie -o out/fine",
     )
     ground = parser.add_argument_group("terrain and network")
-    ground.add_argument("--cell-size", type=float, default=100.0, metavar="M", help="terrain cell in m (default 100)")
     ground.add_argument(
-        "--relief", type=float, default=1200.0, metavar="M", help="height of the mountains in m (default 1200)"
+        "--cell-size",
+        type=number(above=0.0, unit="m"),
+        default=100.0,
+        metavar="M",
+        help="size of a cell of the terrain in m (default 100)",
     )
     ground.add_argument(
-        "--min-area", type=float, default=8.0, metavar="KM2", help="least drainage area of a channel in km2 (default 8)"
+        "--relief",
+        type=number(0.0, unit="m"),
+        default=1200.0,
+        metavar="M",
+        help="height of the mountains in m (default 1200)",
+    )
+    ground.add_argument("--seed", type=whole_number(), default=1, help="seed of the terrain (default 1)")
+    ground.add_argument(
+        "--min-area",
+        type=area,
+        default=area("8"),
+        metavar="AREA",
+        help="minimum drainage area of a channel: 8 or 8km2, 5e6m2, 50cells (default 8km2)",
     )
     parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest picture")
-    add_run_options(parser, out="out/demo", years=500.0, record_every=20, seed=1, reference="the widest channel's")
+    add_run_options(parser, out="out/demo", years=500.0, record_every="20steps")
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -54,34 +72,45 @@ def _demo(options: argparse.Namespace) -> int:
     from warpriver.history import StopReason
     from warpriver.io.raster.terrains import write_terrain
     from warpriver.io.vector.networks import write_network
+    from warpriver.simulation import Simulation
+    from warpriver.terrain import TerrainFile
 
-    check_run_options(options)
     quiet_warp()
+    params = make_params(options)
+    out = options.out or "out/demo"
+    fresh_folder(out, *RESULTS, make=False)
     terrain = generate.intermontane_basin(options.cell_size, options.seed, relief=options.relief, device=options.device)
     network = hydrology.extract_network(
-        terrain, min_drainage_area=1e6 * options.min_area, dtype=options.dtype, device=options.device
+        terrain,
+        min_drainage_area=options.min_area.square_meters(options.cell_size),
+        dtype=options.dtype or "float64",
+        device=options.device,
     )
-    if options.reference_width is None:
-        options.reference_width = max(float(width.max()) for width in network.point_widths())
-    simulation = make_simulation(network, options, terrain)
-    folder = fresh_folder(options.out)
+    folder = Path(out)
+    # The run finds its ground there when it goes on.
+    terrain.file = TerrainFile(str((folder / "terrain.npz").resolve()))
+    simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
     with results_in(folder):
         write_terrain(terrain, folder / "terrain.npz")
         write_network(network, folder / "network.csv")
-        print(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
-        write_ground(terrain, folder)
-        code = run_simulation(simulation, options, folder)
-        if simulation.history.stop_reason is not StopReason.STORE_FAILED:
-            write_results(simulation, folder)
-            write_run(simulation.history, folder)
-            _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
+        say(f"{terrain}\n{network}\n  terrain  {folder / 'terrain.npz'}\n  lines    {folder / 'network.csv'}")
+        say(*write_ground(terrain, folder))
+        code, told = run_simulation(simulation, options, folder / "run")
+        try:
+            if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+                told += write_results(simulation, folder)
+                told += write_run(simulation.history, folder)
+                told += _draw_demo(simulation.history, terrain, folder, movie=not options.no_movie)
+        finally:
+            for line in told:
+                say(line)
     return code
 
 
-def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool) -> None:
-    """Draw the rivers before, after, and on the way."""
+def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool) -> list[str]:
+    """Draw the rivers before, after, and on the way; return what to say of it."""
     if not can_draw():
-        return
+        return []
     from warpriver import hydrology, viz
 
     found = history.networks[0]
@@ -92,9 +121,9 @@ def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool)
     title = "Rivers of a basin"
     viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
     viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
-    for name in ("network.png", "rivers.png", "before_after.png"):
-        print(f"  picture  {folder / name}")
+    told = [f"  picture  {folder / name}" for name in ("network.png", "rivers.png", "before_after.png")]
     if movie:
         every = -(-len(history) // DEMO_FRAMES)
         viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
-        print(f"  movie    {folder / 'rivers.gif'}")
+        told.append(f"  movie    {folder / 'rivers.gif'}")
+    return told

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver import __version__
-from warpriver.cli.shared import OK, add_lines, command, quiet_warp, read_lines, read_run, stored_run
+from warpriver.cli.files import kind_of
+from warpriver.cli.output import say
+from warpriver.cli.shared import OK, add_heights, add_lines, command, quiet_warp, read_run, stored_run
+from warpriver.errors import WarpriverError
 
 if TYPE_CHECKING:
     from warpriver.network import RiverNetwork
@@ -38,10 +41,19 @@ def add(commands: Any) -> None:
         _info,
         help="what this installation can do, or what a file holds",
         description="Without FILE: versions, devices, optional parts, and whether 3-D previews can be drawn.\n"
-        "With FILE: what the run or the lines hold.",
+        "With FILE: what the run, the lines, the terrain or raster, or the valley file holds. A file in degrees is\n"
+        "shown in its UTM zone, one without widths without them.",
+        epilog="examples:\n"
+        "  warpriver info\n"
+        "  warpriver info rivers.gpkg\n"
+        "  warpriver info dem.tif\n"
+        "  warpriver info out/river/run",
     )
-    parser.add_argument("file", nargs="?", metavar="FILE", help="a run or river lines")
+    parser.add_argument(
+        "file", nargs="?", metavar="FILE", help="a run, river lines, a terrain or raster, a valley file"
+    )
     add_lines(parser)
+    add_heights(parser.add_argument_group("terrain or raster"))
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -53,22 +65,22 @@ def _info(options: argparse.Namespace) -> int:
     import warp as wp
 
     wp.init()
-    print(f"warpriver {__version__}, Warp {wp.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}")
+    say(f"warpriver {__version__}, Warp {wp.__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}")
     devices, driver, toolkit = wp.get_devices(), wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version()
     for device in devices:
-        print(f"device {device.alias}: {describe_device(device)}")
-    print(f"CUDA: driver {_version(driver)}, toolkit of Warp {_version(toolkit)}")
+        say(f"device {device.alias}: {describe_device(device)}")
+    say(f"CUDA: driver {_version(driver)}, toolkit of Warp {_version(toolkit)}")
     for line in describe_gpus(devices, driver, toolkit):
-        print(f"GPU: {line}")
+        say(f"GPU: {line}")
     for extra, modules in EXTRAS.items():
         missing = [m for m in modules if importlib.util.find_spec(m) is None]
         state = "installed" if not missing else f'not installed (pip install "warpriver[{extra}]")'
-        print(f"extra {extra}: {state}")
+        say(f"extra {extra}: {state}")
     if importlib.util.find_spec("pyvista") is not None:
         from warpriver import viz
 
         probe = viz.gl.probe()
-        print(f"3-D previews: {'yes' if probe.ok else probe.message}")
+        say(f"3-D previews: {'yes' if probe.ok else probe.message}")
     return OK
 
 
@@ -128,34 +140,138 @@ def _version(version: tuple[int, int] | None) -> str:
     return "none" if version is None else f"{version[0]}.{version[1]}"
 
 
-def _info_file(options: argparse.Namespace) -> int:
-    from warpriver import metrics
+def _attempts(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """How to look at a file: as the flags say, then with what it lacks, so that it can be looked at."""
+    systems: list[dict[str, Any]] = [{}]
+    if options.to_crs is None:
+        systems.append({"to_crs": "utm"})
+        if options.crs is None:
+            systems.append({"crs": "EPSG:4326", "to_crs": "utm"})
+    for width in ({}, {"width": 1.0}) if options.width is None else ({},):
+        for system in systems:
+            yield {**width, **system}
 
-    source = Path(options.file)
-    run = stored_run(source)
-    if run is not None:
-        history = read_run(run)
-        print(history)
-        network = history.networks[-1]
-    else:
-        network = read_lines(source, options)
-    print(network)
-    west, south, east, north = network.bounds()
-    print(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
-    print(_attribute_summary(network))
-    lines, lengths = network.polylines(), network.channel_lengths()
-    for c in lengths.argsort()[::-1][:10]:
-        sinuosity = metrics.sinuosity(lines[c], bool(network.channel_closed[c]))
-        print(
-            f"channel {c}: {lengths[c] / 1e3:.4g} km, {len(lines[c])} points, width {network.channel_width[c]:.4g} m, "
-            f"depth {network.channel_depth[c]:.3g} m, sinuosity {sinuosity:.3g}"
+
+def _look(read: Callable[[argparse.Namespace], Any], options: argparse.Namespace, names: Sequence[str]) -> Any:
+    """Read a file, if need be with what it does not say itself; return it, and what was added.
+
+    Raises:
+        WarpriverError: It cannot be read in any way: why not as the flags say.
+    """
+    first: WarpriverError | None = None
+    for added in _attempts(options):
+        if not set(added) <= set(names):
+            continue
+        try:
+            return read(argparse.Namespace(**{**vars(options), **added})), added
+        except WarpriverError as error:
+            first = first or error
+    assert first is not None
+    raise first
+
+
+def _told(added: dict[str, Any], crs: str | None) -> list[str]:
+    """What was added to look at a file, as notes."""
+    notes = []
+    if "to_crs" in added:
+        stated = "is in longitude and latitude, or another unit than metres"
+        notes.append(
+            f"note: the file {stated}; what follows is in {crs}: give --to-crs utm, or another system, to use it"
         )
-    if network.channel_count > 10:
-        print(f"... and {network.channel_count - 10} shorter ones")
+    if "width" in added:
+        notes.append("note: the file states no width, and nothing that it follows from: give --width to use it")
+    return notes
+
+
+def _info_file(options: argparse.Namespace) -> int:
+    source = Path(options.file)
+    kind = kind_of(source)
+    tell = {"run": _tell_run, "lines": _tell_lines, "valley": _tell_valley}.get(kind, _tell_cells)
+    for line in tell(source, options):
+        say(line)
     return OK
 
 
-def _attribute_summary(network: RiverNetwork) -> str:
+def _tell_run(source: Path, options: argparse.Namespace) -> list[str]:
+    run = stored_run(source)
+    assert run is not None
+    history = read_run(run)
+    told = [repr(history)]
+    ground = history.last_ground
+    if ground is not None:
+        told.append(f"terrain: {ground.about}{', ' + ground.path if ground.path else ''}")
+    for event in history.events:
+        if event.kind in ("parameter_change", "ground_change"):
+            told.append(f"at {event.time:.4g} yr: {event}")
+    return told + _tell_network(history.networks[-1])
+
+
+def _tell_lines(source: Path, options: argparse.Namespace) -> list[str]:
+    from warpriver.cli.shared import read_lines
+
+    options.short = options.short or "keep"
+    network, added = _look(lambda given: read_lines(source, given), options, ("width", "crs", "to_crs"))
+    return _told(added, network.crs) + _tell_network(network, wide="width" not in added)
+
+
+def _tell_cells(source: Path, options: argparse.Namespace) -> list[str]:
+    import numpy as np
+
+    raster, added = _look(lambda given: _read_cells(source, given), options, ("crs", "to_crs"))
+    values = raster.numpy()
+    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values.ravel()
+    west, south, east, north = raster.bounds
+    unit = f" {raster.unit}" if raster.unit else ""
+    told = [*_told(added, raster.crs), repr(raster)]
+    told.append(f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m")
+    low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)) if known.size else (np.nan,) * 3
+    told.append(f"5 % below {low:.6g}{unit}, half below {middle:.6g}{unit}, 95 % below {high:.6g}{unit}")
+    return told
+
+
+def _read_cells(source: Path, options: argparse.Namespace) -> Any:
+    """Read a terrain as its raster, or any other raster."""
+    from warpriver.cli.shared import read_ground
+    from warpriver.io.raster.terrains import read_raster
+
+    if kind_of(source) == "terrain":
+        return read_ground(source, options).raster
+    return read_raster(source, crs=options.crs, to_crs=options.to_crs, nodata=options.nodata, band=options.band or 1)
+
+
+def _tell_valley(source: Path, options: argparse.Namespace) -> list[str]:
+    from warpriver.io.valleys import read_valley
+    from warpriver.valley.valley import synthetic_valley
+
+    valley = synthetic_valley(read_valley(source))
+    params = valley.params
+    return [
+        repr(valley),
+        f"bankfull width {params.width:.4g} m, bankfull depth {valley.bankfull_depth:.4g} m, sinuosity "
+        f"{valley.sinuosity:.4g}, slope {params.slope:.4g} m/m",
+        f"width to depth {params.width_to_depth:.4g}, confinement {params.confinement:.4g}",
+    ]
+
+
+def _tell_network(network: RiverNetwork, wide: bool = True) -> list[str]:
+    from warpriver import metrics
+
+    west, south, east, north = network.bounds()
+    told = [repr(network), f"west {west:.1f}, south {south:.1f}, east {east:.1f}, north {north:.1f} m"]
+    told.append(_attribute_summary(network, wide))
+    lines, lengths = network.polylines(), network.channel_lengths()
+    for c in lengths.argsort()[::-1][:10]:
+        sinuosity = metrics.sinuosity(lines[c], bool(network.channel_closed[c]))
+        section = f"width {network.channel_width[c]:.4g} m, depth {network.channel_depth[c]:.3g} m, " if wide else ""
+        told.append(
+            f"channel {c}: {lengths[c] / 1e3:.4g} km, {len(lines[c])} points, {section}sinuosity {sinuosity:.3g}"
+        )
+    if network.channel_count > 10:
+        told.append(f"... and {network.channel_count - 10} shorter ones")
+    return told
+
+
+def _attribute_summary(network: RiverNetwork, wide: bool) -> str:
     """Say from where to where the attributes of the channels go, of those that are known."""
     import numpy as np
 
@@ -172,7 +288,8 @@ def _attribute_summary(network: RiverNetwork) -> str:
         parts.append(f"Strahler order 1 to {order.max()}")
     except ValueError as error:
         parts.append(f"no stream orders ({error})")
-    parts.append(f"discharge {span(network.channel_discharge, 'm3/s')}")
+    if wide:
+        parts.append(f"bankfull discharge {span(network.channel_discharge, 'm3/s')}")
     area = network.channel_drainage_area
     if area is not None and np.isfinite(area).any():
         parts.append(f"drainage area {span(area[np.isfinite(area)] / 1e6, 'km2')}")

@@ -5,7 +5,18 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from warpriver.cli.shared import OK, add_heights, check_map, command, quiet_warp, read_ground
+from warpriver.cli.output import say
+from warpriver.cli.parser import area, number, whole_number
+from warpriver.cli.shared import (
+    OK,
+    add_heights,
+    add_systems,
+    check_out,
+    check_picture,
+    command,
+    quiet_warp,
+    read_ground,
+)
 
 __all__ = ["add"]
 
@@ -17,59 +28,80 @@ def add(commands: Any) -> None:
         "network",
         _network,
         help="find the rivers of a terrain and write them as lines",
-        description="Route water over a terrain, take what drains enough ground for a channel, and write the channels\n"
-        "with their width, depth, discharge and elevation, which never rises downstream. Depressions are opened by\n"
-        "carving first.",
+        description="Route water over a terrain, keep the channels that drain enough ground, and write them with\n"
+        "their width, depth, bankfull discharge and elevation, which never rises downstream. Depressions are opened\n"
+        "by carving first.",
         epilog="examples:\n"
         "  warpriver network dem.tif --min-area 2 -o rivers.gpkg --picture rivers.png\n"
         "  warpriver network dem.asc --crs EPSG:4326 --to-crs utm -o rivers.csv",
     )
     parser.add_argument("terrain", metavar="TERRAIN", help="heights: GeoTIFF, ESRI ASCII, npz ...")
-    parser.add_argument("-o", "--out", required=True, metavar="FILE", help="lines to write; the ending says the format")
     parser.add_argument(
-        "--min-area", type=float, default=1.0, metavar="KM2", help="least drainage area of a channel in km2 (default 1)"
+        "-o", "--out", required=True, metavar="FILE", help="lines to write; the ending names the format: .gpkg .csv ..."
     )
-    parser.add_argument("--spacing", type=float, metavar="M", help="distance between points in m (default: the cell)")
-    parser.add_argument("--smoothing", type=int, default=4, metavar="N", help="passes that smooth courses (default 4)")
     parser.add_argument("--picture", metavar="FILE", help="also draw the network over the shaded terrain, by order")
-    parser.add_argument(
+    rivers = parser.add_argument_group("rivers")
+    rivers.add_argument(
+        "--min-area",
+        type=area,
+        default=area("1"),
+        metavar="AREA",
+        help="minimum drainage area of a channel: 1 or 1km2, 5e5m2, 50cells (default 1km2)",
+    )
+    rivers.add_argument(
+        "--spacing",
+        type=number(above=0.0, unit="m"),
+        metavar="M",
+        help="distance between the points of a channel in m (default: a cell)",
+    )
+    rivers.add_argument(
+        "--smoothing-passes",
+        type=whole_number(),
+        default=4,
+        metavar="N",
+        help="passes that smooth the courses, which run from cell to cell (default 4)",
+    )
+    rivers.add_argument(
         "--fill",
         action="store_true",
         help="fill depressions instead of carving them open: finds more of the rivers of flat, leveed ground",
     )
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
-    parser.add_argument("--to-crs", help='reproject, e.g. EPSG:32619, or "utm" for the zone of the data')
-    add_heights(parser)
+    ground = parser.add_argument_group("terrain")
+    add_systems(ground, "a file")
+    add_heights(ground)
 
 
 def _network(options: argparse.Namespace) -> int:
     from warpriver import hydrology
-    from warpriver.io.vector.networks import check_network_file, write_network
+    from warpriver.io.vector.networks import line_formats, write_network
 
-    check_network_file(options.out)
-    if options.picture is not None:
-        check_map(options.picture)
+    out = check_out(options.out, "-o", line_formats())
+    picture = None if options.picture is None else check_picture(options.picture, "--picture")
     quiet_warp()
     terrain = read_ground(options.terrain, options)
-    print(terrain)
     network = hydrology.extract_network(
         terrain,
-        min_drainage_area=1e6 * options.min_area,
+        min_drainage_area=options.min_area.square_meters(terrain.cell_size),
         spacing=options.spacing,
-        smoothing=options.smoothing,
+        smoothing=options.smoothing_passes,
         carve=not options.fill,
     )
     network = hydrology.drape(network, terrain)
-    print(network)
+    write_network(network, out)
+    told = [repr(terrain), repr(network)]
     area = network.channel_drainage_area
     if area is not None:
-        print(f"largest drainage area {area.max() / 1e6:.4g} km2, discharge {network.channel_discharge.max():.4g} m3/s")
-    write_network(network, options.out)
-    print(options.out)
-    if options.picture is not None:
-        from warpriver import viz
+        flow = network.channel_discharge.max()
+        told.append(f"largest drainage area {area.max() / 1e6:.4g} km2, bankfull discharge {flow:.4g} m3/s")
+    told.append(f"{out}")
+    try:
+        if picture is not None:
+            from warpriver import viz
 
-        order = hydrology.strahler_order(network.channel_from, network.channel_to)
-        viz.draw_network(network, options.picture, terrain=terrain, color="order", order=order)
-        print(options.picture)
+            order = hydrology.strahler_order(network.channel_from, network.channel_to)
+            viz.draw_network(network, picture, terrain=terrain, color="order", order=order)
+            told.append(f"{picture}")
+    finally:
+        for line in told:
+            say(line)
     return OK

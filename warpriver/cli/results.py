@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +17,8 @@ __all__ = ["write_ground", "write_lines", "write_run"]
 NAME, MODULES = "rivers", ("pyogrio", "shapely")
 
 
-def write_run(history: History, folder: Path, source: str | Path | None = None) -> None:
-    """Write the rivers of a run, their earlier courses, oxbow lakes and abandoned courses for a GIS.
+def write_run(history: History, folder: Path, source: str | Path | None = None) -> list[str]:
+    """Write rivers, earlier courses, oxbow lakes and abandoned courses of a run for a GIS; return what to say.
 
     Args:
         history: The run.
@@ -27,6 +26,7 @@ def write_run(history: History, folder: Path, source: str | Path | None = None) 
         source: The file that the rivers come from, whose format the results get if it is one of a GIS; for a run that
             is continued its folder, and for none None: then that of earlier results there, or the default.
     """
+    from warpriver.io.files import filtered_warnings
     from warpriver.io.vector.histories import HISTORY_SUFFIXES, records_between, write_history
     from warpriver.io.vector.networks import write_network
 
@@ -37,29 +37,27 @@ def write_run(history: History, folder: Path, source: str | Path | None = None) 
     target = folder / f"{NAME}{next((s for s in suffixes if s in HISTORY_SUFFIXES), default)}"
     if not whole:
         write_network(history.networks[-1], target)
-        print(f'  GIS      {target}; with courses and oxbow lakes: pip install "warpriver[gis]"')
-        return
-    with warnings.catch_warnings():
-        # That a shapefile has the mean widths was told when it was read.
-        warnings.filterwarnings("ignore", message=".*a shapefile holds one width")
+        return [f'  GIS      {target}; with courses and oxbow lakes: pip install "warpriver[gis]"']
+    # That a shapefile has the mean widths was told when it was read.
+    with filtered_warnings("ignore", Warning, ".*a shapefile holds one width"):
         files = write_history(history, target)
     step = records_between(history)
     some = f", courses of every {step} records" if step > 1 else ""
-    print(f"  GIS      {', '.join(map(str, files))}{some}")
+    return [f"  GIS      {', '.join(map(str, files))}{some}"]
 
 
-def write_lines(network: RiverNetwork, folder: Path) -> None:
-    """Write rivers for a GIS, beside the CSV."""
+def write_lines(network: RiverNetwork, folder: Path) -> list[str]:
+    """Write rivers for a GIS, beside the CSV; return what to say."""
     from warpriver.io.vector.networks import write_network
 
     whole = all(importlib.util.find_spec(module) for module in MODULES)
     target = folder / f"{NAME}{'.gpkg' if whole else '.geojson'}"
     write_network(network, target)
-    print(f"  GIS      {target}")
+    return [f"  GIS      {target}"]
 
 
-def write_ground(terrain: Terrain, folder: Path, source: str | None = None) -> None:
-    """Write a terrain for a GIS or a terrain program, beside the .npz: in the format of its source, if that has one.
+def write_ground(terrain: Terrain, folder: Path, source: str | None = None) -> list[str]:
+    """Write a terrain for a GIS or a terrain program, beside the .npz: in its source's format if that has one.
 
     Args:
         terrain: What to write.
@@ -73,4 +71,4 @@ def write_ground(terrain: Terrain, folder: Path, source: str | None = None) -> N
         suffix = ".tif" if importlib.util.find_spec("rasterio") else ".asc"
     target = folder / f"terrain{suffix}"
     write_terrain(terrain, target)
-    print(f"  raster   {target}")
+    return [f"  raster   {target}"]

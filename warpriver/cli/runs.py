@@ -4,88 +4,102 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
+import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.output import complain, say
+from warpriver.cli.parser import Interval, interval, number, whole_number
 from warpriver.cli.shared import INTERRUPTED, OK, STOPPED_EARLY, can_draw
-from warpriver.errors import InputError
+from warpriver.cli.words import in_flags, naming
+from warpriver.errors import InputError, WarpriverError
 from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, MeanderParams, PathMeander
-from warpriver.validate import not_negative
 
 if TYPE_CHECKING:
-    from warpriver.history import History
-    from warpriver.network import RiverNetwork
+    from warpriver.history import Every, History
     from warpriver.simulation import Simulation
     from warpriver.terrain import Terrain
 
-__all__ = ["add_run_options", "draw_results", "make_simulation", "run_simulation", "write_results"]
+__all__ = ["add_run_options", "draw_map", "given_params", "make_params", "run_simulation", "write_results"]
+
+# A run of fewer steps times points takes a second or two: no estimate is made.
+SHORT_RUN = 20_000_000
+# A network with so many times the points that were estimated is worth a word.
+OUTGROWN = 2.0
+# Defaults that follow from something else.
+TOLD = {"reference_width": "the widest channel's"}
 
 
 def add_run_options(
-    parser: argparse.ArgumentParser,
-    out: str | None,
-    years: float,
-    record_every: int = 10,
-    seed: int = 0,
-    reference: str | None = None,
+    parser: argparse.ArgumentParser, out: str | None, years: float, record_every: str = "10steps"
 ) -> None:
-    """Flags of every command that runs a simulation; ``reference`` says what the reference width is by default."""
+    """Flags of every command that runs a simulation."""
     run = parser.add_argument_group("run")
-    run.add_argument("--years", type=float, default=years, help=f"how long to run, in years (default {years:g})")
+    run.add_argument(
+        "--years",
+        type=number(0.0, unit="years"),
+        default=years,
+        metavar="YEARS",
+        help=f"how long to run, in years (default {years:g})",
+    )
     run.add_argument(
         "--record-every",
-        type=int,
-        default=record_every,
-        metavar="STEPS",
-        help=f"steps between records (default {record_every})",
+        type=interval,
+        default=interval(record_every),
+        metavar="TIME",
+        help="time between records, in steps or years: 20steps or 10yr; a bare number is steps "
+        f"(default {record_every})",
     )
-    run.add_argument("--seed", type=int, default=seed, help=f"seed of what is random (default {seed})")
     run.add_argument("--device", default="cpu", help='"cpu", "cuda", "cuda:1" ... (default cpu)')
     run.add_argument(
-        "--threads", type=int, metavar="N", help="threads on the CPU; results do not depend on it (default: all cores)"
+        "--threads",
+        type=whole_number(1),
+        metavar="N",
+        help="threads on the CPU; results do not depend on it (default: all cores)",
     )
-    run.add_argument("--dtype", default="float64", choices=("float64", "float32"), help="precision (default float64)")
+    run.add_argument("--dtype", choices=("float64", "float32"), help="precision (default float64)")
     run.add_argument("--check", action="store_true", help="check every phase of every step (slow)")
     run.add_argument("--no-progress", action="store_true", help="no progress bar")
-    where = out or "out/NAME"
-    run.add_argument("-o", "--out", default=out, metavar="FOLDER", help=f"where results go (default {where})")
-    model = parser.add_argument_group("model (Paris et al. 2023, Table 1)")
+    run.add_argument("-o", "--out", metavar="FOLDER", help=f"folder for the results (default {out or 'out/NAME'})")
+    model = parser.add_argument_group(
+        "model",
+        "Meander migration after Howard and Knutson (1984), with the constants of Paris et al. (2023), Table 1. The "
+        "rate of real rivers spans 2 to 128 m/yr.",
+    )
     model.add_argument(
         "--solver",
         choices=tuple(SOLVER_PARAMS),
-        default="migration",
         help="what moves the channels: migration by upstream curvature, or shortest paths (default migration)",
     )
-    model.add_argument("--step-days", type=float, metavar="DAYS", help="time step in days (default 106)")
     model.add_argument(
-        "--spacing",
-        type=float,
-        metavar="M",
-        help="distance between points in m (default 50, at most a channel's width)",
+        "--step-days", type=number(above=0.0, unit="days"), metavar="DAYS", help="time step in days (default 106)"
     )
-    told = {"spacing_in_widths": "1, or 0 with --spacing"} | ({"reference_width": reference} if reference else {})
     shared = {field.name for field in dataclasses.fields(MeanderParams)}
     for field in dataclasses.fields(MeanderParams):
-        if field.name not in ("time_step", "spacing"):
-            _add_model_flag(model, field, told.get(field.name, field.default))
-    path = parser.add_argument_group("model of --solver path, which shares the flags above that it has a use for")
+        if field.name != "time_step":
+            _add_model_flag(model, field)
+    path = parser.add_argument_group(
+        "model of --solver path", "It shares the flags above, except those of rate, width, friction and weights."
+    )
     for field in dataclasses.fields(PathMeander):
         if field.name not in shared:
-            _add_model_flag(path, field, field.default)
+            _add_model_flag(path, field)
 
 
-def _add_model_flag(group: Any, field: dataclasses.Field, default: Any) -> None:
-    """Add the flag of one constant, whose help tells that default."""
+def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
+    """Add the flag of one constant; its default is left to the constants."""
     meta = field.metadata
-    unit = "" if meta["unit"] == "-" else f" in {meta['unit']}"
+    unit = "" if meta["unit"] == "-" else f"{meta['unit']}; "
+    with naming(**{name: _flag(name) for kind in SOLVER_PARAMS.values() for name in kind.__dataclass_fields__}):
+        doc = in_flags(meta["doc"])
     group.add_argument(
         _flag(field.name),
         type=str if meta["choices"] else float,
         choices=meta["choices"] or None,
         metavar=None if meta["choices"] else "X",
-        help=f"{meta['doc']}{unit} (default {default})",
+        help=f"{doc} ({unit}default {TOLD.get(field.name, field.default)})".replace("%", "%%"),
     )
 
 
@@ -93,63 +107,68 @@ def _flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def make_simulation(network: RiverNetwork, options: argparse.Namespace, terrain: Terrain | None = None) -> Simulation:
-    """Make the simulation that the flags ask for."""
-    from warpriver.simulation import Simulation
-
-    kind = SOLVER_PARAMS[options.solver]
-    own = {field.name for field in dataclasses.fields(kind)}
-    every = {field.name for params in SOLVER_PARAMS.values() for field in dataclasses.fields(params)}
+def given_params(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the constants that were typed, by their names."""
+    every = {name for kind in SOLVER_PARAMS.values() for name in kind.__dataclass_fields__}
     given = {name: getattr(options, name) for name in every if getattr(options, name, None) is not None}
-    strange = sorted(set(given) - own)
-    if strange:
-        raise InputError(f"{_flag(strange[0])} means nothing to --solver {options.solver}; leave it out")
-    if options.spacing is None and options.spacing_in_widths is None:
-        given["spacing_in_widths"] = 1.0
     if options.step_days is not None:
         given["time_step"] = options.step_days / DAYS_PER_YEAR
-    return Simulation(
-        network,
-        kind(**given),
-        terrain=terrain,
-        seed=options.seed,
-        check=options.check,
-        threads=options.threads,
-    )
+    return given
 
 
-def check_run_options(options: argparse.Namespace) -> None:
-    """Refuse what no run can be made with, before anything is read or written."""
+def make_params(
+    options: argparse.Namespace, before: MeanderParams | PathMeander | None = None
+) -> MeanderParams | PathMeander:
+    """Return the constants that the flags ask for: those of a run with what was typed, or the defaults with that."""
+    if before is None:
+        kind = SOLVER_PARAMS[options.solver or "migration"]
+    else:
+        kind = type(before)
+        if options.solver is not None and SOLVER_PARAMS[options.solver] is not kind:
+            raise InputError(f"--solver {options.solver}: the run goes on by the one that it began with; leave it out")
+    solver = next(name for name, params in SOLVER_PARAMS.items() if params is kind)
+    given = given_params(options)
+    strange = sorted(set(given) - set(kind.__dataclass_fields__))
+    if strange:
+        raise InputError(f"{_flag(strange[0])} means nothing to --solver {solver}; leave it out")
+    return kind(**given) if before is None else before.replace(**given)
+
+
+def schedule_of(every: Interval) -> Every:
+    """Return the schedule of records that was typed."""
     from warpriver.history import Every
 
-    not_negative(options.years, "--years", "years")
-    Every(steps=options.record_every)
+    return Every(steps=every.steps, years=every.years)
 
 
-def run_simulation(simulation: Simulation, options: argparse.Namespace, folder: Path) -> int:
-    """Run with a progress bar and say what came of it."""
+def run_simulation(simulation: Simulation, options: argparse.Namespace, store: Path) -> tuple[int, list[str]]:
+    """Tell what the run will take, do it with a progress bar, and return the exit code and what came of it."""
     from warpriver.history import StopReason
 
-    store = simulation.history.path or folder / "run"
-    begin_step, begin = simulation.step_count, time.perf_counter()
+    begin_step = simulation.step_count
+    callbacks: list[Any] = []
+    watch = _estimate(simulation, options, store)
+    if watch is not None:
+        callbacks.append((schedule_of(options.record_every), watch))
+    begin = time.perf_counter()
     history = simulation.run(
         years=options.years,
-        record_every=options.record_every,
+        record_every=schedule_of(options.record_every),
         store=store,
+        callbacks=callbacks,
         progress=not options.no_progress,
     )
-    seconds = time.perf_counter() - begin
-    steps = simulation.step_count - begin_step
-    print(f"{simulation!r}")
+    seconds, steps = time.perf_counter() - begin, simulation.step_count - begin_step
+    told = [repr(simulation)]
     if steps:
-        print(f"  {steps} steps in {seconds:.2f} s, {1e3 * seconds / steps:.3g} ms a step")
+        told.append(f"  {steps} steps in {seconds:.2f} s, {1e3 * seconds / steps:.3g} ms a step")
+    told.append(f"  run      {store}")
     reason = history.stop_reason or StopReason.COMPLETED
-    print(f"  run      {store}")
     if reason is StopReason.COMPLETED:
-        return OK
-    advice = reason.advice if reason is not StopReason.STORE_FAILED else _stored_advice(history, store)
-    print(f"warpriver {options.name}: {reason.value}: {advice}", file=sys.stderr)
-    return INTERRUPTED if reason is StopReason.INTERRUPTED else STOPPED_EARLY
+        return OK, told
+    advice = in_flags(reason.advice) if reason is not StopReason.STORE_FAILED else _stored_advice(history, store)
+    complain(f"warpriver {options.name}: {reason.value}: {advice}")
+    return (INTERRUPTED if reason is StopReason.INTERRUPTED else STOPPED_EARLY), told
 
 
 def _stored_advice(history: History, store: Path) -> str:
@@ -160,32 +179,80 @@ def _stored_advice(history: History, store: Path) -> str:
     return f"it is stored up to {at:.6g} yr; make room, then go on from there with warpriver simulate {store}"
 
 
-def write_results(simulation: Simulation, folder: Path) -> None:
-    """Write the final lines, and say what a river expert would ask first."""
+def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) -> Callable[[Simulation], None] | None:
+    """Say what a long run will take, and return what watches that it is no more."""
+    from warpriver.estimate import estimate_run
+
+    steps = int(options.years / simulation.params.time_step) + 1
+    if steps * simulation.network.point_count < SHORT_RUN:
+        return None
+    try:
+        found = estimate_run(simulation, steps, schedule_of(options.record_every))
+    except WarpriverError:  # a copy cannot be made of every state of a run
+        return None
+    (now, grown), (soon, late), (small, large) = found.points, found.seconds, found.bytes
+    more = ""
+    if grown > 1.1 * now:
+        more = f"; {_time(late)} and {_size(large)} with {grown:,} points, when bends have grown"
+    say(f"  estimate {steps:,} steps of {now:,} points take about {_time(soon)} and {_size(small)} of disk{more}")
+    above = next(p for p in (store, *store.absolute().parents) if p.exists())
+    free = shutil.disk_usage(above).free
+    if free < large:
+        complain(f"warpriver {options.name}: warning: {_size(free)} are free on the disk of {store}")
+    limit, told = OUTGROWN * max(grown, now), []
+
+    def watch(running: Simulation) -> None:
+        if running.network.point_count > limit and not told:
+            told.append(True)
+            complain(
+                f"warpriver {options.name}: warning: at {running.time:.4g} yr the network has "
+                f"{running.network.point_count:,} points, more than twice the estimate: steps take longer and longer. "
+                "Small channels may migrate too fast: look at --reference-width and --migration-rate. Ctrl-C ends the "
+                "run at a step and keeps it"
+            )
+
+    return watch
+
+
+def _time(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _size(count: float) -> str:
+    return f"{count / 1e6:.{0 if count > 1e7 else 1}f} MB" if count < 1e9 else f"{count / 1e9:.1f} GB"
+
+
+def write_results(simulation: Simulation, folder: Path) -> list[str]:
+    """Write the final lines, and return what a river expert would ask first."""
     from warpriver import metrics
     from warpriver.io.vector.networks import write_network
 
     network = simulation.network
     write_network(network, folder / "channels.csv")
-    print(f"  lines    {folder / 'channels.csv'}")
     # Of many the one with most water surface: the longest may be a brook.
     largest = int((network.channel_lengths() * network.channel_width).argmax())
     xy, width = network.polylines()[largest], float(network.channel_width[largest])
     ring = bool(network.channel_closed[largest])
-    wave = metrics.wavelength(xy, width, closed=ring)
+    wave, usual = metrics.wavelength(xy, width, closed=ring), metrics.wavelength_range(width)
+    bends = "no meander wavelength, as it has too few bends"
+    if wave > 0.0:
+        bends = f"meander wavelength {wave:.4g} m, {wave / width:.3g} widths"
     count = len(simulation.history.splits)
     splits = f" and {count} split{'s' if count > 1 else ''} of rings" if count else ""
-    print(
-        f"  largest channel: sinuosity {metrics.sinuosity(xy, ring):.3g}, meander wavelength {wave:.4g} m "
-        f"({wave / width:.3g} widths); {len(simulation.history.cutoffs)} cutoffs{splits} in all"
-    )
+    return [
+        f"  lines    {folder / 'channels.csv'}",
+        f"  largest channel: width {width:.4g} m, sinuosity {metrics.sinuosity(xy, ring):.3g}, {bends} (usual for this "
+        f"width: {usual[0]:.0f} to {usual[1]:.0f} m); {len(simulation.history.cutoffs)} cutoffs{splits} in all",
+    ]
 
 
-def draw_results(history: History, folder: Path, terrain: Terrain | None = None) -> None:
-    """Draw what can be drawn on this machine; what cannot is named, and is no failure."""
+def draw_map(history: History, folder: Path, terrain: Terrain | None) -> list[str]:
+    """Draw the map of a run, if this machine can; return what to say of it."""
     if not can_draw():
-        return
+        return []
     from warpriver import viz
 
     viz.draw_belt(history, folder / "belt.png", terrain=terrain)
-    print(f"  map      {folder / 'belt.png'}")
+    return [f"  map      {folder / 'belt.png'}"]

@@ -1,4 +1,4 @@
-"""What several commands share: exit codes, flags, files, and a quiet start of Warp."""
+"""What several commands share: exit codes, flags, what files hold, and checks of what is to be written."""
 
 from __future__ import annotations
 
@@ -6,13 +6,21 @@ import argparse
 import contextlib
 import importlib.util
 import os
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.words import renamed
-from warpriver.errors import InputError
+from warpriver.cli.output import say
+from warpriver.cli.parser import BAD_INPUT, number, whole_number
+from warpriver.cli.words import naming
+from warpriver.errors import (
+    InputError,
+    MissingExtraError,
+    MissingFileError,
+    OutputExistsError,
+    PathDeniedError,
+    WrongPathError,
+)
 
 if TYPE_CHECKING:
     from warpriver.history import History
@@ -22,16 +30,22 @@ if TYPE_CHECKING:
 __all__ = [
     "BAD_INPUT",
     "INTERRUPTED",
+    "MOVIES",
     "OK",
+    "PICTURES",
     "STOPPED_EARLY",
-    "add_ground",
     "add_heights",
     "add_line_options",
     "add_lines",
+    "add_systems",
+    "add_terrain",
     "can_draw",
-    "check_map",
+    "check_out",
+    "check_picture",
     "command",
+    "ending_of",
     "fresh_folder",
+    "given_flags",
     "ground_under",
     "quiet_warp",
     "read_ground",
@@ -41,32 +55,160 @@ __all__ = [
     "stored_run",
 ]
 
-OK, STOPPED_EARLY, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+OK, STOPPED_EARLY, INTERRUPTED = 0, 1, 130
+PICTURES, MOVIES = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
+# Flags that only say how lines are read, and those that only say how a terrain is read.
+LINE_FLAGS = (
+    "width", "depth", "missing_width", "layer", "short", "repeated", "closed", "topology", "reverse", "crs",
+)  # fmt: skip
+HEIGHT_FLAGS = ("terrain_crs", "z_factor", "nodata", "band", "cell_size", "range", "shape", "origin")
 
 
 def command(
     commands: Any, name: str, run: Callable[[argparse.Namespace], int], **texts: str
 ) -> argparse.ArgumentParser:
     """Add a command's parser; ``run`` takes its flags and returns the exit code."""
-    parser = commands.add_parser(name, formatter_class=argparse.RawDescriptionHelpFormatter, **texts)
+    parser = commands.add_parser(name, **texts)
     parser.set_defaults(command=run, name=name, parser=parser)
     return parser
+
+
+def given_flags(options: argparse.Namespace, names: Iterable[str]) -> list[str]:
+    """Return which of the flags of these names were typed, of those whose default is None or False."""
+    values = vars(options)
+    return [f"--{n.replace('_', '-')}" for n in names if values.get(n) is not None and values[n] is not False]
+
+
+# ---- what is written
 
 
 def can_draw() -> bool:
     """Tell whether pictures can be drawn on this machine; that they cannot is said, and is no failure."""
     if importlib.util.find_spec("matplotlib") is not None:
         return True
-    print('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
+    say('  no pictures: matplotlib is missing; pip install "warpriver[viz]"')
     return False
 
 
-def check_map(path: str | Path) -> None:
-    """Raise unless a map can be drawn into a file of that name on this machine."""
-    from warpriver.viz.sheet import check_picture, need_matplotlib
+def ending_of(path: Path, known: Iterable[str]) -> str:
+    """Return the ending of a name that says the format: .gpkg, or .csv of rivers.csv.gz."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes[-1:] == [".gz"] and ".gz" not in known:
+        suffixes.pop()
+    return suffixes[-1] if suffixes else ""
 
-    need_matplotlib()
-    check_picture(path)
+
+def check_out(path: str | Path, flag: str, formats: Mapping[str, bool] | Iterable[str]) -> Path:
+    """Return the path of a file to write, or raise an error before anything has been computed for it.
+
+    Args:
+        path: What was typed.
+        flag: The flag that it was typed for.
+        formats: Endings of the formats there are, and whether what they need is installed.
+    """
+    target = Path(path)
+    known = formats if isinstance(formats, Mapping) else dict.fromkeys(formats, True)
+    ending = ending_of(target, known)
+    if ending not in known:
+        raise InputError(
+            f"{flag} {target}: {ending or 'no ending'} names no format of what is to be written; use {', '.join(known)}"
+        )
+    if not known[ending]:
+        raise MissingExtraError(f'{flag} {target}: {ending} needs the extra "gis": pip install "warpriver[gis]"')
+    if target.is_dir():
+        raise WrongPathError(f"{flag} {target} is a folder; give the name of a file")
+    if not target.absolute().parent.is_dir():
+        raise MissingFileError(f"{flag} {target}: there is no folder {target.parent}; make it first")
+    if not os.access(target.absolute().parent, os.W_OK | os.X_OK):
+        raise PathDeniedError(f"{flag} {target}: the folder {target.parent} is not yours to write in")
+    return target
+
+
+def check_picture(path: str | Path, flag: str, formats: Iterable[str] = PICTURES) -> Path:
+    """Return the path of a picture or movie to write, as :func:`check_out` does, if this machine can draw it."""
+    target = check_out(path, flag, formats)
+    if importlib.util.find_spec("matplotlib") is None:
+        raise MissingExtraError(f'{flag} {target}: pictures need matplotlib: pip install "warpriver[viz]"')
+    if target.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise MissingExtraError(f'{flag} {target}: .mp4 needs imageio-ffmpeg: pip install "warpriver[movie]"')
+    return target
+
+
+def fresh_folder(path: str | Path, *names: str, flag: str = "-o", make: bool = True) -> Path:
+    """Return the folder for results, and make it; one that holds such results already is refused.
+
+    Args:
+        path: The folder.
+        names: Files and folders that will be written into it.
+        flag: The flag that names it.
+        make: Make it now; else it is only checked.
+    """
+    folder = Path(path)
+    there = next((name for name in names if (folder / name).exists()), None)
+    if there is not None:
+        again = f", or continue {folder / there}" if there == "run" else ""
+        raise OutputExistsError(f"{folder} holds an earlier {there}; remove it, or choose another {flag}{again}")
+    above = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not above.is_dir():
+        raise WrongPathError(f"{flag} {folder}: {above} is a file; give the name of a folder")
+    if make:
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+# ---- rivers
+
+
+def add_line_options(parser: Any) -> None:
+    """Flags of a command that reads rivers from a file."""
+    parser.add_argument("--layer", help="layer to read, of a file with several")
+    parser.add_argument(
+        "--short",
+        choices=("error", "drop", "narrow", "keep"),
+        help="what to do about lines that are shorter than they are wide, as linework has at junctions: refuse the "
+        "file, drop them, narrow them to their length, or keep them (default error)",
+    )
+    parser.add_argument(
+        "--closed",
+        action="store_true",
+        help="lines that end at their first point are rings, in which the water goes round (default: those that the "
+        "file marks)",
+    )
+    parser.add_argument(
+        "--missing-width",
+        type=number(above=0.0, unit="m"),
+        metavar="M",
+        help="width in m of lines that have neither a width nor anything that it follows from",
+    )
+    parser.add_argument(
+        "--repeated",
+        choices=("drop", "error"),
+        help="what to do about points that are repeated: drop them, or refuse the file (default drop)",
+    )
+    parser.add_argument(
+        "--topology",
+        choices=("file", "ends"),
+        help="join channels as the file says, or only where their ends meet (default file)",
+    )
+    parser.add_argument("--reverse", action="store_true", help="reverse all lines: points of the file run upstream")
+
+
+def add_systems(parser: Any, what: str) -> None:
+    """Flags for coordinate reference systems."""
+    parser.add_argument("--crs", help=f"coordinate reference system of {what} that states none, e.g. EPSG:32619")
+    parser.add_argument(
+        "--to-crs", metavar="CRS", help='reproject, e.g. to EPSG:32619, or "utm" for the UTM zone of the data'
+    )
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """Flags of a command that only looks at rivers: all that :func:`read_lines` asks for."""
+    group = parser.add_argument_group("river lines")
+    group.add_argument(
+        "--width", type=number(above=0.0, unit="m"), metavar="M", help="bankfull width in m (default: the file's)"
+    )
+    add_line_options(group)
+    add_systems(group, "a file")
 
 
 def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> RiverNetwork:
@@ -76,11 +218,11 @@ def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> Riv
     return read_network(
         source,
         width=options.width,
-        layer=options.layer,
         missing_width=options.missing_width,
-        short=options.short,
-        repeated=options.repeated,
-        topology=options.topology,
+        layer=options.layer,
+        short=options.short or "error",
+        repeated=options.repeated or "drop",
+        topology=options.topology or "file",
         reverse=options.reverse,
         closed=options.closed or None,
         crs=options.crs,
@@ -89,10 +231,16 @@ def read_lines(source: Path, options: argparse.Namespace, **further: Any) -> Riv
     )
 
 
-def add_heights(parser: Any, *, cell_size: bool = True) -> None:
-    """Flags of every command that reads heights from a file; ``cell_size``: also that, where it means nothing else."""
+# ---- terrains
+
+
+def add_heights(parser: Any, cell_size: bool = True) -> None:
+    """Flags of every command that reads a terrain from a file."""
     parser.add_argument(
-        "--z-factor", type=float, metavar="M", help="metres in the file's unit of height, 0.3048 for feet (default 1)"
+        "--z-factor",
+        type=number(above=0.0),
+        metavar="M",
+        help="metres in the file's unit of height, 0.3048 for feet (default: by the unit that it states, else 1)",
     )
     parser.add_argument(
         "--nodata",
@@ -102,45 +250,61 @@ def add_heights(parser: Any, *, cell_size: bool = True) -> None:
     )
     if cell_size:
         parser.add_argument(
-            "--cell-size", type=float, metavar="M", help="cell in m of a file that does not tell it; or to resample to"
+            "--cell-size",
+            type=number(above=0.0, unit="m"),
+            metavar="M",
+            help="size of a cell in m: of a file that does not state it; else heights are resampled to it",
         )
+    parser.add_argument("--band", type=whole_number(1), metavar="N", help="band of a raster with several (default 1)")
+    parser.add_argument(
+        "--range",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="heights in m of the lowest and the highest step of a height map (.png, .r16, .raw)",
+    )
+    parser.add_argument(
+        "--shape", type=whole_number(1), nargs=2, metavar=("ROWS", "COLUMNS"), help="size of a raw height map"
+    )
     parser.add_argument(
         "--origin",
         type=float,
         nargs=2,
-        metavar=("W", "N"),
-        help="north-west corner in m of a file that does not tell it",
+        metavar=("WEST", "NORTH"),
+        help="corner in the north-west in m, of a file that does not state it (default 0 0)",
     )
-    parser.add_argument(
-        "--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest height of a height map in m"
+
+
+def add_terrain(parser: argparse.ArgumentParser, what: str) -> Any:
+    """Flags of a command that takes a terrain beside rivers; return their group."""
+    group = parser.add_argument_group("terrain")
+    group.add_argument("--terrain", metavar="FILE", help=what)
+    group.add_argument(
+        "--terrain-crs", metavar="CRS", help="coordinate reference system of a --terrain that states none"
     )
-    parser.add_argument("--shape", type=int, nargs=2, metavar=("ROWS", "COLUMNS"), help="size of a raw height map")
-    parser.add_argument("--band", type=int, default=1, metavar="N", help="band of a GeoTIFF (default 1)")
+    add_heights(group)
+    return group
 
 
-def add_ground(parser: argparse.ArgumentParser) -> None:
-    """Flags of a command that takes a terrain beside rivers."""
-    parser.add_argument("--terrain-crs", metavar="CRS", help="coordinate reference system of a --terrain without one")
-    add_heights(parser)
-
-
-def read_ground(path: str, options: argparse.Namespace, *, to_crs: str | None = None, device: str = "cpu") -> Terrain:
+def read_ground(
+    path: str | Path, options: argparse.Namespace, *, to_crs: str | None = None, device: str = "cpu"
+) -> Terrain:
     """Read a terrain as the flags say; ``to_crs`` in place of theirs is that of the rivers on it."""
     from warpriver.io.raster.terrains import read_terrain
 
     beside_rivers = hasattr(options, "terrain_crs")
-    with renamed(crs="terrain_crs") if beside_rivers else contextlib.nullcontext():
+    with naming(**({"crs": "--terrain-crs"} if beside_rivers else {})):
         return read_terrain(
             path,
             cell_size=options.cell_size,
             origin=options.origin,
             crs=options.terrain_crs if beside_rivers else options.crs,
             to_crs=to_crs or options.to_crs,
-            range=options.range,
+            range=None if options.range is None else tuple(options.range),
             z_factor=options.z_factor,
             nodata=options.nodata,
-            shape=options.shape,
-            band=options.band,
+            shape=None if options.shape is None else tuple(options.shape),
+            band=options.band or 1,
             device=device,
         )
 
@@ -149,78 +313,46 @@ def ground_under(options: argparse.Namespace, crs: str | None) -> Terrain | None
     """Read the terrain under rivers in that CRS, if there is to be one.
 
     Where --to-crs is given it is brought into the CRS of the rivers: "utm" means one zone for both.
+
+    Raises:
+        ValueError: There is none, but flags that say how it is read.
     """
     if options.terrain is None:
+        if useless := given_flags(options, HEIGHT_FLAGS):
+            raise InputError(f"{useless[0]} says how a --terrain is read, and none is given; leave it out")
         return None
     return read_ground(options.terrain, options, to_crs=crs if options.to_crs is not None else None)
 
 
-def add_line_options(parser: argparse.ArgumentParser) -> None:
-    """Flags of a command that reads rivers from a file."""
-    parser.add_argument(
-        "--short",
-        default="error",
-        choices=("error", "drop", "narrow", "keep"),
-        help="lines shorter than they are wide, as linework has at junctions: refuse the file, drop them, narrow them "
-        "to their length, or keep them (default error)",
-    )
-    parser.add_argument(
-        "--missing-width", type=float, metavar="M", help="width in m of lines for which nothing tells one"
-    )
-    parser.add_argument(
-        "--repeated",
-        default="drop",
-        choices=("drop", "error"),
-        help="points that stand twice in a row: drop them, or refuse the file (default drop)",
-    )
-    parser.add_argument(
-        "--topology",
-        default="file",
-        choices=("file", "ends"),
-        help="join lines as the file says, or where their ends meet (default file)",
-    )
-    parser.add_argument("--reverse", action="store_true", help="turn all lines round: those of the file run upstream")
-    parser.add_argument(
-        "--closed",
-        action="store_true",
-        help="lines that end at their first point are rings: the water goes round (default: those that the file marks)",
-    )
-
-
-def add_lines(parser: argparse.ArgumentParser) -> None:
-    """Flags of a command that only looks at rivers: all that :func:`read_lines` asks for."""
-    parser.add_argument(
-        "--width", type=float, metavar="M", help="bankfull width in m of all lines (default: the file's)"
-    )
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say")
-    parser.add_argument("--to-crs", help='reproject lines, e.g. "utm"')
+# ---- runs
 
 
 def stored_run(source: Path) -> Path | None:
     """The stored run at a path: the file or folder itself, or the one in a folder of results; None without one."""
-    if source.suffix == ".npz":
-        return source
+    if source.suffix.lower() == ".npz" and source.is_file():
+        return source if _is_run(source) else None
     marks = ("run.json", "segments.jsonl")
     return next((p for p in (source, source / "run") for mark in marks if (p / mark).is_file()), None)
 
 
-def read_run(path: Path) -> History:
-    """Open a stored run that holds a record or more."""
-    from warpriver.history import History
+def read_run(path: Path, *, salvage: bool = False) -> History:
+    """Open a stored run that holds a record or more; ``salvage``: what can be read of a damaged one."""
+    from warpriver.history import read_history
 
-    history = History.load(path)
+    history = read_history(path, salvage=salvage)
     history.record(-1)
     return history
 
 
-def fresh_folder(path: str) -> Path:
-    """Return the folder for results, which is yet to be made; one that holds an earlier run is not written over."""
-    folder = Path(path)
-    if (folder / "run").exists():
-        raise InputError(f"{folder} holds an earlier run; remove it, choose another -o, or continue {folder / 'run'}")
-    return folder
+def _is_run(path: Path) -> bool:
+    """Tell a stored run from a terrain: it has a header."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "header.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return True  # whoever reads it says what is wrong
 
 
 @contextlib.contextmanager
@@ -238,29 +370,10 @@ def results_in(folder: Path) -> Iterator[Path]:
 
 
 def quiet_warp() -> None:
-    """Start Warp without its greeting, and without its native warning where a machine has no CUDA driver."""
+    """Start Warp, and let it tell of errors only."""
     import warp as wp
 
     from warpriver.device import start_warp
 
     wp.config.log_level = wp.LOG_ERROR
-    try:
-        kept = os.dup(2)
-    except OSError:  # standard error is closed
-        start_warp()
-        return
-    sys.stderr.flush()
-    # In memory: there may be no room for a file.
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    os.dup2(writing, 2)
-    try:
-        start_warp()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(writing)
-        with os.fdopen(reading, errors="replace") as said:
-            for line in said:
-                if "CUDA driver" not in line:
-                    print(line, end="", file=sys.stderr)
+    start_warp()

@@ -4,30 +4,36 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from warpriver.cli.output import say
+from warpriver.cli.parser import number
 from warpriver.cli.results import write_run
-from warpriver.cli.runs import (
-    add_run_options,
-    check_run_options,
-    draw_results,
-    make_simulation,
-    run_simulation,
-    write_results,
-)
+from warpriver.cli.runs import add_run_options, draw_map, make_params, run_simulation, write_results
 from warpriver.cli.shared import (
-    add_ground,
+    LINE_FLAGS,
     add_line_options,
+    add_systems,
+    add_terrain,
     command,
     fresh_folder,
+    given_flags,
     ground_under,
     quiet_warp,
     read_lines,
+    read_run,
     results_in,
     stored_run,
 )
+from warpriver.errors import InputError
+
+if TYPE_CHECKING:
+    from warpriver.simulation import Simulation
 
 __all__ = ["add"]
+
+# What is written into the folder of results.
+RESULTS = ("run", "channels.csv", "belt.png", "rivers.gpkg", "rivers.geojson")
 
 
 def add(commands: Any) -> None:
@@ -37,56 +43,104 @@ def add(commands: Any) -> None:
         "simulate",
         _simulate,
         help="let the rivers of a file migrate, or go on with a stored run",
-        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; downstream order), let\n"
-        "them migrate and cut off their bends, and write into a folder the run, the final lines, a map, and for a GIS\n"
-        "the rivers, courses with times, oxbow lakes and abandoned courses, in the format of INPUT or as .gpkg.\n"
-        "INPUT may also be the run folder of an earlier command: it is then continued and grows.",
+        description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; points run downstream),\n"
+        "let them migrate and cut off their bends, and write into a folder the run, the final lines, a map, and for a\n"
+        "GIS the rivers, courses with times, oxbow lakes and abandoned courses, in the format of INPUT or as .gpkg.\n"
+        "\n"
+        "INPUT may also be the run of an earlier command: it goes on from its last record, over the terrain\n"
+        "that it was run on, and grows. With -o it is copied first, and the copy goes on. Flags of the model\n"
+        "change constants from there on; the change is recorded in the run. Flags that only say how lines\n"
+        "are read are refused.",
         epilog="examples:\n"
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
-        "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 20 -o out/rivers\n"
+        "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 10yr -o out/rivers\n"
         "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
         "  warpriver simulate river.csv --solver path --search-radius 2 --years 300\n"
-        "  warpriver simulate out/river/run --years 100",
+        "  warpriver simulate out/river/run --years 100\n"
+        "  warpriver simulate out/river/run --migration-rate 20 --years 100 -o out/slower",
     )
     parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
-    parser.add_argument("--width", type=float, metavar="M", help="bankfull width in m (default: the file's)")
-    parser.add_argument("--depth", type=float, metavar="M", help="bankfull depth in m (default: from the width)")
-    parser.add_argument("--layer", help="layer to read, of a file with several")
-    add_line_options(parser)
-    parser.add_argument("--crs", help="coordinate reference system of a file that does not say, e.g. EPSG:32619")
-    parser.add_argument("--to-crs", help='reproject rivers and terrain, e.g. EPSG:32619, or "utm" for their zone')
-    parser.add_argument(
-        "--terrain",
-        metavar="FILE",
-        help="heights under the river (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope",
+    lines = parser.add_argument_group("river lines")
+    lines.add_argument(
+        "--width", type=number(above=0.0, unit="m"), metavar="M", help="bankfull width in m (default: the file's)"
     )
-    add_ground(parser)
+    lines.add_argument(
+        "--depth", type=number(above=0.0, unit="m"), metavar="M", help="bankfull depth in m (default: from the width)"
+    )
+    add_line_options(lines)
+    add_systems(lines, "a file")
+    ground = add_terrain(
+        parser,
+        "heights under the rivers (GeoTIFF, ESRI ASCII, npz ...): migration fades with their slope; a run that goes on "
+        "finds its own",
+    )
+    ground.add_argument(
+        "--change-terrain",
+        action="store_true",
+        help="let a run go on over the --terrain that is given, or over a plain without one, also if it is not its own",
+    )
     add_run_options(parser, out=None, years=200.0)
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from warpriver.history import History, StopReason
-    from warpriver.simulation import Simulation
+    from warpriver.history import StopReason
 
-    check_run_options(options)
     quiet_warp()
     source = Path(options.input)
     run = stored_run(source)
-    if run is not None:
-        terrain = ground_under(options, History.load(run).crs if options.to_crs else None)
-        simulation = Simulation.resume(run, terrain=terrain, device=options.device, threads=options.threads)
-        folder = Path(options.out) if options.out else run.parent
-        if options.out or run.is_file():
-            folder = fresh_folder(options.out or f"out/{run.stem}")
-    else:
-        network = read_lines(source, options, depth=options.depth, dtype=options.dtype, device=options.device)
-        terrain = ground_under(options, network.crs)
-        simulation = make_simulation(network, options, terrain)
-        folder = fresh_folder(options.out or f"out/{source.name.split('.')[0]}")
+    simulation, folder, store = _begun(source, options) if run is None else _resumed(run, options)
     with results_in(folder):
-        code = run_simulation(simulation, options, folder)
-        if simulation.history.stop_reason is not StopReason.STORE_FAILED:
-            write_results(simulation, folder)
-            write_run(simulation.history, folder, source)
-            draw_results(simulation.history, folder, terrain)
+        code, told = run_simulation(simulation, options, store)
+        try:
+            if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+                told += write_results(simulation, folder)
+                told += write_run(simulation.history, folder, source)
+                told += draw_map(simulation.history, folder, simulation.terrain)
+        finally:
+            for line in told:
+                say(line)
     return code
+
+
+def _begun(source: Path, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+    """Begin a run on the lines of a file."""
+    from warpriver.simulation import Simulation
+
+    if options.change_terrain:
+        raise InputError(f"--change-terrain is for a run that goes on, and {source} is none; leave it out")
+    params = make_params(options)
+    out = options.out or f"out/{source.name.split('.')[0]}"
+    folder = fresh_folder(out, *RESULTS, make=False)
+    network = read_lines(source, options, depth=options.depth, dtype=options.dtype or "float64", device=options.device)
+    terrain = ground_under(options, network.crs)
+    simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
+    return simulation, folder, folder / "run"
+
+
+def _resumed(run: Path, options: argparse.Namespace) -> tuple[Simulation, Path, Path]:
+    """Go on with a stored run, or with a copy of it."""
+    from warpriver.simulation import Simulation
+
+    if useless := given_flags(options, LINE_FLAGS):
+        raise InputError(f"{useless[0]} says how river lines are read, and {run} is a run; leave it out")
+    if options.terrain is None and options.to_crs is not None:
+        raise InputError(
+            f"--to-crs is for lines and a --terrain, and {run} is a run in a system of its own; leave it out"
+        )
+    history = read_run(run)
+    if options.dtype not in (None, history.dtype):
+        raise InputError(f"--dtype {options.dtype}: the run has {history.dtype}, and goes on in that; leave it out")
+    copied = options.out is not None or run.is_file()
+    out = options.out or f"out/{run.stem}"
+    folder = fresh_folder(out, *RESULTS, make=False) if copied else run.parent
+    terrain = ground_under(options, history.crs)
+    simulation = Simulation.resume(
+        history,
+        params=make_params(options, history.last_params),
+        terrain=terrain,
+        change_terrain=options.change_terrain,
+        device=options.device,
+        check=options.check,
+        threads=options.threads,
+    )
+    return simulation, folder, folder / "run" if copied else run

@@ -5,13 +5,25 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpriver.cli.shared import OK, can_draw, check_map, command, quiet_warp, results_in
+from warpriver.cli.files import written_terrains
+from warpriver.cli.output import say
+from warpriver.cli.parser import number
+from warpriver.cli.shared import (
+    OK,
+    PICTURES,
+    can_draw,
+    check_out,
+    check_picture,
+    command,
+    fresh_folder,
+    quiet_warp,
+    results_in,
+)
 from warpriver.errors import InputError
-from warpriver.files import check_place
 
 if TYPE_CHECKING:
     from warpriver.valley.valley import Valley
@@ -40,11 +52,14 @@ def add(commands: Any) -> None:
     parser.add_argument("valley", nargs="?", metavar="S1..S6|FILE.toml", help="an example, or a valley file")
     parser.add_argument("-o", "--out", metavar="PATH", help="folder or file to write (default folder out/NAME)")
     parser.add_argument(
-        "--cell-size", type=float, metavar="M", help="cells of the terrain in m (default: bankfull width / 20)"
+        "--cell-size",
+        type=number(above=0.0, unit="m"),
+        metavar="M",
+        help="size of a cell of the terrain in m (default: bankfull width / 20)",
     )
     parser.add_argument(
-        "--spacing",
-        type=float,
+        "--mesh-spacing",
+        type=number(above=0.0, unit="m"),
         metavar="M",
         help="distance of points and mesh across the channel in m (default: bankfull width / 20; the paper's is 0.1)",
     )
@@ -73,14 +88,11 @@ def _valley(options: argparse.Namespace) -> int:
     from warpriver.valley.valley import synthetic_valley
 
     if options.schema:
-        print(valley_schema())
+        say(valley_schema())
         return OK
     if options.valley is None:
         raise InputError("name an example, S1 to S6, or a TOML file")
-    out = Path(options.out) if options.out is not None else None
-    if out is not None and out.suffix:
-        write = _writer_of(out, options.spacing)
-        check_place(out)
+    out = _checked_out(options)
     quiet_warp()
     is_file = Path(options.valley).suffix.lower() == ".toml"
     params = read_valley(options.valley) if is_file else options.valley
@@ -92,67 +104,87 @@ def _valley(options: argparse.Namespace) -> int:
         device=options.device,
         **_settings(options.set),
     )
-    print(valley)
+    told = [repr(valley)]
     width, depth = valley.network.point_widths()[0], valley.network.point_depths()[0]
-    print(f"width {width.min():.2f} to {width.max():.2f} m, bankfull depth {depth.min():.3f} to {depth.max():.3f} m")
-    print(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
+    told.append(
+        f"width {width.min():.2f} to {width.max():.2f} m, bankfull depth {depth.min():.3f} to {depth.max():.3f} m"
+    )
+    told.append(f"width to depth {valley.params.width_to_depth:.2f}, confinement {valley.params.confinement:.2f}")
     found = valley.covariance
-    print(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
-    if out is not None and out.suffix:
-        write(valley)
-        print(out)
-        return OK
-    with results_in(out or Path("out") / valley.params.name) as folder:
-        _write_folder(valley, folder, options.spacing)
+    told.append(f"mean c(z_T, W) {found.mean_thalweg_width:.3f}, mean c(z_T, |C|) {found.mean_thalweg_curvature:.3f}")
+    try:
+        if out is not None and out.suffix:
+            _write_valley(valley, out, options.mesh_spacing)
+            told.append(f"{out}")
+        else:
+            with results_in(out or Path("out") / valley.params.name) as folder:
+                told += _write_folder(valley, folder, options.mesh_spacing)
+    finally:
+        for line in told:
+            say(line)
     return OK
 
 
-def _write_folder(valley: Valley, folder: Path, spacing: float | None) -> None:
-    """Write all there is of a valley into a folder."""
+def _checked_out(options: argparse.Namespace) -> Path | None:
+    """Return what is to be written, checked before anything is computed; None for the folder of the valley's name."""
+    from warpriver.io import meshes, valleys
+    from warpriver.io.vector.networks import line_formats
+
+    if options.out is None:
+        return None
+    out = Path(options.out)
+    if not out.suffix:
+        return fresh_folder(out, make=False)
+    if out.suffix.lower() in PICTURES:
+        return check_picture(out, "-o")
+    others = (".toml", ".geojson", ".json", *valleys.POINTS, *meshes.MESHES)
+    known = {**line_formats(), **written_terrains(), **dict.fromkeys(others, True)}
+    return check_out(out, "-o", known)
+
+
+def _write_folder(valley: Valley, out: Path, spacing: float | None) -> list[str]:
+    """Write all that a valley has into a folder; return what to say of it."""
+    told = []
     terrain = "terrain.tif" if importlib.util.find_spec("rasterio") is not None else "terrain.npz"
     for name in (terrain, "channel.csv", "points.csv", "mesh.obj", "breaklines.geojson", "valley.toml"):
-        _writer_of(folder / name, spacing)(valley)
-        print(folder / name)
+        _write_valley(valley, out / name, spacing)
+        told.append(f"{out / name}")
     if not can_draw():
-        return
+        return told
     from warpriver import viz
 
-    viz.draw_valley(valley, folder / "valley.png")
-    viz.draw_valley_sections(valley, folder / "sections.png")
-    print(folder / "valley.png", folder / "sections.png", sep="\n")
+    viz.draw_valley(valley, out / "valley.png")
+    viz.draw_valley_sections(valley, out / "sections.png")
+    return [*told, f"{out / 'valley.png'}", f"{out / 'sections.png'}"]
 
 
-def _writer_of(path: Path, spacing: float | None) -> Callable[[Valley], None]:
-    """Return what writes a file of that name: breaklines, channel, parameters, picture, mesh, points, else terrain.
-
-    Raises:
-        ValueError: No format has such a name.
-    """
+def _write_valley(valley: Valley, path: Path, spacing: float | None) -> None:
+    """Write what the name of a file says: breaklines, channel, parameters, picture, mesh, points, else terrain."""
     from warpriver.io import meshes, valleys
     from warpriver.io.raster.terrains import terrain_formats, write_terrain
     from warpriver.io.vector.networks import line_formats, write_network
 
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        return lambda valley: valleys.write_valley(valley.params, path)
-    if suffix in (".geojson", ".json"):
-        return lambda valley: valleys.write_breaklines(valley.breaklines(), path, crs=valley.crs)
-    if path.name == "channel.csv":
-        return lambda valley: write_network(valley.network, path)
-    if suffix in valleys.POINTS and suffix != ".npz":
-        return lambda valley: valleys.write_points(valley.grid(spacing), path)
-    if suffix in meshes.MESHES:
-        return lambda valley: meshes.write_mesh(valley.grid(spacing), path)
-    if suffix in (".pdf", ".svg", ".png", ".jpg"):
-        check_map(path)
+        valleys.write_valley(valley.params, path)
+    elif suffix in (".geojson", ".json"):
+        valleys.write_breaklines(valley.breaklines(), path, crs=valley.crs)
+    elif path.name == "channel.csv":
+        write_network(valley.network, path)
+    elif suffix in valleys.POINTS and suffix != ".npz":
+        valleys.write_points(valley.grid(spacing), path)
+    elif suffix in meshes.MESHES:
+        meshes.write_mesh(valley.grid(spacing), path)
+    elif suffix in (".pdf", ".svg", ".png", ".jpg"):
         from warpriver import viz
 
-        return lambda valley: viz.draw_valley(valley, path)
-    if suffix in terrain_formats():
-        return lambda valley: write_terrain(valley.terrain, path)
-    if suffix in line_formats():
-        return lambda valley: write_network(valley.network, path)
-    raise InputError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
+        viz.draw_valley(valley, path)
+    elif suffix in terrain_formats():
+        write_terrain(valley.terrain, path)
+    elif suffix in line_formats():
+        write_network(valley.network, path)
+    else:
+        raise InputError(f"cannot write {path}: no format of terrains, points, meshes, lines or pictures ends so")
 
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:

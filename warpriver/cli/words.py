@@ -1,82 +1,126 @@
-"""Messages of the library in the words of the command line, and flags that take negative numbers."""
+"""Messages in the words of who typed the command: where the library names an argument, its flag is named.
+
+The library's messages name arguments as ``name=`` or ``name=value``, a constant as ``MeanderParams.name``, and begin
+with the name of what is wrong ("cell_size is 0; ..."). What the user typed, paths among it, stays as it is.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
-import sys
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
 
 from warpriver.errors import WarpriverError
 
-__all__ = ["Parser", "flags_of", "in_flags", "renamed"]
+__all__ = ["flag_names", "in_flags", "naming", "typed"]
 
-# An argument as a message writes it: to_crs="utm", cell_size=, range=(low, high), MeanderParams(collision_distance=0).
-ARGUMENT = re.compile(
-    r"""(?P<call>\b[A-Z]\w*Params\()?(?P<name>\b[a-z]\w*)=(?P<value>"[^"]*"|'[^']*'|\([^()]*\)|[-+\w.]*)(?(call)\))"""
-)
-# Parameters of a model, as messages about their values name them: MeanderParams.time_step is ...
-FIELD = re.compile(r"\b[A-Z]\w*Params\.([a-z]\w*)")
-# Negative numbers that argparse takes for flags: those with an exponent, with a point at the end, and infinity.
-NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)e[-+]?\d+$|-\d+\.$|-(inf|infinity)$", re.IGNORECASE)
+# Arguments of the library that a flag sets under another name.
+OTHER_NAMES = {
+    "min_drainage_area": "--min-area",
+    "time_step": "--step-days",
+    "smoothing_passes": "--smoothing-passes",
+    "carve": "--fill",
+}
+# Advice to call the library, in a command.
+PHRASES = {
+    "History.load(..., salvage=True)": "warpriver convert RUN --salvage -o COPY",
+    "Simulation.resume(simulation.history, params=...)": "warpriver simulate RUN",
+}
+VALUE = r"""("[^"]*"|'[^']*'|\([^()]*\)|[^\s,;:()"']+(?<![.?]))?"""
 
-
-class Parser(argparse.ArgumentParser):
-    """A parser that takes -3.4e38 and -inf for numbers, not for flags."""
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse arguments; such numbers are marked with a blank, which ``float`` passes over."""
-        words = sys.argv[1:] if args is None else args
-        return super().parse_known_args([f" {word}" if NEGATIVE.match(word) else word for word in words], namespace)
+_names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
+_typed: ContextVar[Sequence[str]] = ContextVar("typed", default=())
 
 
-def flags_of(parser: argparse.ArgumentParser) -> dict[str, str]:
-    """Return the flags of a command by the names of the arguments that they stand for."""
-    return {word[2:].replace("-", "_"): word for word in re.findall(r"--[a-z][-a-z0-9]*", parser.format_usage())}
+def flag_names(parser: argparse.ArgumentParser) -> dict[str, str]:
+    """Return the flags of a command by the names of the arguments that they set."""
+    own = {
+        action.dest: max(action.option_strings, key=len)
+        for action in parser._actions  # argparse has no public list of them
+        if action.option_strings
+    }
+    flags = set(own.values())
+    return own | {name: flag for name, flag in OTHER_NAMES.items() if flag in flags}
 
 
-def in_flags(text: str, flags: dict[str, str]) -> str:
-    """Return a message whose arguments are written as flags, where the command has them.
-
-    Args:
-        text: What the library says.
-        flags: Flags by argument.
-    """
-
-    def flag(found: re.Match[str]) -> str:
-        known = flags.get(found["name"])
-        if known is None:
-            return found[0]
-        value = found["value"].strip("\"'")
-        if value.startswith("("):
-            value = " ".join(word.strip().upper() for word in value.strip("()").split(","))
-        return known if value in ("", "True") else f"{known} {value}"
-
-    text = ARGUMENT.sub(flag, text)
-    return FIELD.sub(lambda found: flags.get(found[1], found[0]), text)
+@contextlib.contextmanager
+def naming(**names: str) -> Iterator[None]:
+    """Name these flags for these arguments in what is raised or warned of within, rather than those of the command."""
+    token = _names.set({**(_names.get() or {}), **names})
+    try:
+        yield
+    except WarpriverError as error:
+        error.args = tuple(in_flags(arg) if isinstance(arg, str) else arg for arg in error.args)
+        raise
+    finally:
+        _names.reset(token)
 
 
-@contextmanager
-def renamed(**names: str) -> Iterator[None]:
-    """Let messages that come out of the block name arguments otherwise: ``renamed(crs="terrain_crs")``."""
+@contextlib.contextmanager
+def typed(words: Sequence[str]) -> Iterator[None]:
+    """Leave these words, which the user typed, as they are: paths, and what looks like an argument."""
+    known = _names.get()
+    token = _typed.set(
+        [word for word in words if (re.search(r"[=/\\.]", word) and not _is_number(word)) or word in known]
+    )
+    try:
+        yield
+    finally:
+        _typed.reset(token)
 
-    def other(text: str) -> str:
-        for name, instead in names.items():
-            text = re.sub(rf"\b{name}(?==)", instead, text)
+
+def in_flags(text: str) -> str:
+    """Return a message with the flags of the command in place of the names of arguments."""
+    names = _names.get() or {}
+    if not names:
         return text
+    for phrase, instead in PHRASES.items():
+        text = text.replace(phrase, instead)
+    # Longest first, so that a path within another path is not cut out of it.
+    kept = sorted(set(_typed.get()), key=len, reverse=True)
+    if not kept:
+        return _in_flags(text, names)
+    parts = re.split(f"({'|'.join(map(re.escape, kept))})", text)
+    # The first part alone is the beginning of the message.
+    return "".join(part if k % 2 else _in_flags(part, names, begins=k == 0) for k, part in enumerate(parts))
 
-    refusal = None
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        try:
-            yield
-        except WarpriverError as error:
-            refusal = error
-    for warning in told:
-        warnings.warn(other(str(warning.message)), warning.category, stacklevel=3)
-    if refusal is not None:
-        raise type(refusal)(other(str(refusal))) from refusal
+
+def _in_flags(text: str, names: Mapping[str, str], begins: bool = True) -> str:
+    known = "|".join(sorted(map(re.escape, names), key=len, reverse=True))
+
+    def constant(found: re.Match[str]) -> str:
+        return names[found[1]]
+
+    def argument(found: re.Match[str]) -> str:
+        flag, value = names[found[1]], found[2]
+        if not value or value in ("...", "True"):
+            return flag
+        return f"{flag} {_plain(value)}"
+
+    text = re.sub(rf"\b[A-Z]\w*Params?\.({known})\b|\bPathMeander\.({known})\b", lambda m: names[m[1] or m[2]], text)
+    text = re.sub(rf"(?<![\w/.\\-])({known})={VALUE}", argument, text)
+    if begins:
+        text = re.sub(rf"^({known})(?= is | has | of )", constant, text)
+    # Names with an underscore are no words.
+    worded = "|".join(re.escape(name) for name in names if "_" in name)
+    return re.sub(rf"(?<![\w/.\\-])({worded})\b(?![=\w.])", constant, text) if worded else text
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _plain(value: str) -> str:
+    """A value as it is typed in a shell."""
+    if value[0] == "(":
+        return " ".join(
+            word.strip().upper() if word.strip().isalpha() else word.strip() for word in value[1:-1].split(",")
+        )
+    bare = value.strip("\"'")
+    return bare if re.fullmatch(r"[\w.:+/-]+", bare) else f'"{bare}"'

@@ -1,21 +1,24 @@
-"""A step as a list of stages: run as they stand, recorded and replayed, or dealt out to threads."""
+"""A step as a list of stages, and the launches that they are made of: done at once, or noted to be done later."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-import numpy as np
 import warp as wp
 
+from warpriver.device import load_kernel
+from warpriver.errors import InternalError
+from warpriver.kernels import replay as kernels
 from warpriver.kernels.channels import Work
 from warpriver.kernels.status import STATUS_SIZE
 
-__all__ = ["CUDA_CHUNK", "Replay", "Share", "Stage", "launch", "run_stages", "whole_share"]
+__all__ = ["CUDA_CHUNK", "Share", "Stage", "clear", "launch", "noted_launches", "run_stages", "whole_share"]
 
 # Threads of a block on a GPU. The kernels of a step need up to 150 registers a thread: in blocks of 64 more of them fit
 # on a multiprocessor (65,536 registers) than in Warp's usual 256, and those that need few are not worse off.
@@ -24,10 +27,56 @@ BLOCK_DIM = 64
 CUDA_CHUNK = 32
 
 
+class _Notes(threading.local):
+    """What a thread notes; each thread has its own, so that none sees what another is recording.
+
+    Attributes:
+        launches: Launches in order, or None while they are done at once.
+        calls: Calls of :func:`launch` and :func:`clear`, also those that had nothing to do.
+    """
+
+    launches: list[Any] | None = None
+    calls: int = 0
+
+
+_notes = _Notes()
+
+
 def launch(kernel: Any, dim: int, inputs: list[Any], outputs: list[Any], device: Any) -> None:
     """Launch a kernel of a step, unless it has no threads: on a GPU an empty launch surfaces as an error later on."""
+    noted = _notes.launches
+    _notes.calls += 1
     if dim > 0:
-        wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=BLOCK_DIM)
+        block_dim = 1 if device.is_cpu else BLOCK_DIM
+        record = noted is not None
+        load_kernel(kernel, device, block_dim)
+        command = wp.launch(
+            kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=record, record_tape=False
+        )
+        if noted is not None:
+            noted.append(command)
+
+
+def clear(array: wp.array) -> None:
+    """Set a device array of a step to zero; in a stage this takes the place of ``array.zero_()``."""
+    noted = _notes.launches
+    if noted is None:
+        _notes.calls += 1
+        array.zero_()
+        return
+    inputs = [wp.uint64(array.ptr or 0), wp.uint64(array.size * wp.types.type_size_in_bytes(array.dtype))]
+    launch(kernels.build(wp.float64).zero_memory, 1, inputs, [], array.device)
+    noted[-1].cleared = array  # lives as long as the launch, which knows but its address
+
+
+@contextlib.contextmanager
+def noted_launches() -> Iterator[list[Any]]:
+    """Note the launches of this thread, on the CPU, in the list that is given, and do none of them."""
+    _notes.launches = []
+    try:
+        yield _notes.launches
+    finally:
+        _notes.launches = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +117,8 @@ def whole_share(points: int, device: Any) -> Share:
 class Stage:
     """What is launched between two points where all the network has to wait for each other.
 
+    Stages are recorded and replayed, so ``run`` does nothing but call :func:`launch` and :func:`clear`.
+
     Attributes:
         phase: Name of the verb of the step that it belongs to.
         run: Launches the kernels for a share of the work.
@@ -85,54 +136,14 @@ def run_stages(stages: Iterable[Stage], whole: Share, slabs: list[Share]) -> Non
         together = list(group)
         for share in slabs if shared else [whole]:
             for stage in together:
-                stage.run(share)
+                _run(stage, share)
 
 
-class Replay:
-    """Stages recorded once, to be replayed with little overhead, by several threads where there are slabs for them."""
-
-    def __init__(
-        self,
-        stages: list[Stage],
-        whole: Share,
-        slabs: list[Share],
-        device: Any,
-        pool: ThreadPoolExecutor | None = None,
-        helpers: int = 0,
-    ):
-        """Record the stages, which also compiles their kernels.
-
-        Args:
-            stages: Stages in order.
-            whole: All the work.
-            slabs: The same in parts.
-            device: Warp device.
-            pool: Threads that help the calling one; replays release the interpreter, so that they run side by side.
-            helpers: How many threads the pool has.
-        """
-        hands = [part.tolist() for part in np.array_split(np.arange(len(slabs)), min(1 + helpers, len(slabs)))]
-        self._pool = pool if len(hands) > 1 else None
-        if self._pool is None:
-            self._graphs = [[_record(stages, whole, slabs, device)]]
-            return
-        self._graphs = []
-        for shared, group in itertools.groupby(stages, lambda stage: stage.shared):
-            together = list(group)
-            parts = [[slabs[k] for k in hand] for hand in hands] if shared else [[whole]]
-            self._graphs.append([_record(together, whole, part, device) for part in parts])
-
-    def run(self) -> None:
-        """Replay all stages."""
-        for graphs in self._graphs:
-            waiting = []
-            if self._pool is not None:
-                waiting = [self._pool.submit(wp.capture_launch, graph) for graph in graphs[1:]]
-            wp.capture_launch(graphs[0])
-            for future in waiting:
-                future.result()
-
-
-def _record(stages: list[Stage], whole: Share, slabs: list[Share], device: Any) -> Any:
-    with wp.ScopedCapture(device=device) as recording:
-        run_stages(stages, whole, slabs)
-    return recording.graph
+def _run(stage: Stage, share: Share) -> None:
+    calls = _notes.calls
+    stage.run(share)
+    if _notes.launches is not None and _notes.calls == calls:
+        raise InternalError(
+            f"a stage of {stage.phase!r} cannot be recorded: it calls neither launch nor clear of "
+            "warpriver.engine.stages; use these in place of wp.launch and array.zero_"
+        )

@@ -136,6 +136,7 @@ class State:
         params: Constants of the model.
         terrain: The ground on the network's device, or None for a plain.
         phases: All phases of a step, in order.
+        seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
         edits: Edits of the network so far.
         next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
@@ -176,7 +177,13 @@ class State:
     _slab_channel: wp.array
 
     def __init__(
-        self, network: RiverNetwork, params: Any, terrain: Terrain | None, phases: Sequence[Member], limits: StepLimits
+        self,
+        network: RiverNetwork,
+        params: Any,
+        terrain: Terrain | None,
+        phases: Sequence[Member],
+        limits: StepLimits,
+        seed: int = 0,
     ):
         """Allocate for a network, and take its channels.
 
@@ -186,7 +193,9 @@ class State:
             terrain: The ground on the network's device, or None.
             phases: All phases of a step, in order; one of them resamples, see ``resample``.
             limits: (width, depth, params) -> the two limits of a sub-step, yr.
+            seed: Seed of random numbers.
         """
+        self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
@@ -220,15 +229,24 @@ class State:
 
     # ---- room
 
-    def begin(self, saved: dict[str, np.ndarray] | None = None) -> None:
+    def begin(self, saved: dict[str, np.ndarray] | None = None) -> bool:
         """Allocate and take the network's channels as they are.
 
         Args:
-            saved: What ``saved`` returned at the end of a run that is resumed; else the spacing is that asked for.
+            saved: What ``saved`` returned at the end of a run that is resumed; else the spacing is the target.
+
+        Returns:
+            Whether the lines have yet to be brought to their target spacing.
         """
         network = self.network
         length = network.channel_lengths()
-        fixed = self._fix_channels() if saved is None else saved["channel_fixed"]
+        if saved is None:
+            fixed, respaced = self._fix_channels(), True
+        else:
+            fixed = saved["channel_fixed"].copy()
+            # Not the target that was saved: the constants may have changed.
+            fixed[:, WANTED] = self._target_spacing(fixed[:, NARROWEST])
+            respaced = not np.array_equal(fixed, saved["channel_fixed"])
         needed = max(network.point_count, _checked_count(float((length / fixed[:, WANTED]).sum()), self.device))
         self.channel_length = length
         self.next_identity = int(network.channel_id.max()) + 1
@@ -242,6 +260,7 @@ class State:
         self.plan_anew()
         if saved is not None:
             self.assign(self.pace, saved["channel_pace"])
+        return respaced
 
     def make_room(self, points: int) -> None:
         """Make room for so many points, and for those to come; the network and ``point_moved`` are kept."""
@@ -325,10 +344,14 @@ class State:
             first = network.starts()[:-1]
             narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
             widest = np.maximum.reduceat(section[:, 0], first)
-        wanted = np.full(network.channel_count, self.params.spacing)
+        return np.column_stack([narrow, shallow, widest, self._target_spacing(narrow)])
+
+    def _target_spacing(self, narrowest: np.ndarray) -> np.ndarray:
+        """Return the target spacing in m of channels of these minimum widths."""
+        target = np.full(len(narrowest), self.params.spacing)
         if self.params.spacing_in_widths > 0.0:
-            wanted = np.minimum(wanted, self.params.spacing_in_widths * narrow)
-        return np.column_stack([narrow, shallow, widest, wanted])
+            target = np.minimum(target, self.params.spacing_in_widths * narrowest)
+        return target
 
     def _install(self, spacing: np.ndarray, fixed: np.ndarray, carried: dict[str, np.ndarray] | None = None) -> None:
         """Take the network's channels.
@@ -557,7 +580,9 @@ class State:
         ends = np.concatenate([start[:-1], start[1:] - 1]).astype(np.int32)
         xy = network.point_xy[wp.array(ends, dtype=wp.int32, device=self.device)].numpy()
         nodes = np.concatenate([network.channel_from, network.channel_to])
-        network.node_xy[nodes] = xy.astype(np.float64) + network.origin
+        node_xy = network.node_xy.copy()
+        node_xy[nodes] = xy.astype(np.float64) + network.origin
+        network.place_nodes(node_xy)
         self.nodes_placed = True
 
     # ---- records and checks

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import time
@@ -15,7 +16,8 @@ import warp as wp
 
 from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
-from warpriver.engine.stages import Replay, Stage
+from warpriver.engine.replay import GPU_LOCK, Replay
+from warpriver.engine.stages import Stage
 from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
@@ -69,6 +71,7 @@ class Stepper:
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
+        seed: int = 0,
         saved: dict[str, np.ndarray] | None = None,
     ):
         """Take a network, which the steps change.
@@ -82,6 +85,7 @@ class Stepper:
             check: Check every phase of every step, slowly.
             capture: Record steps and replay them.
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
+            seed: Seed of random numbers.
             saved: What ``State.saved`` returned at the end of a run that is resumed.
 
         Raises:
@@ -94,9 +98,11 @@ class Stepper:
         self.seconds: dict[str, float] | None = None
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
+        # Steps on GPUs are taken in turn by the threads of a process.
+        self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits)
+        self.state = State(network, params, terrain, self.phases, limits, seed)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
@@ -105,9 +111,14 @@ class Stepper:
         self._events: list[Event] = []
         self._replays: dict[int, Any] = {}
         self._edition = -1
-        self.state.begin(saved)
-        if saved is None:
+        with self._turn:
+            self._begin(saved)
+
+    def _begin(self, saved: dict[str, np.ndarray] | None) -> None:
+        """Bring the network to the even spacing, or go on from what was saved."""
+        if self.state.begin(saved):
             self.state.resample_start()
+        if saved is None:
             self._measure_pace()
 
     def _measure_pace(self) -> None:
@@ -133,7 +144,11 @@ class Stepper:
         Raises:
             FloatingPointError: A point is no longer finite; the state before that sub-step is kept.
         """
-        goal, state = self.step_count + count, self.state
+        with self._turn:
+            self._step(self.step_count + count)
+
+    def _step(self, goal: int) -> None:
+        state = self.state
         while self.step_count < goal:
             steps = goal - self.step_count
             length = 1

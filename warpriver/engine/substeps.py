@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import schedule as kernels
 
@@ -22,7 +22,7 @@ def begin_substep(state: State) -> list[Stage]:
     constants = kernel.StepConstants()
     constants.time_step, constants.slope_threshold = params.time_step, params.slope_threshold
 
-    def clear(_: Share) -> None:
+    def begin(_: Share) -> None:
         launch(
             kernel.begin_substep,
             dim=state.channel_capacity,
@@ -52,7 +52,7 @@ def begin_substep(state: State) -> list[Stage]:
     def level(_: Share) -> None:
         assert state.stems is not None
         planned, parts = [channels, state.substep, status], state.stems.parts
-        parts.zero_()
+        clear(parts)
         launch(kernel.gather_stems, state.channel_capacity, [*planned, state.parts], [parts], device)
         launch(kernel.level_stems, state.channel_capacity, [*planned, parts], [state.parts], device)
 
@@ -62,7 +62,7 @@ def begin_substep(state: State) -> list[Stage]:
     joined = state.stems is not None and state.stems.joined
     felt = [] if state.terrain is None else [Stage("migrate", measure)]
     return [
-        Stage("migrate", clear, shared=False),
+        Stage("migrate", begin, shared=False),
         *felt,
         Stage("migrate", choose, shared=False),
         *([Stage("migrate", level, shared=False)] if joined else []),

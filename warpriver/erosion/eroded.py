@@ -33,6 +33,7 @@ class ErodedTerrain(Terrain):
         edges: Rules of the sides, by their names, as in :func:`warpriver.hydrology.fill_depressions`.
         nodata: Rule for cells without data.
         params: Constants that it was eroded with.
+        base_level: Height in m that no cell was lowered below; None without one.
         events: Units of rain so far.
         visits: Cells that they visited, each counted as often as it was; D times this is what water took.
         slides: Slides of one cell.
@@ -43,6 +44,7 @@ class ErodedTerrain(Terrain):
     edges: dict[str, Any]
     nodata: NoData
     params: LehenyParams
+    base_level: float | None
     events: int
     visits: int
     slides: int
@@ -58,11 +60,14 @@ class ErodedTerrain(Terrain):
         nodata: NoData,
         params: LehenyParams,
         account: tuple[int, int, int, float] = (0, 0, 0, 0.0),
+        *,
+        base_level: float | None = None,
     ) -> ErodedTerrain:
         """Wrap device heights that lie where a terrain does, without a copy or a check."""
         eroded = cls.__new__(cls)
         eroded.raster = Terrain.wrap(height, terrain.cell_size, terrain.origin, terrain.crs).raster
         eroded.edges, eroded.nodata, eroded.params = dict(edges), nodata, params
+        eroded.base_level = base_level
         eroded.events, eroded.visits, eroded.slides, eroded.volume_removed = account
         eroded.snapshots = ()
         return eroded
@@ -79,7 +84,9 @@ class ErodedTerrain(Terrain):
     def to(self, device: Any) -> ErodedTerrain:
         """Return a copy on another device, with its account and without snapshots."""
         moved = super().to(device)
-        return ErodedTerrain.with_account(moved, moved.height, self.edges, self.nodata, self.params, self.account)
+        return ErodedTerrain.with_account(
+            moved, moved.height, self.edges, self.nodata, self.params, self.account, base_level=self.base_level
+        )
 
     def flow(self, seed: int = 0) -> Flow:
         """Route water by steepest descent over it, as rivers are identified: among its neighbours, ties by chance.

@@ -16,14 +16,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
-from warpriver.device import PRECISIONS, require_memory, resolve_device
+from warpriver.device import PRECISIONS, launch_kernel, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.errors import InputError, InternalError
+from warpriver.extras import IMPORTING
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
 from warpriver.terrain import Terrain
-from warpriver.validate import one_of, whole
+from warpriver.validate import finite_numbers, one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
@@ -55,6 +56,7 @@ def erode(
     nodata: NoData | None = None,
     batch: int = 1,
     fill: bool = False,
+    base_level: float | None = None,
     record_every: int | None = None,
     dtype: str = "float64",
     progress: bool = False,
@@ -65,6 +67,10 @@ def erode(
     p_i = exp(E (h - h_i)) / N, where N sums over the lower neighbours, until it has reached an outlet. Every cell of
     its way, the outlet included, is lowered by D. Then, while two neighbours differ by more than M, the taller one
     loses a quarter of the difference. No pit comes up by this, and water never goes uphill.
+
+    The model has no base level of its own: outlets sink without limit, and the ground behind them follows. With
+    ``base_level`` no cell sinks below that height, and on its way to an outlet water lowers no cell to the height of
+    the next one: rivers are graded to the base level, by a quantum a cell where it has been reached.
 
     **Serial** (``batch=1``): one event after another, to the letter. Slides are dealt with from the last cell of the
     way upwards; around a cell, clockwise from the north. That is work for one thread, so it runs on the CPU wherever
@@ -98,6 +104,8 @@ def erode(
             ErodedTerrain, else "outlet".
         batch: Units of rain that walk at a time; with 1 the CPU does the work, else the terrain's device.
         fill: Raise ground from which water cannot leave until it can, with a minimum slope towards its outlet.
+        base_level: Height in m that no cell is lowered below, such as that of the sea; by default that of an
+            ErodedTerrain, else there is none.
         record_every: Events between snapshots, which the start and the end belong to; None for none. In batches they
             are taken at the end of the batch.
         dtype: Precision in which heights are eroded, "float64" or "float32".
@@ -113,7 +121,8 @@ def erode(
     """
     batch = whole(batch, "batch", 1)
     # A GPU has nothing to offer to a single thread.
-    run = _Run(terrain, params, events, [seed], edges, nodata, fill, dtype, device="cpu" if batch == 1 else None)
+    where = "cpu" if batch == 1 else None
+    run = _Run(terrain, params, events, [seed], edges, nodata, fill, dtype, base_level=base_level, device=where)
     stops = _stops(run.first, run.first + run.events, record_every, batch)
     snapshots = [run.result(0)] if record_every is not None else []
     advance = run.rain_serially if batch == 1 else lambda stop: run.rain_in_batches(stop, batch)
@@ -136,6 +145,7 @@ def erode_ensemble(
     edges: Edges | None = None,
     nodata: NoData | None = None,
     fill: bool = False,
+    base_level: float | None = None,
     dtype: str = "float64",
     progress: bool = False,
 ) -> list[ErodedTerrain]:
@@ -153,6 +163,7 @@ def erode_ensemble(
         edges: As in :func:`erode`.
         nodata: As in :func:`erode`.
         fill: As in :func:`erode`.
+        base_level: As in :func:`erode`.
         dtype: As in :func:`erode`.
         progress: Show a progress bar.
 
@@ -163,7 +174,7 @@ def erode_ensemble(
         ValueError: As :func:`erode`; no seed, or starts that do not fit together.
         MemoryError: There is no room, told before anything is allocated.
     """
-    run = _Run(terrain, params, events, list(seeds), edges, nodata, fill, dtype)
+    run = _Run(terrain, params, events, list(seeds), edges, nodata, fill, dtype, base_level=base_level)
     with progress_bar.bar("events", run.events, show=progress) as tell:
         for stop, _ in _stops(run.first, run.first + run.events, None, 1):
             tell(run.rain_serially(stop))
@@ -194,6 +205,8 @@ class _Run:
         nodata: NoData | None,
         fill: bool,
         dtype: str,
+        *,
+        base_level: float | None = None,
         device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
@@ -207,6 +220,9 @@ class _Run:
         self.params = params if params is not None else known.params if known else LehenyParams()
         self.rules = side_rules(edges if edges is not None else known.edges if known else "open")
         self.nodata: NoData = nodata if nodata is not None else known.nodata if known else "outlet"
+        self.base_level = base_level if base_level is not None else known.base_level if known else None
+        if self.base_level is not None:
+            (self.base_level,) = finite_numbers([self.base_level], 1, "base_level")
         self.first = self.done = known.events if known else 0
         self.device, self.dtype = resolve_device(start.device if device is None else device), dtype
         if self.first + self.events >= 2**31:
@@ -235,6 +251,7 @@ class _Run:
         constants.four = int(params.neighbors == 4)
         constants.quantum, constants.bias, constants.threshold = quantum, params.flow_bias, params.slide_threshold
         constants.depth = round(params.depth / quantum) * quantum
+        constants.base = -math.inf if self.base_level is None else round(self.base_level / quantum) * quantum
         self.constants, self.quantum, self.depth, self.real, self.scalar = (
             constants,
             quantum,
@@ -280,13 +297,13 @@ class _Run:
         """Heights in whole quanta that water can leave everywhere, (rows, columns); sets the states of the cells."""
         gaps = bool(np.isnan(terrain.height.numpy()).any())
         if "open" not in self.rules.values() and not (gaps and self.nodata == "outlet"):
-            raise InputError("edges: no side is open, so that water has nowhere to go; open one, such as south='open'")
+            raise InputError("edges: no side is open, so that water has nowhere to go; open a side")
         padded = pad_terrain(terrain, self.rules, self.nodata, 0)  # type: ignore[arg-type]
         np.copyto(padded.height, np.rint(padded.height / self.quantum) * self.quantum)
         state, outlet = padded.interior(padded.state), padded.outlets()
         height = padded.interior(padded.height)
         min_fall = max(self.quantum, round(MIN_FALL * self.depth / self.quantum) * self.quantum)
-        lowest = float(np.nanmin(height)) - self.depth * self.events
+        lowest = max(float(np.nanmin(height)) - self.depth * self.events, float(self.constants.base))
         if fill:
             height = self._filled(height, outlet, min_fall)
         else:
@@ -329,7 +346,7 @@ class _Run:
         array: wp.array = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
         kernel = kernels.build(wp.float64)
         inputs: list[wp.array] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
-        wp.launch(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
+        launch_kernel(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
         return array.numpy().reshape(height.shape).copy()
 
     @property
@@ -344,7 +361,7 @@ class _Run:
             stack, waiting = self._array("stack", int, grids), self._array("waiting", wp.uint8, grids)
             inputs = [self.constants, self.done, count, self.grid_seed, self.ground, self.state]
             outputs = [self.height, stack, waiting, self.tally]
-            wp.launch(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
+            launch_kernel(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
         self.done = stop
         return count
 
@@ -361,13 +378,28 @@ class _Run:
             count = min((number + 1) * batch, stop) - self.done
             turn = int(np.random.SeedSequence((self.turn_seed, number)).generate_state(1)[0] >> 1)
             inputs = [self.constants, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
-            wp.launch(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
+            launch_kernel(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
+            graded = self._graded(visits, below) if self.base_level is not None else None
             lowered.zero_()
             dim, inputs = (rows, -(-columns // chunk)), [self.constants, chunk]
-            wp.launch(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
+            launch_kernel(self.kernel.lower_visited, dim, inputs, [*tables, lowered], device=self.device)
+            if graded is not None:
+                launch_kernel(self.kernel.raise_graded, self.cells, [graded], [self.height], device=self.device)
             self._rest(self.height)
             self.done += count
         return self.done - begin
+
+    def _graded(self, visits: wp.array, below: wp.array) -> wp.array:
+        """Heights after a batch whose ways are graded to the base level."""
+        one, two = ([self._array(f"graded {k}", self.scalar, 1), self._array(f"ahead {k}", int, 1)] for k in (1, 2))
+        inputs = [self.constants, self.state, self.height, visits, below]
+        launch_kernel(self.kernel.begin_grading, self.cells, inputs, one, device=self.device)
+        # Far enough for a way through all cells.
+        for k in range(self.cells.bit_length()):
+            rise = self.scalar(self.quantum * 2.0**k)
+            launch_kernel(self.kernel.double_grading, self.cells, [rise, *one], two, device=self.device)
+            one, two = two, one
+        return one[0]
 
     def _rest(self, height: wp.array) -> None:
         """Let pairs slide, sweep by sweep, until there is rest; only the cells in ``marks[0]`` have been lowered."""
@@ -379,12 +411,12 @@ class _Run:
         while words := self._list_beside(lowered):
             dim, inputs = (words, WORD // chunk), [self.constants, chunk, listed, beside, height]
             steep.zero_()
-            wp.launch(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
+            launch_kernel(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
             slid.array.zero_()
             for k in PAIR_NEIGHBORS[:: 2 if self.constants.four else 1]:
                 for color in range(3 if odd else 2):
                     inputs, outputs = [self.constants, k, color, chunk, listed, steep], [height, slid.array, self.tally]
-                    wp.launch(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
+                    launch_kernel(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             lowered, slid = slid, lowered
 
     def _list_beside(self, marks: _HostedArray) -> int:
@@ -420,7 +452,9 @@ class _Run:
         earlier = start.account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
         account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
         array: wp.array = wp.array(height, dtype=wp.float64, device=start.device)
-        return ErodedTerrain.with_account(start, array, self.rules, self.nodata, self.params, account)
+        return ErodedTerrain.with_account(
+            start, array, self.rules, self.nodata, self.params, account, base_level=self.base_level
+        )
 
 
 class _HostedArray:
@@ -505,8 +539,9 @@ def _ways_out(
     The ways are those of a minimum spanning tree of the cells and a sea behind the outlets, whose edges weigh as much
     as their higher end is high: in such a tree every way goes over the lowest pass there is.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     cells = height.size
     index = np.arange(cells, dtype=np.int32).reshape(height.shape)

@@ -13,8 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.device import require_memory
+from warpriver.device import launch_kernel, require_memory, start_warp
 from warpriver.errors import InputError, MissingExtraError
+from warpriver.extras import IMPORTING
 from warpriver.kernels import terrains as kernels
 from warpriver.terrain import Terrain, square_cells
 from warpriver.validate import not_negative, positive, whole
@@ -184,7 +185,8 @@ def intermontane_basin(
         relief: Height of the highest summit above the ground it would stand on, m.
         device: Warp device name.
     """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter
+    with IMPORTING:
+        from scipy.ndimage import distance_transform_edt, gaussian_filter
 
     if positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
@@ -354,12 +356,12 @@ def _drained(
     receiver = wp.empty(count, dtype=int, device="cpu")
     for _ in range(ROUNDS):
         before: wp.array = wp.array(height, dtype=wp.float64, device="cpu")
-        wp.launch(kernel.find_receivers, dim=shape, inputs=[before, is_base], outputs=[receiver], device="cpu")
+        launch_kernel(kernel.find_receivers, dim=shape, inputs=[before, is_base], outputs=[receiver], device="cpu")
         order: wp.array = wp.array(np.argsort(height, axis=None, kind="stable"), dtype=int, device="cpu")
         area = wp.full(count, cell_size**2, dtype=wp.float64, device="cpu")
         steady = wp.clone(before.flatten())
         inputs = [drainage, order, receiver, resistance, lowest, shape[1]]
-        wp.launch(kernel.drain_cells, dim=1, inputs=inputs, outputs=[area, steady], device="cpu")
+        launch_kernel(kernel.drain_cells, dim=1, inputs=inputs, outputs=[area, steady], device="cpu")
         # A mean of two surfaces that both fall to the same receivers falls to them too: no pits come up.
         height += STRIDE * (steady.numpy().reshape(shape) - height)
     return height
@@ -369,8 +371,9 @@ def _cheapest_heights(
     floor: FloatArray, base: NDArray[np.bool_], cell_size: float, seed: int, patches: FloatArray
 ) -> FloatArray:
     """First heights of land that drains into its base cells: those rise along the cheapest path over random ground."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import dijkstra
 
     rng = np.random.default_rng(seed)
     cost = 0.15 * cell_size * np.exp(SCATTER * rng.standard_normal(base.shape) + STRETCHES * patches).ravel()
@@ -402,12 +405,13 @@ def _noise(
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise InputError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
     whole(seed, "seed")
+    start_warp()
     kernel = kernels.build(wp.float64)
     noise = kernel.Octaves()
     noise.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
     noise.count, noise.longest, noise.cell_size, noise.roughness = octaves, longest, cell_size, roughness
     out = wp.empty(shape, dtype=wp.float64, device="cpu")
-    wp.launch(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
+    launch_kernel(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
     return out.numpy().copy()
 
 

@@ -1,11 +1,26 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
+from warpriver.history.changes import Ground, GroundChange, ParameterChange
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
-from warpriver.history.history import History, StopReason
+from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
 
-__all__ = ["Collision", "Cutoff", "Event", "EventLog", "Every", "History", "Record", "Split", "StopReason"]
+__all__ = [
+    "Collision",
+    "Cutoff",
+    "Event",
+    "EventLog",
+    "Every",
+    "Ground",
+    "GroundChange",
+    "History",
+    "ParameterChange",
+    "Record",
+    "Split",
+    "StopReason",
+    "read_history",
+]
 
 # A segment is written when it holds this much or when the last one is this old: a killed run loses no more than that.
 SEGMENT_BYTES = 16 * 2**20

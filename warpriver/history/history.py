@@ -24,6 +24,7 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
 from warpriver.extras import need
+from warpriver.history.changes import Ground, ground_after, params_after
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -47,9 +48,9 @@ if TYPE_CHECKING:
     import geopandas
     import pandas
 
-__all__ = ["History", "StopReason"]
+__all__ = ["History", "StopReason", "read_history"]
 
-FORMAT = "warpriver-run-2"
+FORMAT = "warpriver-run-3"
 # What the system says where a file finds no room: then a shorter one may.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # Earlier courses that a notebook shows at most.
@@ -100,8 +101,9 @@ class History:
     """What a run recorded, in order of time; read it while the run goes on or after reopening it.
 
     Attributes:
-        params: The run's constants.
-        seed: Seed of the run.
+        params: The constants that the run began with; ``last_params`` are those at its end.
+        ground: The terrain that it began on, None for a plain; ``last_ground`` is that at its end.
+        seed: Seed of random numbers.
         origin: (2,) absolute position of the recorded points' zero, m.
         crs: Coordinate reference system or None.
         dtype: Precision of the run.
@@ -118,8 +120,23 @@ class History:
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
         dtype: str = "float64",
+        ground: Ground | None = None,
     ):
-        """Start an empty history."""
+        """Start an empty history; :meth:`load` reads a stored one.
+
+        Args:
+            params: Constants of the run.
+            seed: Seed of random numbers.
+            origin: Absolute position of the recorded points' zero, m.
+            crs: Coordinate reference system.
+            dtype: Precision of the run.
+            ground: The terrain that it begins on.
+
+        Raises:
+            TypeError: ``params`` are no constants of a run, but perhaps the path of one.
+        """
+        if isinstance(params, (str, os.PathLike)):
+            raise InputTypeError(f"History({str(params)!r}) would be empty; read a stored run with read_history(...)")
         if not isinstance(params, tuple(SOLVER_PARAMS.values())):
             raise InputTypeError(f"params is {params!r}; give MeanderParams or PathMeander")
         self.params = params
@@ -127,6 +144,7 @@ class History:
         self.origin = np.array(origin, np.float64)
         self.crs = crs
         self.dtype = dtype
+        self.ground = ground
         self.stop_reason: StopReason | None = None
         self._times: list[float] = []
         self._steps: list[int] = []
@@ -175,6 +193,16 @@ class History:
             assert self._folder is not None
             self._events = EventLog(self._folder.events())
         return self._events
+
+    @property
+    def last_params(self) -> MeanderParams | PathMeander:
+        """The constants after all changes so far."""
+        return params_after(self.params, self.events)
+
+    @property
+    def last_ground(self) -> Ground | None:
+        """The ground after all changes so far, None for a plain."""
+        return ground_after(self.ground, self.events)
 
     @property
     def cutoffs(self) -> Sequence[Cutoff]:
@@ -461,7 +489,8 @@ class History:
             records = [self.record(k) for k in range(len(self))]
             write_archive(target, {**encode(records, self.events, 0), "header": np.array(self._header())})
             return
-        copy = History(self.params, seed=self.seed, origin=self.origin, crs=self.crs, dtype=self.dtype)
+        told = {"seed": self.seed, "origin": self.origin, "crs": self.crs, "dtype": self.dtype, "ground": self.ground}
+        copy = History(self.params, **told)
         copy.events.extend(self.events)
         copy.stop_reason = self.stop_reason
         with RunFolder.create(target, self._header(), keep=False) as copy._folder:
@@ -539,6 +568,7 @@ class History:
             "origin": self.origin.tolist(),
             "crs": self.crs,
             "dtype": self.dtype,
+            "ground": self.ground.as_json() if self.ground else None,
             "stop_reason": self.stop_reason.name if self.stop_reason else None,
         }
         return sealed(values, indent=2)
@@ -559,6 +589,7 @@ class History:
                 origin=values["origin"],
                 crs=values["crs"],
                 dtype=values["dtype"],
+                ground=Ground(**values["ground"]) if values["ground"] else None,
             )
             if values["stop_reason"] is not None:
                 history.stop_reason = StopReason[values["stop_reason"]]
@@ -579,6 +610,20 @@ class History:
         vars(self).update(vars(History(state["params"])))
         vars(self).update(state)
         self._events = EventLog(state["_events"])
+
+
+def read_history(path: str | os.PathLike, *, salvage: bool = False) -> History:
+    """Read a run that was stored; its records and events are loaded when they are used.
+
+    Args:
+        path: Folder of the run, or the file that ``History.save`` wrote.
+        salvage: Read what can be read of a damaged folder, into memory.
+
+    Raises:
+        FileNotFoundError: Nothing is there.
+        ValueError: It is not a run, or one of another version; or a part of it is missing or damaged.
+    """
+    return History.load(path, salvage=salvage)
 
 
 # What belongs to the folder of a history.

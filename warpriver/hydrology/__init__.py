@@ -4,7 +4,7 @@ It says where water goes on a surface, a terrain or a raster of heights: in rast
 network. It is not for water depth and velocity, ground water, or rain that varies.
 """
 
-from warpriver.hydraulic_geometry import channel_width, discharge, width_of_discharge
+from warpriver.hydraulic_geometry import bankfull_discharge, channel_width, discharge, width_of_discharge
 from warpriver.hydrology.depressions import carve_depressions, fill_depressions
 from warpriver.hydrology.drape import drape
 from warpriver.hydrology.extraction import extract_network
@@ -25,6 +25,7 @@ from warpriver.hydrology.routing import Flow, drainage_area, flow_directions, fl
 __all__ = [
     "Flow",
     "NetworkLaws",
+    "bankfull_discharge",
     "carve_depressions",
     "channel_width",
     "discharge",

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 import warp as wp
 
-from warpriver.device import require_memory
+from warpriver.device import launch_kernel, require_memory
 from warpriver.errors import InputError
 from warpriver.kernels import cells as kernels
 from warpriver.terrain import Terrain
@@ -166,7 +166,7 @@ def _drain_landlocked(cells: PaddedCells) -> PaddedCells:
     """Let every piece of ground without an outlet drain to its lowest cell."""
     count: wp.array = wp.zeros(1, dtype=int, device="cpu")
     given = cells.state.copy()
-    wp.launch(
+    launch_kernel(
         kernels.build(wp.float64).drain_landlocked,
         dim=1,
         inputs=[cells.rows, cells.stride, flat(cells.height)],

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.channel_table import ChannelTable
-from warpriver.hydraulic_geometry import bankfull_depth, channel_width, discharge
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width
 from warpriver.hydrology.stems import Stems, settle_areas
 from warpriver.terrain import Terrain
 
@@ -138,7 +138,7 @@ def sample_channels(courses: Courses, spacing: float, coefficient: float, varyin
     channels = ChannelTable(
         width=mean,
         depth=depth,
-        discharge=discharge(drained),
+        discharge=bankfull_discharge(channel_width(drained, coefficient)),
         drainage_area=drained,
         slope=drop / np.add.reduceat(step, start[:-1]),
         from_node=number[first],

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.kernels import depressions as kernels
@@ -113,7 +114,7 @@ def fill_cells(cells: PaddedCells, epsilon: bool) -> None:
     flood = kernel.Flood()
     flood.rows, flood.stride, flood.epsilon, flood.lowest = cells.rows, cells.stride, int(epsilon), lowest
     flood.buckets_per_meter = buckets / max(highest - lowest, MIN_RELIEF)
-    wp.launch(
+    launch_kernel(
         kernel.flood_cells,
         dim=1,
         inputs=[flood],
@@ -136,7 +137,7 @@ def mark_pits(cells: PaddedCells) -> NDArray[np.uint8]:
     """Mark the padded cells that are no outlets and have no lower neighbour, not 0."""
     pit = np.zeros(cells.count, np.uint8)
     inputs = [cells.stride, flat(cells.height), flat(cells.state)]
-    wp.launch(kernels.build(wp.float64).find_pits, cells.rows, inputs, [flat(pit)], device="cpu")
+    launch_kernel(kernels.build(wp.float64).find_pits, cells.rows, inputs, [flat(pit)], device="cpu")
     return pit
 
 
@@ -149,7 +150,7 @@ def carve_cells(cells: PaddedCells, max_depth: float, max_length: float) -> None
     if not len(pit_cell):
         return
     pit_cell = pit_cell[np.argsort(cells.height.reshape(-1)[pit_cell], kind="stable")]
-    wp.launch(
+    launch_kernel(
         kernel.carve_pits,
         dim=1,
         inputs=[cells.rows, cells.stride, max_depth, max_length, flat(pit_cell), state],

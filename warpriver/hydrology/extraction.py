@@ -106,7 +106,8 @@ def extract_network(
 
     Returns:
         The network, in the terrain's CRS. ``channel_drainage_area`` is that just above the node at the downstream end,
-        and the discharge follows from it, see :func:`warpriver.hydrology.discharge`. ``channel_slope`` is the drop
+        and ``channel_discharge`` is the bankfull discharge of a channel as wide as it is there,
+        :func:`warpriver.hydrology.bankfull_discharge`. ``channel_slope`` is the drop
         from the cell at the channel's upper end to the one at its lower end, over the length of its line. Heights are
         those of the surface that water was routed on, carved and filled: the raw terrain rises along a course wherever
         it crosses a pit or noise. So it is never below 0, 0 across a lake, and near an outlet of a carved pit that of

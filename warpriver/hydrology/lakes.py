@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.device import launch_kernel
 from warpriver.hydrology.cells import PaddedCells, flat, table
 from warpriver.hydrology.depressions import mark_pits
 from warpriver.kernels import flats as kernels
@@ -85,7 +86,7 @@ class _Flats:
         counts = np.empty(2, np.int32)
         start, inner, self.cell = np.empty(count + 1, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
         self.member = np.full(cells.count, -1, np.int32)
-        wp.launch(
+        launch_kernel(
             self.kernel.list_flats,
             dim=1,
             inputs=[cells.rows, cells.stride, flat(cells.height), flat(cells.state), flat(pit)],
@@ -109,7 +110,9 @@ class _Flats:
         length, crossing, side = np.empty_like(cost), np.empty_like(cost), np.empty(len(cost), np.uint8)
         order, place, heap = (np.empty(len(cost), np.int32) for _ in range(3))
         outputs = [flat(a) for a in (length, side, crossing, order, place, heap)]
-        wp.launch(self.kernel.march_flats, len(self.inner), [self._struct(begin), flat(cost)], outputs, device="cpu")
+        launch_kernel(
+            self.kernel.march_flats, len(self.inner), [self._struct(begin), flat(cost)], outputs, device="cpu"
+        )
         return length, side, crossing, order
 
     def lead(
@@ -119,7 +122,7 @@ class _Flats:
         gathered, largest, drift = np.empty_like(order), np.empty_like(order), np.empty_like(crossing)
         inputs = [self._struct(kernels.EXITS), flat(side), flat(crossing), flat(order)]
         outputs = [flat(gathered), flat(largest), flat(drift), table(receiver)]
-        wp.launch(self.kernel.lead_flats, len(self.inner), inputs, outputs, device="cpu")
+        launch_kernel(self.kernel.lead_flats, len(self.inner), inputs, outputs, device="cpu")
 
     def kinds(self, shore: FloatArray) -> NDArray[np.uint8]:
         """LAND, LAKE or SEA for each flat, from its members' distances to the shore."""

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.hydrology.depressions import carve_cells, fill_cells, limit_in_m, with_heights
@@ -215,7 +216,7 @@ def _receivers(cells: PaddedCells, neighbors: int, ties: str, seed: int) -> np.n
     receiver = np.empty((cells.rows, cells.columns), np.int32)
     mixed = int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
     rules = [int(neighbors == 4), int(ties == "hash"), mixed]
-    wp.launch(
+    launch_kernel(
         kernels.build(wp.float64).find_receivers,
         dim=cells.rows,
         inputs=[cells.rows, cells.stride, *rules, flat(cells.height), flat(cells.state)],
@@ -287,7 +288,7 @@ def sum_upstream(receiver: NDArray[np.int32], order: NDArray[np.int32], values: 
         values: One a cell; returned.
     """
     launch = kernels.build(wp.float64).sum_upstream
-    wp.launch(launch, 1, [flat(receiver), flat(order)], [flat(values)], device="cpu")
+    launch_kernel(launch, 1, [flat(receiver), flat(order)], [flat(values)], device="cpu")
     return values
 
 
@@ -297,7 +298,7 @@ def order_cells(receiver: NDArray[np.int32]) -> NDArray[np.int32]:
     cells = np.empty(receiver.size, np.int32)
     donors: wp.array = wp.zeros(cells.size, dtype=wp.uint8, device="cpu")
     outputs = [count, flat(cells), donors]
-    wp.launch(kernels.build(wp.float64).order_cells, 1, [flat(receiver)], outputs, device="cpu")
+    launch_kernel(kernels.build(wp.float64).order_cells, 1, [flat(receiver)], outputs, device="cpu")
     return cells[: int(count.numpy()[0])]
 
 
@@ -326,7 +327,7 @@ def stream_power(
     flow = _flow(surface, edges, nodata)
     drained = host_areas(flow) if area is None else checked_areas(area, flow)
     slope = np.empty(flow.terrain.shape)
-    wp.launch(
+    launch_kernel(
         kernels.build(wp.float64).measure_slopes,
         dim=len(slope),
         inputs=[table(_host_height(flow.terrain)), table(flow.host_receiver)],
@@ -367,7 +368,7 @@ def host_lengths(flow: Flow, downstream: bool = True) -> np.ndarray:
     length = np.where(receiver < 0, np.nan, 0.0)
     inputs = [length.shape[1], flat(receiver), flat(flow.order)]
     launch = kernel.measure_downstream if downstream else kernel.measure_upstream
-    wp.launch(launch, 1, inputs, [flat(length)], device="cpu")
+    launch_kernel(launch, 1, inputs, [flat(length)], device="cpu")
     length *= flow.terrain.cell_size
     return length
 
@@ -392,7 +393,7 @@ def hand(
     height = _host_height(flow.terrain)
     base = np.where(channel, height, np.nan)
     inputs = [flat(receiver), flat(flow.order), flat(channel.view(np.uint8))]
-    wp.launch(kernels.build(wp.float64).carry_upstream, 1, inputs, [flat(base)], device="cpu")
+    launch_kernel(kernels.build(wp.float64).carry_upstream, 1, inputs, [flat(base)], device="cpu")
     return flow.terrain.raster.like(table(height - base), unit="m", name="height_above_drainage")
 
 
@@ -404,10 +405,10 @@ def _shared_cells(terrain: Terrain, exponent: float, edges: Edges, nodata: NoDat
     gathered = np.ones(cells.count)
     donors: wp.array = wp.full(cells.count, 255, dtype=wp.uint8, device="cpu")
     ground = [cells.rows, cells.stride]
-    wp.launch(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
+    launch_kernel(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
     stack: wp.array = wp.empty(cells.count, dtype=int, device="cpu")
     outputs = [flat(gathered), donors, stack]
-    wp.launch(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
+    launch_kernel(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
     area = cells.interior(gathered)
     area[np.isnan(cells.height[1:-1, 1:-1])] = np.nan
     return area

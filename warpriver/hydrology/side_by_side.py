@@ -6,10 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from warpriver.extras import IMPORTING
 from warpriver.hydrology.channel_cells import ChannelCells
 from warpriver.hydrology.stems import Stems, split_into_stems
+
+with IMPORTING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["join_side_by_side"]
 

@@ -7,14 +7,20 @@ import gzip
 import os
 import re
 import tempfile
+import threading
+import warnings
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 from warpriver.device import available_memory
 from warpriver.errors import InputError, MissingFileError, OutOfMemoryError
 
-__all__ = ["check_readable", "check_unpacked", "decoded", "is_number", "plain_path"]
+__all__ = ["check_readable", "check_unpacked", "decoded", "filtered_warnings", "is_number", "plain_path"]
+
+# Python has one list of warning filters for all threads, so that those who change it take turns.
+_FILTERS = threading.RLock()
 
 # A packed file is unpacked to so many times its size, or to so many bytes, whichever is more. Numbers that were
 # measured do not shrink further; what does is built to fill the memory.
@@ -120,3 +126,17 @@ def plain_path(path: Path) -> Iterator[Path]:
             if file.name.startswith(f"{absolute.stem}.") and file.is_file():
                 os.symlink(file.path, Path(folder) / f"file{file.name.removeprefix(absolute.stem)}")
         yield Path(folder) / f"file{absolute.suffix}"
+
+
+@contextlib.contextmanager
+def filtered_warnings(action: Literal["error", "ignore"], category: type[Warning], message: str = "") -> Iterator[None]:
+    """Ignore warnings of a kind within, or raise them.
+
+    Args:
+        action: What to do.
+        category: The kind.
+        message: How their text begins, as a regular expression.
+    """
+    with _FILTERS, warnings.catch_warnings():
+        warnings.filterwarnings(action, message, category)
+        yield

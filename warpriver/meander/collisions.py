@@ -12,8 +12,9 @@ from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.saved import SavedError
 from warpriver.engine.scans import Scan
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
+from warpriver.extras import IMPORTING
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin
 from warpriver.graph.forest import check_forest
 from warpriver.history.events import Collision, Event
@@ -80,8 +81,9 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
         length: (C,) length of its channels, m.
         params: ``junction_reach``.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
 
     short = length < 0.5 * params.junction_reach * network.channel_width
     ends = network.channel_from[short], network.channel_to[short]
@@ -160,7 +162,7 @@ class Collide(Phase):
 
         def insert(whole: Share) -> None:
             # The channels share one table: on the CPU it is filled by one thread.
-            self.block_bucket.zero_()
+            clear(self.block_bucket)
             launch(
                 kernel.insert_blocks,
                 dim=whole.point_threads,

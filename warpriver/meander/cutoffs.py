@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from warpriver.engine.phase import Phase, Row
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
 from warpriver.kernels import cutoffs as kernels
@@ -39,7 +39,7 @@ class CutOff(Phase):
 
     def install(self, state: State) -> None:
         """Forget the necks of channels that are no more."""
-        self.necks.zero_()
+        clear(self.necks)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: the table, the search, the choice of cuts, the cut."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.graph.forest import check_forest
@@ -230,7 +230,7 @@ class MoveJunctions(Phase):
         def run(whole: Share) -> None:
             start("settle_heads", [state.network.point_xy, whole.work], [self.shift, state.point_moved])
             if self._drifts:
-                self.active.zero_()
+                clear(self.active)
                 start("count_active", [junctions], [self.active])
                 inputs = [junctions, state.params.time_step, state.substep, self.active]
                 start("shift_heads", inputs, [self.shift, state.point_moved])

@@ -11,7 +11,7 @@ import warp as wp
 from warpriver.engine.checks import require
 from warpriver.engine.phase import Row
 from warpriver.engine.scans import Scan
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.graph.rings import split_rings
 from warpriver.history.events import Cutoff, Event, Split
@@ -76,8 +76,8 @@ class PointTable:
             )
 
         # A slab empties what is its own.
-        clear = Stage("cut off", lambda _: self.bucket_head.zero_(), shared=False)
-        return [*([clear] if state.chunk else []), Stage("cut off", link)]
+        empty = Stage("cut off", lambda _: clear(self.bucket_head), shared=False)
+        return [*([empty] if state.chunk else []), Stage("cut off", link)]
 
 
 class ChunkMarks:

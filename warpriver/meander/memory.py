@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from warpriver.device import PRECISIONS
-from warpriver.engine.stages import Share, launch
+from warpriver.engine.stages import Share, clear, launch
 from warpriver.kernels import memory as kernels
 from warpriver.params import MeanderParams
 
@@ -18,7 +18,7 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
     """Pack the constants of migration for the kernels of that precision."""
     constants = kernels.build(PRECISIONS[dtype][0]).MigrationConstants()
     constants.migration_rate = params.migration_rate
-    constants.reference_width = params.reference_width
+    constants.reference_width = params.reference_width or 0.0
     constants.friction = params.friction
     constants.local_weight = params.local_weight
     constants.upstream_weight = params.upstream_weight
@@ -57,7 +57,7 @@ class StemMemory:
 
     def measure(self, channels: Any, length: wp.array) -> None:
         """Measure the stems, whose sinuosity the rates need."""
-        length.zero_()
+        clear(length)
         self._launch("measure_stems", self._count, [channels], [length])
 
     def chain(self, channels: Any, constants: Any, work: Any) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.engine.phase import Phase
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
 from warpriver.meander.memory import StemMemory, migration_constants
@@ -71,7 +71,7 @@ def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
 
 def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
     """Return the rate k of channels of those widths in m, m/yr."""
-    if params.reference_width > 0.0:
+    if params.reference_width:
         return params.migration_rate * width / params.reference_width
     return np.full(width.shape, params.migration_rate)
 
@@ -99,8 +99,8 @@ def measure_rings(state: State) -> list[Stage]:
     if area is None:
         return []
 
-    def clear(_: Share) -> None:
-        area.zero_()
+    def forget(_: Share) -> None:
+        clear(area)
 
     def measure(share: Share) -> None:
         launch(
@@ -111,7 +111,7 @@ def measure_rings(state: State) -> list[Stage]:
             device=state.device,
         )
 
-    return [Stage("migrate", clear, shared=False), Stage("migrate", measure)]
+    return [Stage("migrate", forget, shared=False), Stage("migrate", measure)]
 
 
 class Migrate(Phase):

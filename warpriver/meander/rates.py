@@ -6,18 +6,21 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from scipy.interpolate import CubicSpline
 
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch, whole_share
 from warpriver.engine.stems import StemArrays
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
+from warpriver.extras import IMPORTING
 from warpriver.kernels import migration as kernels
 from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.terrain import Terrain
+
+with IMPORTING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["migration_rate"]
 
@@ -67,6 +70,7 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     if terrain is not None and not isinstance(terrain, Terrain):
         raise InputTypeError(f"terrain is a {type(terrain).__name__}; give a Terrain, or None for a plain")
     check_ground(network, terrain)
+    params = params.for_widths(network.channel_width)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
     rates, ends = _compute_rates(network, lines, params, terrain)
     rates = [line.at_points(rate) * line.end_weight(end) for line, rate, end in zip(lines, rates, ends, strict=True)]

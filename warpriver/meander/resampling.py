@@ -10,7 +10,7 @@ import warp as wp
 from warpriver.engine.checks import require
 from warpriver.engine.phase import Phase
 from warpriver.engine.scans import Scan
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import polyline
 from warpriver.kernels import resampling as kernels
@@ -98,7 +98,7 @@ class Resample(Phase):
 
     def install(self, state: State) -> None:
         """Forget the samples of channels that are no more."""
-        self.samples.zero_()
+        clear(self.samples)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: arc lengths, counts, samples, and the commit of all or nothing."""

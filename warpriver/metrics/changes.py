@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.metrics.lines import (
     FloatArray,
     IndexArray,
@@ -195,7 +196,8 @@ def _project(
     points: FloatArray, middle: FloatArray, owner: IndexArray, line: FloatArray
 ) -> tuple[FloatArray, IndexArray]:
     """Nearest point for each point on the segments that own the nearest middles, and that segment."""
-    from scipy.spatial import cKDTree  # here, because importing it takes longer than most calls
+    with IMPORTING:
+        from scipy.spatial import cKDTree  # here, because importing it takes longer than most calls
 
     found = cKDTree(middle).query(points, k=min(_CANDIDATES, len(owner)))[1].reshape(len(points), -1)
     start, end = line[owner[found]], line[owner[found] + 1]

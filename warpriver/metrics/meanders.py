@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from warpriver.extras import IMPORTING
 from warpriver.metrics.lines import (
     FloatArray,
     IndexArray,
@@ -236,7 +237,8 @@ def _bend_curvature(points: FloatArray, width: float | None) -> tuple[FloatArray
         h = np.diff(s)
         area = np.concatenate([h[:1] ** 2, h[:-1] * h[1:], h[-1:] ** 2])
         return s, curvature_of(points), 8.0 * np.finfo(np.float64).eps * np.abs(points).max() / area
-    from scipy.interpolate import CubicSpline  # here, because importing it takes longer than most calls
+    with IMPORTING:
+        from scipy.interpolate import CubicSpline  # here, because importing it takes longer than most calls
 
     w = positive(width, "width")
     mean = s[-1] / (len(s) - 1)

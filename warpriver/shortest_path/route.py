@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from warpriver.engine.phase import Phase, Row
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
 from warpriver.kernels import routes as kernels
@@ -59,7 +59,7 @@ class TakeShortcuts(Phase):
 
     def install(self, state: State) -> None:
         """Forget the shortcuts of channels that are no more."""
-        self.shortcuts.necks.zero_()
+        clear(self.shortcuts.necks)
 
     @property
     def route(self) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from warpriver.engine.scans import Scan
-from warpriver.engine.stages import Share, Stage, launch
+from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.kernels import shortcuts as kernels
@@ -120,7 +120,7 @@ class Shortcuts:
 
         def number(_: Share) -> None:
             if state.chunk > 0:
-                self.marks.chunk_mark.zero_()
+                clear(self.marks.chunk_mark)
             self.scan.run()
 
         def list_and_weigh(share: Share) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers, whole
 
@@ -165,7 +166,8 @@ class Cnoidal(Params):
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        from scipy.special import ellipe, ellipj, ellipk
+        with IMPORTING:
+            from scipy.special import ellipe, ellipj, ellipk
 
         m, quarter = self.modulus, float(ellipk(self.modulus))
         _, cn, _, _ = ellipj(quarter * (TURN * self.frequency * u + self.phase) / math.pi, m)
@@ -191,7 +193,8 @@ class Autoregressive(Params):
 
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values at positions u."""
-        from scipy.signal import lfilter
+        with IMPORTING:
+            from scipy.signal import lfilter
 
         count = int(self.samples)
         k = TURN * max(self.frequency, 1e-3) / count
@@ -442,7 +445,8 @@ def interpolated(u: FloatArray, at: FloatArray, value: FloatArray, kind: str = "
         value: (n,) their values.
         kind: "cubic" (natural), "monotone", "linear" or "bezier".
     """
-    from scipy.interpolate import BPoly, CubicSpline, PchipInterpolator
+    with IMPORTING:
+        from scipy.interpolate import BPoly, CubicSpline, PchipInterpolator
 
     u = np.clip(u, at[0], at[-1])
     if kind == "linear" or len(at) < 3:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.valley.controls import Harmonic
 
 __all__ = [
@@ -255,7 +256,8 @@ class _Made:
 
 def _common_shift(made: _Made, size: FloatArray, mean: float) -> float:
     """Shift of all phases, 0 to pi, that gives the mean."""
-    from scipy.optimize import brentq
+    with IMPORTING:
+        from scipy.optimize import brentq
 
     one = np.ones(len(size))
     shifts = np.linspace(0.0, math.pi, 721)
@@ -269,7 +271,8 @@ def _common_shift(made: _Made, size: FloatArray, mean: float) -> float:
 
 def _shares_for_mean(made: _Made, size: FloatArray, shift: FloatArray, mean: float) -> FloatArray:
     """Amplitudes that give the mean with the shifts held: between those of the least and of the greatest mean."""
-    from scipy.optimize import brentq
+    with IMPORTING:
+        from scipy.optimize import brentq
 
     worth = size * np.cos(shift)
     ends = []

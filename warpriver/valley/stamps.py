@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import stamps as kernels
 from warpriver.params import Params, parameter
@@ -199,7 +200,7 @@ class Ground:
         """Run a kernel over all points, or over the cells of a raster within bounds of the valley's frame."""
         made = kernels.build(wp.float64)
         if self.place is not None:
-            wp.launch(
+            launch_kernel(
                 getattr(made, f"{kernel}_points"),
                 dim=len(self.height),
                 inputs=[stamp, self.place],
@@ -211,7 +212,7 @@ class Ground:
         if not len(rows) or not len(columns):
             return
         self.window.row, self.window.column = rows.start, columns.start
-        wp.launch(
+        launch_kernel(
             getattr(made, f"{kernel}_cells"),
             dim=(len(rows), len(columns)),
             inputs=[stamp, self.window],

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
 from warpriver.validate import checked_line
 from warpriver.valley.controls import Term, evaluate
@@ -224,7 +225,8 @@ def _centerline(params: ValleyParams, lead_length: float) -> tuple[Frame, FloatA
         ends = math.ceil(beyond / length * count)
         x = length * np.arange(-ends, count + ends + 1) / count
         return Frame(), np.column_stack([x, evaluate(params.controls.get("centerline", ()), x / length)]), length
-    from scipy.interpolate import CubicSpline
+    with IMPORTING:
+        from scipy.interpolate import CubicSpline
 
     given = _checked_line(params.line)
     axis = given[-1] - given[0]
@@ -259,7 +261,8 @@ def _even_line(fine: FloatArray, axis_length: float, lead_length: float, increme
 
     The reach is between the points of the fine line at x = 0 and at x = L_x that lie closest to its ends.
     """
-    from scipy.interpolate import CubicSpline
+    with IMPORTING:
+        from scipy.interpolate import CubicSpline
 
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))])
     ends = [_crossing(fine, s, at, first) for at, first in ((0.0, True), (axis_length, False))]
@@ -433,7 +436,8 @@ def _windowed_maximum(series: FloatArray, samples: float) -> FloatArray:
         series: (n,) values.
         samples: Length of the window in samples; at least one sample on either side is looked at.
     """
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+    with IMPORTING:
+        from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     size = 2 * max(1, round(0.5 * samples)) + 1
     highest = maximum_filter1d(series, size, mode="nearest")

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from warpriver.device import present_device, require_memory, resolve_device
+from warpriver.device import launch_kernel, present_device, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import stamps as stamp_kernels
 from warpriver.kernels import valley as kernels
@@ -171,7 +171,7 @@ class Valley:
         grid.corner = wp.vec2d(*first)
         grid.cell_size, grid.cosine, grid.sine = size, math.cos(frame.angle), -math.sin(frame.angle)
         height = wp.empty((rows, columns), dtype=wp.float64, device=self.device)
-        wp.launch(
+        launch_kernel(
             kernels.build(wp.float64).evaluate_cells,
             dim=(rows, columns),
             inputs=[self._surface, self._lattice, grid],
@@ -206,7 +206,7 @@ class Valley:
     def _bare_height(self, place: wp.array) -> wp.array:
         """Heights at places of the valley's frame, without patches and meshes."""
         out = wp.empty(len(place), dtype=wp.float64, device=self.device)
-        wp.launch(
+        launch_kernel(
             kernels.build(wp.float64).evaluate_points,
             dim=len(place),
             inputs=[self._surface, self._lattice, place],
@@ -280,9 +280,9 @@ class Valley:
         frame.x, frame.y, frame.cosine, frame.sine = at.x, at.y, math.cos(at.angle), math.sin(at.angle)
         xyz = wp.empty((count, across + 2 * beside), dtype=wp.vec3d, device=self.device)
         inputs = [self._surface, frame, first, beside, across]
-        wp.launch(kernel.lay_sections, dim=(count, across), inputs=inputs, outputs=[xyz], device=self.device)
+        launch_kernel(kernel.lay_sections, dim=(count, across), inputs=inputs, outputs=[xyz], device=self.device)
         inputs = [self._surface, self._lattice, frame, first, FLOOR_COLUMNS, SIDE_COLUMNS]
-        wp.launch(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
+        launch_kernel(kernel.lay_sides, dim=(count, 2 * beside), inputs=inputs, outputs=[xyz], device=self.device)
         last, places = across + 2 * beside - 1, xyz.numpy()
         if self._is_stamped:
             local = at.to_valley(places[..., :2]).reshape(-1, 2)
@@ -398,15 +398,17 @@ class Valley:
         dim = (1 + len(self.threads), lattice.rows, lattice.columns)
         known = wp.full(math.prod(dim), kernels.NOWHERE, dtype=wp.int32, device=self.device)
         inputs = [surface, lattice]
-        wp.launch(kernel.mark_stations, dim=len(station), inputs=inputs, outputs=[known], device=self.device)
+        launch_kernel(kernel.mark_stations, dim=len(station), inputs=inputs, outputs=[known], device=self.device)
         other = wp.empty_like(known)
         stride = 1 << max(0, math.ceil(math.log2(max(dim[1:]))) - 1)
         # The last rounds twice over mend most of what jump flooding misses.
         for jump in [stride >> k for k in range(stride.bit_length())] + [2, 1]:
             inputs = [surface, lattice, known, jump]
-            wp.launch(kernel.spread_stations, dim=dim, inputs=inputs, outputs=[other], device=self.device)
+            launch_kernel(kernel.spread_stations, dim=dim, inputs=inputs, outputs=[other], device=self.device)
             known, other = other, known
-        wp.launch(kernel.settle_cells, dim=dim, inputs=[surface, lattice, known], outputs=[other], device=self.device)
+        launch_kernel(
+            kernel.settle_cells, dim=dim, inputs=[surface, lattice, known], outputs=[other], device=self.device
+        )
         lattice.node_station, lattice.cell_station = known, other
         return lattice
 

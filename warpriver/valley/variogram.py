@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
 from warpriver.validate import freeze_numbers
 from warpriver.valley.controls import interpolated
@@ -111,7 +112,8 @@ class Variogram(Params):
 
     def _kriged(self, known: FloatArray, residual: FloatArray) -> FloatArray:
         """Weights of the covariances with the known places."""
-        from scipy.linalg import lstsq
+        with IMPORTING:
+            from scipy.linalg import lstsq
 
         matrix = self.covariance(known[:, None] - known)
         matrix[np.diag_indices(len(known))] += self.amplitude**2 * self.nugget

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.history import History
 from warpriver.hydrology.orders import strahler_order
 from warpriver.network import RiverNetwork
@@ -534,7 +535,8 @@ def _scroll_tone(times: np.ndarray, span: float) -> np.ndarray:
 
 def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
     """Return a mottling of the ground with mean 0 and spread 1, the same for the same shape: float32."""
-    from scipy.ndimage import gaussian_filter, zoom
+    with IMPORTING:
+        from scipy.ndimage import gaussian_filter, zoom
 
     random = np.random.default_rng(7)
     total = np.zeros(shape, np.float32)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
@@ -309,7 +310,8 @@ def _arrow_place(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window, length: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the middle (2,) and direction (2,) of an arrow beside the longest line; None where there is no space."""
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.spatial import cKDTree
 
     west, south, east, north = window
     inside = [xy[((xy > (west, south)) & (xy < (east, north))).all(axis=1)] for xy in lines]

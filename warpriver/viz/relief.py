@@ -8,6 +8,7 @@ import numpy as np
 
 from warpriver.crs import same_crs, short_name
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive
@@ -156,7 +157,8 @@ class _Cells:
 
     def resampled(self, values: np.ndarray) -> np.ndarray:
         """Return values of the cells at the pixels, by cubic splines."""
-        from scipy.ndimage import affine_transform
+        with IMPORTING:
+            from scipy.ndimage import affine_transform
 
         out = affine_transform(values, self.scale, self.offset, output_shape=self.shape, order=3, mode="nearest")
         # Splines swing below and above at cliffs.
@@ -164,7 +166,8 @@ class _Cells:
 
     def known(self) -> np.ndarray:
         """Return which pixels have data."""
-        from scipy.ndimage import map_coordinates
+        with IMPORTING:
+            from scipy.ndimage import map_coordinates
 
         gap, places = self.gap, [self.offset[k] + self.scale[k] * np.arange(self.shape[k]) for k in (0, 1)]
         row, column = (np.floor(place + 0.5).astype(int) for place in places)
@@ -179,7 +182,8 @@ class _Cells:
 
 def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _Cells | None:
     """Return the cells under a window, None where none of them has data."""
-    from scipy.ndimage import distance_transform_edt
+    with IMPORTING:
+        from scipy.ndimage import distance_transform_edt
 
     west, south, east, north = window
     size, (left, top) = float(terrain.cell_size), terrain.origin

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError, InternalError, MissingExtraError
+from warpriver.extras import IMPORTING
 from warpriver.files import in_memory
 from warpriver.history import History
 from warpriver.network import RiverNetwork
@@ -174,7 +175,8 @@ class _Ground:
     """The drawn floodplain: levees beside the channel, and banks that meet the water at the true width."""
 
     def __init__(self, window: Window, network: RiverNetwork, exaggeration: float):
-        from scipy.spatial import cKDTree
+        with IMPORTING:
+            from scipy.spatial import cKDTree
 
         west, south, east, north = window
         self.window, self.exaggeration = window, exaggeration

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 from warpriver.viz.bands import Window, refine_lines, select_inside
@@ -82,7 +83,8 @@ class TerrainGround:
 
     def _level(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray]) -> None:
         """Give cells within a channel's width the height of its middle, and blend the next half width into it."""
-        from scipy.spatial import cKDTree
+        with IMPORTING:
+            from scipy.spatial import cKDTree
 
         cell = float(self._cell.max())
         seen = [(xy, w) for xy, w in zip(lines, widths, strict=True) if w.max() > 1.5 * cell]
@@ -109,7 +111,8 @@ class TerrainGround:
 
     def height(self, xy: np.ndarray) -> np.ndarray:
         """Return the height in m of the drawn surface at (n, 2) absolute positions; that of the edge beyond it."""
-        from scipy.ndimage import map_coordinates
+        with IMPORTING:
+            from scipy.ndimage import map_coordinates
 
         at = (np.asarray(xy) - np.array(self.window[:2])) / self._cell
         return map_coordinates(self._height, [at[:, 1], at[:, 0]], order=1, mode="nearest")

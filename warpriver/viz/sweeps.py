@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
 
 __all__ = ["STAGES", "courses_between"]
@@ -32,7 +33,8 @@ def courses_between(
     Yields:
         The stage, 1 to ``STAGES`` - 1, and lines (n, 2) in m with the widths (n,) of their points, m.
     """
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.spatial import cKDTree
 
     old, new = before.points(), after.points()
     old_id = np.repeat(before.channel_id, np.diff(before.starts()))

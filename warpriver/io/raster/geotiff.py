@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,7 @@ from warpriver.crs import crs_text
 from warpriver.device import require_memory
 from warpriver.errors import InputError, PathError
 from warpriver.extras import need
-from warpriver.io.files import plain_path
+from warpriver.io.files import filtered_warnings, plain_path
 from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.raster import Raster
 
@@ -75,8 +74,7 @@ def read_gdal(path: Path, band: int, nodata: float | None, *, heights: bool) -> 
 def _opened(path: Path, rasterio: Any, errors: Any) -> Iterator[Any]:
     """Open a file by the one driver of its suffix, or raise ``ValueError``."""
     driver = DRIVERS[path.suffix.lower()]
-    with plain_path(path) as plain, warnings.catch_warnings():
-        warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
+    with plain_path(path) as plain, filtered_warnings("ignore", errors.NotGeoreferencedWarning):
         try:
             dataset = rasterio.open(plain, driver=driver)
         except errors.RasterioError as error:

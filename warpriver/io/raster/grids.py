@@ -13,7 +13,7 @@ import numpy as np
 from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.io.files import decoded, is_number
+from warpriver.io.files import decoded, filtered_warnings, is_number
 from warpriver.io.raster.npz import load_cells
 from warpriver.io.raster.source import RasterSource, cells_without_data, north_up, with_gaps
 from warpriver.raster import Raster
@@ -100,9 +100,8 @@ def _header(path: Path, text: str) -> tuple[dict[str, float], int]:
 
 def _numbers(path: Path, body: str, count: int) -> np.ndarray:
     """Return the numbers after a header."""
-    with warnings.catch_warnings():
-        # NumPy says of text that it cannot read that the feature is deprecated.
-        warnings.simplefilter("error", DeprecationWarning)
+    # NumPy says of text that it cannot read that the feature is deprecated.
+    with filtered_warnings("error", DeprecationWarning):
         try:
             height = np.fromstring(body, np.float64, sep=" ")
         except (DeprecationWarning, ValueError):

@@ -10,7 +10,6 @@ import json
 import logging
 import math
 import struct
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from warpriver.device import require_memory
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.files import in_memory
-from warpriver.io.files import decoded
+from warpriver.io.files import decoded, filtered_warnings
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
@@ -84,10 +83,11 @@ def _read_png(path: Path) -> tuple[np.ndarray, int]:
         raise InputError(f"{path}: a PNG of color type {color} and {bits} bits; a height map is grey, of 16 or 8 bits")
     require_memory((rows, columns), 22, what=f"{path}: a raster")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", image.DecompressionBombWarning)
-            with image.open(path, formats=["PNG"]) as picture:
-                return np.array(picture), 2**bits - 1
+        with (
+            filtered_warnings("ignore", image.DecompressionBombWarning),
+            image.open(path, formats=["PNG"]) as picture,
+        ):
+            return np.array(picture), 2**bits - 1
     except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
         raise InputError(f"{path}: its pixels cannot be read ({error}); is the file whole?") from error
 

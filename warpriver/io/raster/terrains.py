@@ -33,6 +33,7 @@ from warpriver.io.raster.grids import (
     write_numpy,
 )
 from warpriver.io.raster.heightmaps import PNG, RAW, parts_of, read_heightmap, write_heightmap
+from warpriver.io.raster.noted import noted_file
 from warpriver.io.raster.settle import settled_raster, settled_terrain
 from warpriver.io.raster.source import RasterSource
 from warpriver.raster import Raster
@@ -58,6 +59,7 @@ def terrain_formats() -> dict[str, bool]:
     return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in (*SUFFIXES, *READ_ONLY)}
 
 
+@noted_file
 def read_terrain(
     path: str | os.PathLike[str],
     *,

@@ -7,7 +7,6 @@ import dataclasses
 import json
 import math
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.files import beside
-from warpriver.io.files import plain_path
+from warpriver.io.files import filtered_warnings, plain_path
 from warpriver.io.gdal import name_to_write
 from warpriver.io.vector.geopackage import add_styles, drop_layers, edited_geopackage, is_database
 
@@ -178,8 +177,7 @@ def _write_ogr(layer: Layer, temporary: Path, path: Path, crs: str | None, **opt
         options["layer_metadata"] = {"warpriver": layer.frame}
     columns = {name: _as_field(column) for name, column in layer.columns.items()}
     try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
+        with filtered_warnings("ignore", UserWarning, "'crs' was not provided"):
             raw.write(
                 temporary,
                 geometry=shapely.to_wkb(layer.geometry),

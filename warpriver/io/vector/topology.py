@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.io.vector.source import Line, Source
 from warpriver.network_checks import NODE_TOLERANCE
 
@@ -168,7 +169,8 @@ def _next_channels(lines: list[Line]) -> np.ndarray:
 
 def _find_nameless(lines: list[Line], ends: _Ends, lost: np.ndarray, down: np.ndarray) -> None:
     """Set for channels that name one downstream which the file does not hold a line without identity there."""
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.spatial import cKDTree
 
     nameless = np.array([c for c, line in enumerate(lines) if line.channel_id is None], np.int64)
     if not len(nameless) or not len(lost):
@@ -390,9 +392,10 @@ def _met(
     Returns:
         The nodes of the ends, their places, and which ends meet nothing although the file joins them.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
 
     at = at.copy()
     at[apart] = len(node_xy) + np.arange(len(apart))

@@ -1,4 +1,4 @@
-"""The console as a place that results do not depend on: nothing that is printed can end a command."""
+"""What a command prints: results are on disk before it speaks, and no failure to print ends it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,17 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["forgiving_console"]
+__all__ = ["complain", "forgiving_console", "say"]
+
+
+def say(*words: Any, sep: str = " ") -> None:
+    """Print a line to standard output."""
+    print(*words, sep=sep, flush=True)
+
+
+def complain(*words: Any) -> None:
+    """Print a line to standard error."""
+    print(*words, file=sys.stderr, flush=True)
 
 
 class _Forgiving:
