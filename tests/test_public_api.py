@@ -41,7 +41,7 @@ LEVELS = [
     {"models"},
     {"resume"},
     {"simulation"},
-    {"bench"},
+    {"bench", "estimate"},
     {"viz"},
     {"cli", "__main__"},
 ]

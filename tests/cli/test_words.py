@@ -2,13 +2,12 @@
 
 import json
 import math
-import warnings
 
 import numpy as np
 import pytest
 
 from warpriver.cli import main
-from warpriver.cli.words import flags_of, in_flags, renamed
+from warpriver.cli.words import flag_names, in_flags, naming
 from warpriver.errors import InputError
 from warpriver.io import read_network, write_terrain
 from warpriver.terrain import Terrain
@@ -55,21 +54,24 @@ def tif(path, height, cell=(30.0, 30.0), crs="EPSG:32633", corner=(5e5, 5e6)):
         ("Pass width= if you know better", "Pass --width if you know better"),
         ("pass closed=True for it", "pass --closed for it"),
         ("pass nodata=-9999; or nodata=nan", "pass --nodata -9999; or --nodata nan"),
-        ("set PathParams(width=0) to", "set --width 0 to"),
+        ("set MeanderParams(width=0) to", "set --width 0 to"),
         ("MeanderParams.width is -5 m", "--width is -5 m"),
         ("pass depth= (there is no flag)", "pass depth= (there is no flag)"),
         ("w = 7.2 Q^0.5 and width is 3", "w = 7.2 Q^0.5 and width is 3"),
     ],
 )
 def test_arguments_become_flags(said, spoken):
-    assert in_flags(said, FLAGS) == spoken
+    with naming(**FLAGS):
+        assert in_flags(said) == spoken
 
 
 def test_what_lies_under_rivers_has_flags_of_its_own():
-    with pytest.raises(InputError, match=r'pass terrain_crs="a" and to_crs="b"'), renamed(crs="terrain_crs"):
-        raise InputError('pass crs="a" and to_crs="b"')
-    with pytest.warns(UserWarning, match=r"pass terrain_crs=$"), renamed(crs="terrain_crs"):
-        warnings.warn("pass crs=", UserWarning, stacklevel=1)
+    with naming(**FLAGS):
+        with pytest.raises(InputError, match=r"pass --terrain-crs a and --to-crs b"), naming(crs="--terrain-crs"):
+            raise InputError('pass crs="a" and to_crs="b"')
+        with naming(crs="--terrain-crs"):
+            assert in_flags("pass crs=") == "pass --terrain-crs"
+        assert in_flags("pass crs=") == "pass --crs"
 
 
 @pytest.mark.parametrize("command", ["network", "simulate", "render", "info", "erode"])
@@ -80,7 +82,7 @@ def test_every_argument_of_a_reader_is_a_flag_of_the_commands_that_read(capsys, 
     from warpriver.cli import _parser
 
     parsers = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
-    flags = flags_of(parsers.choices[command])
+    flags = flag_names(parsers.choices[command])
     heights = {"cell_size", "origin", "crs", "to_crs", "range", "z_factor", "nodata", "shape", "band"}
     lines = {"width", "missing_width", "layer", "crs", "to_crs", "repeated", "short", "topology", "reverse", "closed"}
     if command != "info":
@@ -127,12 +129,12 @@ def test_advice_on_height_maps_can_be_followed(capsys, tmp_path):
 def test_advice_on_lines_can_be_followed(capsys, tmp_path):
     path = tmp_path / "r.csv"
     path.write_text("channel,x,y\n" + "".join(f"{k},{60 * i},{900 * k}\n" for k in (0, 1) for i in range(30)))
-    code, _, err = run(capsys, "info", path)
+    code, _, err = run(capsys, "convert", path, "-o", tmp_path / "out.csv")
     assert code == 2 and "pass --width (bankfull width in m)" in err
-    assert run(capsys, "info", path, "--missing-width", 20)[0] == 0
-    assert run(capsys, "info", path, "--width", 20)[0] == 0
+    assert run(capsys, "convert", path, "-o", tmp_path / "out.csv", "--missing-width", 20)[0] == 0
+    assert run(capsys, "convert", path, "-o", tmp_path / "out.csv", "--width", 20)[0] == 0
     path.write_text("x,y,width\n" + "".join(f"{60 * i},0,30\n" for i in range(30)) + "9000,5,30\n9000,5,30\n")
-    code, _, err = run(capsys, "info", path, "--repeated", "error")
+    code, _, err = run(capsys, "convert", path, "-o", tmp_path / "out.csv", "--repeated", "error")
     assert code == 2 and "or pass --repeated drop" in err
 
 

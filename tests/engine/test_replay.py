@@ -13,7 +13,7 @@ from warpriver.engine import replay
 from warpriver.engine.replay import NATIVE_VERSIONS, LaunchList
 from warpriver.engine.stages import Share, Stage, clear, launch, noted_launches, run_stages
 from warpriver.errors import InternalError, WarpriverError
-from warpriver.kernels.polyline import Work
+from warpriver.kernels.channels import Work
 
 SHARE = Share(Work(), 1, 1)
 

@@ -14,7 +14,7 @@ from warpriver.cli.output import complain
 __all__ = ["BAD_INPUT", "Area", "BadValue", "Interval", "Parser", "area", "interval", "number", "whole_number"]
 
 BAD_INPUT = 2
-NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+NEGATIVE = re.compile(r"-((\d+\.?\d*|\.\d+)(e[-+]?\d+)?|inf(inity)?)$", re.IGNORECASE)
 
 
 class BadValue(SystemExit):
@@ -29,6 +29,10 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
         # argparse takes -1e3 for a flag before Python 3.14.
         self._negative_number_matcher = NEGATIVE
+
+    def flags(self) -> dict[str, str]:
+        """Return the flags by the names of what they set."""
+        return {a.dest: max(a.option_strings, key=len) for a in self._actions if a.option_strings}
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line, and exit with 2."""

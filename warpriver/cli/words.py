@@ -6,13 +6,16 @@ with the name of what is wrong ("cell_size is 0; ..."). What the user typed, pat
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
+from typing import TYPE_CHECKING
 
 from warpriver.errors import WarpriverError
+
+if TYPE_CHECKING:
+    from warpriver.cli.parser import Parser
 
 __all__ = ["flag_names", "in_flags", "naming", "typed"]
 
@@ -34,13 +37,9 @@ _names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
 _typed: ContextVar[Sequence[str]] = ContextVar("typed", default=())
 
 
-def flag_names(parser: argparse.ArgumentParser) -> dict[str, str]:
+def flag_names(parser: Parser) -> dict[str, str]:
     """Return the flags of a command by the names of the arguments that they set."""
-    own = {
-        action.dest: max(action.option_strings, key=len)
-        for action in parser._actions  # argparse has no public list of them
-        if action.option_strings
-    }
+    own = parser.flags()
     flags = set(own.values())
     return own | {name: flag for name, flag in OTHER_NAMES.items() if flag in flags}
 
@@ -99,6 +98,11 @@ def _in_flags(text: str, names: Mapping[str, str], begins: bool = True) -> str:
             return flag
         return f"{flag} {_plain(value)}"
 
+    def called(found: re.Match[str]) -> str:
+        return argument(found) if found[1] in names else found[0]
+
+    # Of constants that are set alone, as in MeanderParams(collision_distance=0).
+    text = re.sub(rf"\b(?:[A-Z]\w*Params|PathMeander)\((\w+)={VALUE}\)", called, text)
     text = re.sub(rf"\b[A-Z]\w*Params?\.({known})\b|\bPathMeander\.({known})\b", lambda m: names[m[1] or m[2]], text)
     text = re.sub(rf"(?<![\w/.\\-])({known})={VALUE}", argument, text)
     if begins:
