@@ -314,7 +314,7 @@ def test_breaklines_lie_on_the_surface(small):
 
 def test_the_command_writes_a_folder(brook, tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    code, said, err = run(capsys, "valley", brook, "-o", tmp_path / "out", "--spacing", 1)
+    code, said, err = run(capsys, "valley", brook, "-o", tmp_path / "out", "--mesh-spacing", 1)
     assert code == 0, err
     assert "sinuosity" in said and "mean c(z_T, W) -0.5" in said
     names = {path.name for path in (tmp_path / "out").iterdir()}
@@ -333,7 +333,7 @@ def test_the_command_writes_a_folder(brook, tmp_path, capsys):
 @pytest.mark.parametrize("name", ["t.asc", "t.npz", "p.xyz", "m.obj", "b.geojson", "v.toml"])
 def test_the_command_writes_what_the_ending_says(name, tmp_path, capsys):
     code, said, err = run(
-        capsys, "valley", "S1", "-o", tmp_path / name, "--cell-size", 4, "--spacing", 3, "--set", "increments=50"
+        capsys, "valley", "S1", "-o", tmp_path / name, "--cell-size", 4, "--mesh-spacing", 3, "--set", "increments=50"
     )
     assert code == 0, err
     assert (tmp_path / name).stat().st_size > 0 and str(tmp_path / name) in said
@@ -352,7 +352,7 @@ def test_the_command_writes_what_the_ending_says(name, tmp_path, capsys):
         (["S1", "--set", "slope=0"], "Shields depth of eq. 4 is infinite"),
         (["S3", "--set", "width=300"], "exceeds twice the radius of the bend"),
         (["S1", "--device", "cuda:9"], "device 'cuda:9' is not on this machine"),
-        (["S1", "-o", "x.docx"], "no format of terrains"),
+        (["S1", "-o", "x.docx"], "names no format of what is to be written"),
     ],
 )
 def test_bad_commands_end_with_one_line(arguments, message, tmp_path, monkeypatch, capsys):
