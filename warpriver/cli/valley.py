@@ -122,7 +122,7 @@ def _write_folder(valley: Valley, folder: Path, spacing: float | None) -> None:
     print(folder / "valley.png", folder / "sections.png", sep="\n")
 
 
-def _writer_of(path: Path, spacing: float | None) -> Callable[[Valley], None]:
+def _writer_of(path: Path, spacing: float | None) -> Callable[[Valley], object]:
     """Return what writes a file of that name: breaklines, channel, parameters, picture, mesh, points, else terrain.
 
     Raises:
