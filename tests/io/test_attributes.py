@@ -335,7 +335,7 @@ def test_info_tells_of_the_attributes(tmp_path):
     write_network(extracted(), tmp_path / "a.gpkg")
     arguments = [sys.executable, "-m", "warpriver", "info", str(tmp_path / "a.gpkg")]
     done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    for words in ("outlets", "Strahler order 1 to 2", "drainage area 0.522 to 3.92 km2", "slope 0.0317 to 0.0908 m/m"):
+    for words in ("outlets", "Strahler order 1 to 2", "drainage area 0.71 to 3.92 km2", "slope 0.0317 to 0.0908 m/m"):
         assert words in done.stdout
 
 
@@ -347,7 +347,7 @@ def test_info_warns_in_one_line_and_takes_short_lines(tmp_path, capsys):
     lines = [Y[0], [*Y[1][:-1], [1500.0, 1500.0]], Y[2]]
     path = str(foreign(tmp_path / "a.geojson", *rows, lines=lines))
     assert main(["info", path]) == 2
-    assert "short='narrow', 'drop' or 'keep'" in capsys.readouterr().err
+    assert "--short narrow, 'drop' or 'keep'" in capsys.readouterr().err
     assert main(["info", path, "--short", "narrow"]) == 0
     said = capsys.readouterr()
     assert "2 outlets, Strahler order 1 to 1" in said.out and "slope" not in said.out

@@ -232,6 +232,13 @@ def test_reversing_text_turns_what_goes_with_the_points(tmp_path):
     np.testing.assert_array_equal(network.polylines()[0][0], [200.0, 5.0])
 
 
+def test_widths_that_are_given_for_the_points_of_the_file_are_turned_with_them(tmp_path):
+    path = foreign(tmp_path / "a.geojson", {"width": 9.0, "point_width_m": [1.0, 2.0, 3.0]}, lines=[Y[2][::-1]])
+    network = read_network(path, width=[np.array([30.0, 20.0, 10.0])], reverse=True)
+    np.testing.assert_array_equal(network.point_widths()[0], [10.0, 20.0, 30.0])
+    np.testing.assert_array_equal(network.polylines()[0], Y[2])
+
+
 @pytest.mark.parametrize("family", ["TauDEM", "MERIT-Basins"])
 def test_links_of_other_programs_turn_the_lines(tmp_path, family):
     if family == "TauDEM":
@@ -253,10 +260,10 @@ def test_links_of_other_programs_turn_the_lines(tmp_path, family):
 @needs_ogr
 def test_names_that_a_shapefile_cuts_are_known(tmp_path):
     geopandas = pytest.importorskip("geopandas")
-    write_network(tree(), tmp_path / "a.gpkg")
+    write_network(tree(), tmp_path / "a.fgb")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        geopandas.read_file(tmp_path / "a.gpkg", layer="channels").to_file(tmp_path / "b.shp")
+        geopandas.read_file(tmp_path / "a.fgb").to_file(tmp_path / "b.shp")
     with pytest.warns(UserWarning) as told:
         network = read_network(tmp_path / "b.shp")
     # The lists are longer than a text of a shapefile: that is told, and the mean width counts.

@@ -14,7 +14,6 @@ from kernel_arrays import (
     SLABS,
     UNWRITTEN,
     list_of_marks,
-    nested,
     running_marks,
     to_device,
     unwritten,
@@ -42,7 +41,7 @@ def test_floor_of_positive_negative_and_whole_numbers(device, dtype):
 
 
 def test_a_channel_has_more_than_two_buckets_a_point_and_at_most_four():
-    bucket_mask = nested(cutoffs.build(wp.float64).insert_points, "bucket_mask")
+    bucket_mask = buckets.build(wp.float64).bucket_mask
 
     @wp.kernel(module="unique", enable_backward=False)
     def evaluate(mask_out: wp.array[int]):
@@ -253,11 +252,12 @@ def test_a_halted_step_searches_nothing(device, deal):
 def test_list_marks_lists_the_marked_chunks_in_order(count, part, seed):
     """How many lie before each, of all at the end too; what is beyond the list stays as it was."""
     flags = (np.random.default_rng(seed).random(count) < part).astype(int)
-    marks = running_marks(np.stack([flags, 9 * flags], axis=1), "cpu")
+    chunk_mark = np.stack([flags, 9 * flags], axis=1)
+    marks = running_marks(chunk_mark, "cpu")
     place, chunk = unwritten(count + 1, wp.int32, "cpu"), unwritten(count, wp.int32, "cpu")
     kernel = cutoffs.build(wp.float64).list_marks
     wp.launch(kernel, dim=count, inputs=[marks], outputs=[place, chunk], device="cpu")
-    expected = list_of_marks(flags, "cpu")
+    expected = list_of_marks(chunk_mark, "cpu")
     assert place.numpy().tolist() == expected.place.numpy().tolist() == [0, *np.cumsum(flags)]
     assert chunk.numpy().tolist() == expected.chunk.numpy().tolist()
     assert chunk.numpy()[: flags.sum()].tolist() == np.flatnonzero(flags).tolist()

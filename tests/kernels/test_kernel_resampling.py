@@ -761,6 +761,9 @@ def test_extended_points_are_point_reflections(device):
         run.first = first
         run.last = last
         run.closed = closed
+        run.edge = 0
+        run.upper = -1
+        run.lower = -1
         point_out[i] = extended_point(point, first + i - 2, run)
 
     # Three points of a channel between two others.

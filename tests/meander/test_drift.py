@@ -43,8 +43,9 @@ def test_a_junction_wanders_at_its_speed(params, rate, capture, device):
     np.testing.assert_allclose(ends, [expected[node]] * 3, atol=ROUNDING, rtol=0.0)
 
 
-def test_without_drift_junctions_stay(device):
-    sim = wr.Simulation(fork(), wr.MeanderParams(spacing=SPACING), device=device)
+def test_without_drift_and_stems_junctions_stay(device):
+    params = wr.MeanderParams(spacing=SPACING, upstream_memory="channel")
+    sim = wr.Simulation(fork(), params, device=device)
     before = sim.network.node_xy.copy()
     sim.run(steps=50)
     np.testing.assert_array_equal(sim.network.node_xy, before)

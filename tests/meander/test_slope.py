@@ -48,7 +48,8 @@ def test_a_channel_is_held_off_the_terrain_and_where_there_is_no_data(device):
     sim.run(years=5)
     moved = np.abs(metrics.migration(before, sim.network.polylines()[0]))
     gap = (before[:, 0] > 3050.0) & (before[:, 0] < 3700.0)
-    assert np.nanmax(moved[gap]) < 1.0 < np.nanmax(moved[~gap])
+    # Points that are held are sampled anew with those that are not: they shift along the line, by bends of it.
+    assert np.nanmax(moved[gap]) < 2.0 and np.nanmax(moved[~gap]) > 20.0
     beyond = RiverNetwork.from_polylines([line + [3000.0, 0.0]], width=80.0)
     sim = Simulation(beyond, MeanderParams(spacing=SPACING), terrain=ground, device=device)
     before = sim.network.polylines()[0]

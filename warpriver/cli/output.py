@@ -62,7 +62,7 @@ def forgiving_console() -> Iterator[None]:
     """Let what is printed in the block not end it, whatever becomes of standard output and standard error."""
     before = sys.stdout, sys.stderr
     # A stream that was closed before the program began is None, and print takes that.
-    sys.stdout, sys.stderr = (None if stream is None else _Forgiving(stream) for stream in before)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = (None if stream is None else _Forgiving(stream) for stream in before)
     try:
         yield
     finally:

@@ -415,8 +415,10 @@ class State:
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
-        structs = hasattr(array.dtype, "numpy_dtype")
-        host = np.zeros(array.shape + values.shape[1:], array.dtype.numpy_dtype() if structs else values.dtype)
+        kind: Any = array.dtype
+        host = np.zeros(
+            array.shape + values.shape[1:], kind.numpy_dtype() if hasattr(kind, "numpy_dtype") else values.dtype
+        )
         host[: len(values)] = values
         array.assign(host)
 

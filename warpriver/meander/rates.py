@@ -133,7 +133,8 @@ class _Line:
         """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt."""
         if self.closed:
             return 1.0
-        up, down = self.arc, self.length - self.arc
+        up: Any = self.arc
+        down: Any = self.length - self.arc
         if self.even is None:  # exactly even, as for the kernel
             index = np.arange(len(self.arc))
             up, down = index * self.spacing, index[::-1] * self.spacing

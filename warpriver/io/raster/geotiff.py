@@ -130,7 +130,7 @@ def write_gdal(
         ImportError: rasterio is missing.
         OSError: The file cannot be written.
     """
-    rasterio, errors, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.errors", "rasterio.transform")
+    rasterio, transform = need(f"writing {path.suffix}", "rasterio", "rasterio.transform")
     size, (west, north) = raster.cell_size, raster.origin
     profile = {
         "driver": driver, "width": raster.shape[1], "height": raster.shape[0], "count": 1,
@@ -148,7 +148,7 @@ def write_gdal(
             if raster.name:
                 dataset.set_band_description(1, raster.name)
             dataset.update_tags(AREA_OR_POINT="Area")
-    except errors.RasterioError as error:
+    except Exception as error:  # at close GDAL's own, of a private class
         raise PathError(f"GDAL cannot write it ({error})") from error
 
 

@@ -211,8 +211,9 @@ def read_network(
             names, or points that are not finite; several line layers and none named; a CRS unknown, not metric, or in
             conflict; or channels downstream that form a circle.
     """
-    settings = (("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES))
-    for name, value, choices in settings:
+    for name, value, choices in (
+        ("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES),
+    ):  # fmt: skip
         if value not in choices:
             raise InputError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
     paths = [Path(path)] if isinstance(path, (str, os.PathLike)) else [Path(p) for p in path]
@@ -227,11 +228,11 @@ def read_network(
     label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
     found = _placed(sources, crs, to_crs)
     lines = [line for source in sources for line in source.lines]
+    for role, numbers in given.items():
+        if numbers is not None:
+            override(lines, role, numbers)
     for line in lines if reverse else ():
         line.reverse()
-    for name, value in given.items():
-        if value is not None:
-            override(lines, name, value)
     lines = drop_points(lines, short, label)
     fill_widths(lines, missing_width, label, any(source.family.mean_flow for source in sources))
     clean(lines, repeated, label)

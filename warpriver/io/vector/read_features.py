@@ -63,7 +63,7 @@ def read_geojson(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
     member = root.get("crs")
     named = member.get("properties") if isinstance(member, dict) else None
     name = (named.get("name") or named.get("code")) if isinstance(named, dict) else None
-    source.crs = f"EPSG:{name}" if str(name).isdigit() else name
+    source.crs = f"EPSG:{name}" if str(name).isdigit() else None if name is None else str(name)
     source.lonlat = "crs" not in root and within_degrees(source.lines)
     return _take_frame(source, root.get(FRAME))
 
@@ -132,7 +132,14 @@ def read_parquet(path: Path, wanted: Sequence[str], asked: Iterable[str] | None)
         raise
     except (RuntimeError, ValueError, LookupError, TypeError, OSError, pyarrow.ArrowException) as error:
         raise InputError(f"{path}: cannot be read as GeoParquet ({reason(error)}); is it cut short?") from error
-    source = Source(path, [], frame.crs, family=family_of(texts), extra=extra, ours=is_ours(texts))
+    source = Source(
+        path,
+        [],
+        None if frame.crs is None else frame.crs.to_wkt(),
+        family=family_of(texts),
+        extra=extra,
+        ours=is_ours(texts),
+    )
     tell_lost_names(path, texts, wanted)
     _read_lines(source, _shapely_features(shapely, geometries, attributes), wanted)
     return _take_frame(source, frame.attrs.get(FRAME))

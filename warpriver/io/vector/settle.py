@@ -39,7 +39,7 @@ def has_gaps(value: PerChannel | None) -> bool:
 
 
 def _is_many(value: PerChannel) -> bool:
-    return isinstance(value, (list, tuple)) or np.ndim(value) != 0
+    return isinstance(value, (list, tuple)) or np.ndim(value) != 0  # type: ignore[arg-type]
 
 
 def _is_gap(item: object) -> bool:
@@ -65,6 +65,7 @@ def override(lines: list[Line], name: str, value: PerChannel) -> None:
         setattr(line, name, array)
         if name in ("width", "depth"):
             setattr(line, f"mean_{name}", None)
+            line.lists = tuple(other for other in line.lists if other != name)
 
 
 def fill_widths(lines: list[Line], missing_width: float | None, label: str, mean_flow: bool) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.crs import CRSLike
 from warpriver.errors import InputError
 from warpriver.io.vector.attributes import GENERIC, NO_VALUE, Family
 
@@ -80,7 +79,7 @@ class Source:
     Attributes:
         path: The file.
         lines: Its channels.
-        crs: Its CRS as the file states it, or None.
+        crs: Its CRS in the words of the file, or None.
         lonlat: Whether the coordinates are longitude and latitude by format or name.
         family: Whose attributes it has.
         origin: (x, y) zero of the device coordinates, where the file states it.
@@ -92,7 +91,7 @@ class Source:
 
     path: Path
     lines: list[Line]
-    crs: CRSLike | None
+    crs: str | None
     lonlat: bool = False
     family: Family = GENERIC
     origin: tuple[float, float] | None = None

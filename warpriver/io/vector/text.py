@@ -71,37 +71,46 @@ def read_text(path: Path, wanted: Sequence[str], asked: Iterable[str] | None) ->
         if role in columns and (columns[role] >= len(fields) or not _may_be_number(fields[columns[role]])):
             del columns[role]
     table = dict(zip(columns, _load_columns(path, rows, first, separator, columns).T, strict=True))
-    breaks, labels, named = _parted(path, rows, first, separator, names)
+    _tell_open(path, {role: table[role] for role in LISTS if role in table and role in wanted})
     words = {name: _load_words(path, rows[first:], separator, names.index(name.lower())) for name in extra}
-    extra = {name: kind or _kind_of(words[name]) for name, kind in extra.items()}
+    origin = _stated_origin(comments)
+    source = Source(path, [], crs, lonlat or degrees, origin=origin, ours=origin is not None)
+    source.extra = {name: kind or _kind_of(words[name]) for name, kind in extra.items()}
     factors = {role: _factor(names[columns[role]], role) for role in wanted if role in table}
+    spans = _spans(source, table, rows, first, separator, names)
+    for line, span in zip(source.lines, spans, strict=True):
+        for role, factor in factors.items():
+            _take_column(line, role, table[role][span], factor, upstream)
+        for name, values in words.items():
+            line.extra[name] = _one_word(values[span], name, line.where)
+        if upstream:
+            line.reverse()
+    return source
+
+
+def _spans(
+    source: Source, table: dict[str, np.ndarray], rows: list[str], first: int, separator: str | None, names: list[str]
+) -> list[slice]:
+    """Give a source its lines, with their points, elevations and identities; return the rows of each."""
+    path = source.path
+    breaks, labels, named = _parted(path, rows, first, separator, names)
 
     def line_number(row: int) -> int:
         return next(itertools.islice(_data_rows(rows, first), row, None))[0]
 
-    _tell_open(path, {role: table[role] for role in LISTS if role in factors})
-    origin = _stated_origin(comments)
-    ours = origin is not None
-    lines: list[Line] = []
-    for begin, end, label in zip([0, *breaks], [*breaks, len(table["x"])], labels, strict=True):
-        span = slice(begin, end)
+    spans = [slice(begin, end) for begin, end in zip([0, *breaks], [*breaks, len(table["x"])], strict=True)]
+    for span, label in zip(spans, labels, strict=True):
         where = f"{path}, channel {label}" if len(labels) > 1 else str(path)
-        line = Line(checked_points(np.stack([table["x"][span], table["y"][span]], axis=1), where), where, len(lines))
-        if not ours and (not named or len(labels) == 1):
-            tell_jumps(where, line.xy, begin, line_number)
-        for role, factor in factors.items():
-            _take_column(line, role, table[role][span], factor, upstream)
+        xy = checked_points(np.stack([table["x"][span], table["y"][span]], axis=1), where)
+        line = Line(xy, where, feature=len(source.lines))
+        if not source.ours and (not named or len(labels) == 1):
+            tell_jumps(where, xy, span.start, line_number)
         if "z" in table:
-            z = table["z"][span]
-            line.z = np.where(is_no_value(z, "z"), np.nan, z)
-        for name, values in words.items():
-            line.extra[name] = _one_word(values[span], name, line.where)
+            line.z = np.where(is_no_value(table["z"][span], "z"), np.nan, table["z"][span])
         if named and isinstance(label, int) and label not in NO_VALUE:
             line.channel_id = label
-        if upstream:
-            line.reverse()
-        lines.append(line)
-    return Source(path, lines, crs, lonlat or degrees, origin=origin, extra=extra, ours=ours)
+        source.lines.append(line)
+    return spans
 
 
 def _tell_open(path: Path, columns: dict[str, np.ndarray]) -> None:
@@ -155,8 +164,8 @@ def _take_column(line: Line, role: str, values: np.ndarray, factor: float, upstr
         setattr(line, role, factor * known[0])
     elif role in ("discharge", "slope"):
         setattr(line, role, factor * known.mean())
-    else:
-        setattr(line, role, factor * filled_gaps(values, role))
+    elif (filled := filled_gaps(values, role)) is not None:
+        setattr(line, role, factor * filled)
 
 
 def _kind_of(words: np.ndarray) -> str:

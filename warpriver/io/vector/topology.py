@@ -112,7 +112,9 @@ def _identities(lines: list[Line], label: str) -> tuple[np.ndarray | None, np.nd
     if not taken or (len(taken) == 1 < len(lines)):
         return None, irregular
     following = max(number for number in taken if number is not None) + 1
-    missing, repeated, seen = [], [], set()
+    missing: list[int] = []
+    repeated: list[int] = []
+    seen = set()
     for c, number in enumerate(found):
         if number is not None and number not in seen:
             seen.add(number)
@@ -211,8 +213,8 @@ def _node_names(lines: list[Line], noded: np.ndarray, label: str) -> np.ndarray:
     count = len(lines)
     ends = np.empty(2 * count, np.int64)
     known = np.flatnonzero(noded)
-    ends[known] = [lines[c].from_node for c in known]
-    ends[count + known] = [lines[c].to_node for c in known]
+    ends[known] = np.array([lines[c].from_node for c in known], np.int64)
+    ends[count + known] = np.array([lines[c].to_node for c in known], np.int64)
     others = np.flatnonzero(~noded)
     if len(others):
         free = max(int(ends[known].max()), int(ends[count + known].max())) + 1
