@@ -60,7 +60,7 @@ def naming(**names: str) -> Iterator[None]:
 @contextlib.contextmanager
 def typed(words: Sequence[str]) -> Iterator[None]:
     """Leave these words, which the user typed, as they are: paths, and what looks like an argument."""
-    known = _names.get()
+    known = _names.get() or {}
     token = _typed.set(
         [word for word in words if (re.search(r"[=/\\.]", word) and not _is_number(word)) or word in known]
     )
