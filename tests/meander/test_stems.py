@@ -27,7 +27,8 @@ def pieces(line, count):
 def grown_river(length=12_000.0, years=60.0, seed=2):
     """A river with bends, its points evenly spaced, as one line."""
     line = wr.generate.noisy_line(length, SPACING, WIDTH, seed)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), wr.MeanderParams(cutoff_distance=0.0))
+    network = wr.RiverNetwork.from_polylines([line], width=WIDTH)
+    sim = wr.Simulation(network, wr.MeanderParams(cutoff_distance=0.0), device="cpu")
     sim.run(years=years, record_every=10_000)
     return sim.network.polylines()[0]
 
