@@ -105,6 +105,19 @@ def test_a_mesh_of_its_own_stands_on_the_map():
     np.testing.assert_array_equal(shed.triangles(), FACES)
 
 
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_a_structure_is_written_as_a_mesh(suffix, tmp_path):
+    """And comes back where it stood: text has a tenth of a millimetre, and the reader single precision."""
+    pytest.importorskip("pyvista")
+    valley = made(stamps=(g.MeshStamp(ROOF, FACES, (200.0, 3.0), mode="keep"),), crs="EPSG:32619")
+    (shed,) = valley.structures()
+    assert shed.crs == "EPSG:32619"
+    wr.write_mesh(shed, tmp_path / f"shed{suffix}")
+    vertices, triangles = wr.io.read_mesh(tmp_path / f"shed{suffix}")
+    np.testing.assert_allclose(vertices, shed.points(), atol=2e-4)
+    np.testing.assert_array_equal(triangles, shed.triangles())
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_levee_keeps_its_height_along_a_bend(side, device):
     valley = wr.synthetic_valley("S3", device=device)

@@ -23,6 +23,7 @@ from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import finite_numbers
+from warpriver.valley.stamps import Structure
 from warpriver.valley.valley import Valley, ValleyGrid
 
 __all__ = ["MESHES", "read_mesh", "write_mesh"]
@@ -58,7 +59,7 @@ class Mesh:
 
 
 def write_mesh(
-    surface: Terrain | Raster | Valley | ValleyGrid | RiverNetwork,
+    surface: Terrain | Raster | Valley | ValleyGrid | Structure | RiverNetwork,
     path: str | os.PathLike[str],
     *,
     origin: Sequence[float] | None = None,
@@ -78,7 +79,8 @@ def write_mesh(
     channel_id, discharge_m3s and width_m.
 
     Args:
-        surface: Terrain, Raster of heights, Valley or its grid; or RiverNetwork, for .obj and .vtp.
+        surface: Terrain, Raster of heights, Valley, its grid or one of its structures; or RiverNetwork, for .obj and
+            .vtp.
         path: File name.
         origin: (x, y) in m that is subtracted from all points, as programs need it that hold coordinates in single
             precision (Blender, Unreal Engine): at UTM coordinates they round them to .25 m. By default (0, 0); in an
@@ -145,9 +147,12 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
 # ---- what becomes a mesh
 
 
-def _mesh_of(surface: Terrain | Raster | Valley | ValleyGrid | RiverNetwork) -> Mesh:
+def _mesh_of(surface: Terrain | Raster | Valley | ValleyGrid | Structure | RiverNetwork) -> Mesh:
     if isinstance(surface, RiverNetwork):
         return _network_mesh(surface)
+    if isinstance(surface, Structure):
+        points = surface.points()
+        return Mesh(points, surface.triangles(), np.zeros(1, np.int64), {"height": points[:, 2]}, {}, surface.crs)
     if isinstance(surface, Valley):
         surface = surface.grid()
     if not isinstance(surface, ValleyGrid):

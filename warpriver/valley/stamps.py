@@ -147,11 +147,13 @@ class Structure:
         name: What it is.
         xyz: (n, 3) absolute places and heights in m.
         faces: (m, 3) indices of the places, counter-clockwise seen from outside where the mesh given was.
+        crs: Coordinate reference system, or None.
     """
 
     name: str
     xyz: FloatArray
     faces: NDArray[np.int32]
+    crs: str | None = None
 
     def points(self) -> FloatArray:
         """Return the places, (n, 3)."""

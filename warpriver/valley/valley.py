@@ -248,7 +248,7 @@ class Valley:
             if stamp.mode == "keep":
                 xyz = stamp.placed(base)
                 xyz[:, :2] = self.stations.frame.to_map(xyz[:, :2])
-                made.append(Structure(stamp.name, xyz, np.asarray(stamp.triangles, np.int32)))
+                made.append(Structure(stamp.name, xyz, np.asarray(stamp.triangles, np.int32), self.crs))
         return made
 
     def bank_height_at(self, x: FloatArray) -> FloatArray:
