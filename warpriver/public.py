@@ -58,8 +58,7 @@ def public(function: F) -> F:
         if name not in kinds:
             return value
         if not kinds[name].hold(value):
-            kind = InputError if kinds[name].whole and _is_number(value) else InputTypeError
-            raise kind(_refusal(function, name, value, kinds[name].annotation))
+            raise _refusal(function, name, value, kinds[name])
         # Kernels, ranges and seeds take no 3.0.
         return int(value) if kinds[name].whole and _is_whole(value) else value
 
@@ -90,17 +89,19 @@ class _Kinds:
         return any(test(value) for test in self.tests)
 
 
-def _refusal(function: Callable[..., Any], name: str, value: Any, kinds: str) -> str:
+def _refusal(function: Callable[..., Any], name: str, value: Any, kinds: _Kinds) -> InputError:
     where = function.__qualname__.removesuffix(".__init__")
     given = "None" if value is None else _with_article(type(value).__name__)
     if isinstance(value, (str, int, float)):
         given = shown(value)
     if np.ma.isMaskedArray(value):
         given = "an array with masked values"
-    remedies = [text for kind, text in REMEDIES.items() if kind in kinds.split(" | ")]
+    remedies = [text for kind, text in REMEDIES.items() if kind in _split(kinds.annotation)]
     if hasattr(value, "to_wkt"):
         remedies.append(f"{name}.to_wkt() is that of this one")
-    return f"{where}: {name} is {given}; give {_in_words(kinds)}" + (f" ({'; '.join(remedies)})" if remedies else "")
+    hint = f" ({'; '.join(remedies)})" if remedies else ""
+    kind = InputError if kinds.whole and _is_number(value) else InputTypeError
+    return kind(f"{where}: {name} is {given}; give {_in_words(kinds.annotation)}{hint}")
 
 
 def _in_words(kinds: str) -> str:
