@@ -65,6 +65,9 @@ class EditedChannels:
         run_start: (R + 1,) offsets of the runs in the new order.
         run_scale: (R, 2) factors of width and depth, or None where they are constant along each channel.
         loops: (first point, number of points) of loops among the step's oxbows that follow the runs as new channels.
+        drawn_xy: (M, 2) points that were not there before, m, absolute, or None; in the runs they are numbered from the
+            number of points before on.
+        drawn_section: (M, 2) their widths and depths, or None where these are constant along each channel.
     """
 
     channel_old: np.ndarray
@@ -76,6 +79,8 @@ class EditedChannels:
     run_start: np.ndarray
     run_scale: np.ndarray | None
     loops: tuple[tuple[int, int], ...] = ()
+    drawn_xy: np.ndarray | None = None
+    drawn_section: np.ndarray | None = None
 
 
 @dataclasses.dataclass
