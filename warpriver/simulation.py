@@ -24,7 +24,7 @@ from warpriver.engine.saved import check_saved
 from warpriver.engine.state import Snapshot
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import AppliedEdit, Ground, History, ParameterChange, Record, StopReason
+from warpriver.history import AppliedEdit, Ground, History, LockHeld, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
@@ -634,8 +634,14 @@ class Simulation:
         try:
             self.stepper.step(steps)
         finally:
-            if events := self.stepper.take_events():
-                self.history.events.extend(events)
+            for event in self.stepper.take_events():
+                if not isinstance(event, LockHeld) or self._is_new(event):
+                    self.history.events.append(event)
+
+    def _is_new(self, event: LockHeld) -> bool:
+        """Tell whether the history has not told yet that a lock keeps these two channels apart."""
+        known = self.history.events.of(LockHeld)
+        return not any((held.channel, held.other) == (event.channel, event.other) for held in known)
 
     def _note_ground(self) -> None:
         """Note in the history that the ground has been edited since the last look at it."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from warpriver.channel_table import JOINT_LOCK, JOINT_NONE
 from warpriver.errors import InputError
-from warpriver.graph.edits import JUNCTION_CLEARANCE, EditedChannels
+from warpriver.graph.edits import JUNCTION_CLEARANCE, EditedChannels, valid_joints
 from warpriver.hydraulic_geometry import DEPTH_BY_WIDTH, DISCHARGE_BY_AREA, WIDTH_BY_FLOW
 from warpriver.network import RiverNetwork
 
@@ -457,7 +457,7 @@ class Reworking:
         runs, scale, counts = self._runs(order)
         changed = [c in self._courses and self._courses[c].changed for c in order]
         table = self._table(order, source).replace(from_node=label[:, 0], to_node=label[:, 1])
-        table = table.replace(joint=_valid_joints(table, len(nodes)))
+        table = table.replace(joint=valid_joints(table.joint, table.from_node, table.to_node))
         length = runs[:, 1] - runs[:, 0]
         drawn = np.concatenate(self._drawn) if self._drawn else None
         return EditedChannels(
@@ -498,14 +498,6 @@ class Reworking:
                     columns[name] = table[name].copy()
                 columns[name][place] = value
         return table.replace(**columns) if columns else table
-
-
-def _valid_joints(table: Any, node_count: int) -> np.ndarray:
-    """Joints where one channel ends and one begins, 0 elsewhere."""
-    one = (np.bincount(table.to_node, minlength=node_count) == 1) & (
-        np.bincount(table.from_node, minlength=node_count) == 1
-    )
-    return np.where(one[table.to_node], table.joint, JOINT_NONE)
 
 
 def nearest_point(xy: np.ndarray, place: Iterable[float]) -> tuple[int, float]:
