@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
@@ -10,10 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from warpriver.channel_table import ChannelTable
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
-from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.replay import Replay
+from warpriver.engine.snapshot import Snapshot
+from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
 from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
@@ -23,7 +23,7 @@ from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, S
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "Snapshot", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -100,29 +100,6 @@ class Status:
             wp.synchronize_device(self.array.device)
             self._sent = False
         return self._view
-
-
-@dataclasses.dataclass(frozen=True)
-class Snapshot:
-    """A network between two steps, and what the state holds beside it, on the host.
-
-    Attributes:
-        point_xy: (P, 2) m, relative to the origin, in the precision of the device.
-        point_section: (P, 2) width and depth in m, or None.
-        channel_start: (C + 1,) int32.
-        channels: The table of the channels.
-        node_xy: (N, 2) m, absolute.
-        channel_length: (C,) length of the channels at the last edit, m.
-        saved: What ``State.saved`` gave.
-    """
-
-    point_xy: np.ndarray
-    point_section: np.ndarray | None
-    channel_start: np.ndarray
-    channels: ChannelTable
-    node_xy: np.ndarray
-    channel_length: np.ndarray
-    saved: dict[str, np.ndarray]
 
 
 class Member(Protocol):
@@ -209,6 +186,8 @@ class State:
         phases: Sequence[Member],
         limits: StepLimits,
         seed: int = 0,
+        *,
+        capture: bool = True,
     ):
         """Allocate for a network, and take its channels.
 
@@ -219,12 +198,16 @@ class State:
             phases: All phases of a step, in order; one of them resamples, see ``resample``.
             limits: (width, depth, params) -> the two limits of a sub-step, yr.
             seed: Seed of random numbers.
+            capture: Record what is done again and again, and replay it.
         """
         self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
         self.keep_plan, self.nodes_placed = False, True
+        self.capture = capture
+        # The edition in which lines were sampled anew last, and the record of that once it is made.
+        self._resampling: tuple[int, Replay | None] | None = None
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -355,7 +338,7 @@ class State:
             first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, self.network.channel_count, np.int32)
             table[: len(first)] = first
-            self._slab_channel.assign(table)
+            put(self._slab_channel, table)
 
     # ---- channels
 
@@ -403,7 +386,7 @@ class State:
                 phase.allocate(self)
             self.changed()
         start = network.starts()
-        self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
+        put(self.start, np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
         if self.stems is not None:
             if self.stems.take(network, self.terrain):
@@ -436,7 +419,7 @@ class State:
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
-        self.substep.assign(np.array([0, 1, 0], np.int32))
+        put(self.substep, np.array([0, 1, 0], np.int32))
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
@@ -445,7 +428,7 @@ class State:
             array.shape + values.shape[1:], kind.numpy_dtype() if hasattr(kind, "numpy_dtype") else values.dtype
         )
         host[: len(values)] = values
-        array.assign(host)
+        put(array, host)
 
     # ---- as kernels take it, of the arrays as they are now: not to be kept beyond ``edition``
 
@@ -518,12 +501,27 @@ class State:
         """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
         while True:
             self.begin_row(steps=0)
-            self.run([stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)])
+            self._run_resampling()
             needed = self.read_status()[POINTS_NEEDED]
             if needed <= self.point_capacity:
                 self.network.point_count = needed
                 return
             self.make_room(needed)
+
+    def _run_resampling(self) -> None:
+        """Run the stages that resample; those of many edits are recorded once, where the device allows."""
+        if self._resampling is not None and self._resampling[0] == self.edition:
+            replay = self._resampling[1]
+            if replay is None:
+                replay = Replay(self._resampling_stages(), self.whole, self.slabs, self.device)
+                self._resampling = self.edition, replay
+            replay.run()
+            return
+        self.run(self._resampling_stages())
+        self._resampling = (self.edition, None) if self.capture else None
+
+    def _resampling_stages(self) -> list[Stage]:
+        return [stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)]
 
     def resample_start(self) -> None:
         """Bring the network's lines as given to the even spacing."""
@@ -534,7 +532,12 @@ class State:
         self.resample()
 
     def adopt(
-        self, edited: EditedChannels, loops: wp.array | None = None, loop_sections: wp.array | None = None
+        self,
+        edited: EditedChannels,
+        loops: wp.array | None = None,
+        loop_sections: wp.array | None = None,
+        *,
+        between: bool = False,
     ) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing.
 
@@ -542,6 +545,7 @@ class State:
             edited: The channels after an edit of the network.
             loops: Points that ``edited.loops`` are cut from, where it has any.
             loop_sections: Widths and depths that go with them, where they vary.
+            between: Whether this is between two steps: the next one is planned anew.
         """
         network = self.network
         self.edits += 1
@@ -567,9 +571,12 @@ class State:
         # A channel that has become narrower may have to be sampled more finely.
         self.assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self.resample()
+        if between:
+            self.plan_anew()
+            return
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
-        go_on: wp.array = wp.array([0, max(self.substeps, 1), 1], dtype=wp.int32, device=self.device)
+        go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
 
     def _take_drawn(self, edited: EditedChannels) -> None:
@@ -668,7 +675,7 @@ class State:
         pace, fixed = self.pace.numpy().copy(), self._fixed[channels]
         travel, _ = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
         pace[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(pace.dtype).max)
-        self.pace.assign(pace)
+        put(self.pace, pace)
 
     # ---- records and checks
 

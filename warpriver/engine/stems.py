@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.channel_table import JOINT_LOCK
+from warpriver.engine.stages import put
 from warpriver.graph.stems import Stems, find_stems
 from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST
 from warpriver.network import RiverNetwork
@@ -21,8 +22,8 @@ class StemArrays:
 
     Attributes:
         links: The stems of the network.
-        joined: Whether any channel goes on in another one; ``slides``: whether any leaves the map; ``locked``: whether
-            any ends at a locked point.
+        joined: Whether any channel has gone on in another one; ``locked``: whether any has ended at a locked point;
+            ``slides``: whether any leaves the map.
         length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
         parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
     """
@@ -49,16 +50,17 @@ class StemArrays:
                 np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
             )
             values[: network.channel_count] = getattr(self.links, name)
-            array.assign(values)
+            put(array, values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
         if terrain is not None:
             edge[: network.channel_count] = find_edges(network, terrain)
-        self._edge.assign(edge)
+        put(self._edge, edge)
         held = np.zeros(capacity, np.int32)
         held[: network.channel_count] = network.channel_joint == JOINT_LOCK
-        self._held.assign(held)
-        self.joined, self.slides = bool((self.links.upper >= 0).any()), bool((edge != EDGE_NONE).any())
-        self.locked = bool(held.any())
+        put(self._held, held)
+        # What there was once is looked for ever after, to the same bits: edits that come and go outdate nothing.
+        self.joined, self.locked = self.joined or bool((self.links.upper >= 0).any()), self.locked or bool(held.any())
+        self.slides = bool((edge != EDGE_NONE).any())
         return before != (self.joined, self.slides, self.locked)
 
     def give(self, channels: Any) -> None:

@@ -86,6 +86,8 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
         from scipy.sparse.csgraph import connected_components
 
     short = length < 0.5 * params.junction_reach * network.channel_width
+    if not short.any():
+        return np.stack([network.channel_from, network.channel_to], axis=1)
     ends = network.channel_from[short], network.channel_to[short]
     graph = coo_array((np.ones(int(short.sum())), ends), shape=(network.node_count, network.node_count))
     label = connected_components(graph, directed=False)[1]
