@@ -59,8 +59,11 @@ def test_split_and_join_are_the_identity_to_the_bit():
         assert [a for k, a in enumerate(after) if k not in free] == [b for k, b in enumerate(before) if k not in free]
 
 
-def test_a_river_that_was_split_goes_on_as_if_it_was_not():
-    apart, whole = river(), river()
+@pytest.mark.parametrize("memory", ["stem", "channel"])
+def test_a_river_that_was_split_goes_on_as_if_it_was_not(memory):
+    network = river().network
+    params = MeanderParams(spacing=50.0, upstream_memory=memory)
+    apart, whole = (Simulation(network, params) for _ in range(2))
     for sim in (apart, whole):
         sim.run(steps=20)
     apart.apply(edits.SplitChannel(0, 5_000.0))

@@ -108,6 +108,7 @@ class Member(Protocol):
     name: str
     moves_nodes: bool
     follows_stems: bool
+    follows_through: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -315,7 +316,8 @@ class State:
         self.mobility = None if self.terrain is None else zeros(count, scalar)
         ringed = network.channel_closed.any()
         follows = any(phase.follows_stems for phase in self.phases)
-        self.stems = StemArrays(count, self.device) if follows else None
+        through = any(phase.follows_through for phase in self.phases)
+        self.stems = StemArrays(count, self.device, through_only=not follows) if follows or through else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)

@@ -30,8 +30,9 @@ class StemArrays:
 
     links: Stems
 
-    def __init__(self, count: int, device: Any):
-        """Allocate for so many channels."""
+    def __init__(self, count: int, device: Any, *, through_only: bool = False):
+        """Allocate for so many channels; ``through_only``: junctions and the edge of the map hold all channels."""
+        self._through_only = through_only
         self._arrays = {
             name: wp.zeros(count, dtype=wp.int32, device=device) for name in ("upper", "lower", "top", "bottom")
         }
@@ -43,7 +44,8 @@ class StemArrays:
     def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
         """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
         before = self.joined, self.slides, self.locked
-        self.links, capacity = find_stems(network, alone), len(self._edge)
+        capacity = len(self._edge)
+        self.links = find_stems(network, alone, through_only=self._through_only)
         for name, array in self._arrays.items():
             # Beyond the channels nothing goes on.
             values = (
@@ -52,7 +54,7 @@ class StemArrays:
             values[: network.channel_count] = getattr(self.links, name)
             put(array, values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
-        if terrain is not None:
+        if terrain is not None and not self._through_only:
             edge[: network.channel_count] = find_edges(network, terrain)
         put(self._edge, edge)
         held = np.zeros(capacity, np.int32)
