@@ -256,6 +256,22 @@ def test_two_hundred_edits_are_taken_back_and_done_again(solver):
     assert bits(sim) == bits(once)
 
 
+@pytest.mark.parametrize("name", ["on hills", "single precision", "rings", "paths in parts"])
+def test_every_model_goes_on_after_any_edits(name):
+    """With widths that vary along the channels, in single precision, beside rings; and every phase keeps its word."""
+    sim = models.MODELS[name][0](check=True)
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        do_random(sim, rng, 4)
+        before = bits(sim)
+        sim.undo()
+        sim.redo()
+        assert bits(sim) == before
+        sim.step(2)
+    again = Simulation.replay(models.MODELS[name][0](threads=2), sim.history, steps=sim.step_count)
+    assert bits(again) == bits(sim)
+
+
 def test_undo_ends_at_the_last_step():
     sim = river()
     with pytest.raises(InputError, match="nothing to do again"):
