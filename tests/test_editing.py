@@ -9,7 +9,8 @@ from edited import SOLVERS, bends, bits, do_random, lines, river, tree
 from scipy.spatial import cKDTree
 
 import warpriver as wr
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, edits
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits
+from warpriver.engine import state as engine_state
 from warpriver.errors import InputError, InputTypeError
 from warpriver.history import AppliedEdit, History
 
@@ -300,7 +301,7 @@ def session(threads=1, seed=4, **options):
     return sim
 
 
-def test_a_session_is_its_seed_and_its_edits(tmp_path):
+def test_a_session_is_its_seed_and_its_edits(tmp_path, monkeypatch):
     sim = session()
     edits.write_edits(tmp_path / "session.json", sim)
     sim.history.save(tmp_path / "run")
@@ -315,6 +316,8 @@ def test_a_session_is_its_seed_and_its_edits(tmp_path):
     assert [event.edit for event in stored.edits] == [edit for _, edit in read.edits]
     again = Simulation.replay(stored, stored, terrain=tree(ground=True).terrain)
     assert bits(again) == bits(sim)
+    monkeypatch.setattr(engine_state, "CPU_CHUNK", 32)
+    assert bits(Simulation.replay(tree(ground=True), read)) == bits(sim), "in a GPU's layout"
     with pytest.raises(InputError, match="is not the one that the run has had"):
         Simulation.replay(stored, stored, terrain=sim.terrain)
 
@@ -424,6 +427,12 @@ def evenly():
     return Simulation(RiverNetwork.from_polylines([line], width=60.0), params)
 
 
+def far_sighted():
+    """A solver that looks for shortcuts over 600 m, which no part of a channel can be shorter than."""
+    params = PathMeander(spacing=50.0, search_radius=10.0, cutoff_min_arc=11.0)
+    return Simulation(RiverNetwork.from_polylines(river().network.polylines(), width=60.0), params)
+
+
 def two_rivers():
     line = river().network.polylines()[0]
     network = RiverNetwork.from_polylines([line, line + [0.0, 6_000.0]], width=60.0)
@@ -455,6 +464,7 @@ def end_of(sim, dx=0.0, dy=0.0):
         (locked, lambda s: edits.LockPoint(0, 5_000.0), "is locked there already"),
         (ring, lambda s: edits.LockPoint(0, 300.0), "channel 0 is a ring, which cannot be locked"),
         (ring, lambda s: edits.SplitChannel(0, 300.0), "channel 0 is a ring, which cannot be split"),
+        (far_sighted, lambda s: edits.LockPoint(0, 550.0), "search_radius 10 widths .* exceeds the length"),
         (river, lambda s: edits.UnlockPoint(0, 300.0), "channel 0 has no locked point"),
         (river, lambda s: edits.MovePoint(0, 300.0, (0.0, 0.0), 60.0), "radius is 60 m; the points are"),
         (river, lambda s: edits.SplitChannel(0, 20.0), "0 spacings from its head of channel 0; to be split keep 2"),

@@ -296,16 +296,21 @@ def _(edit: edits.MovePoint, stepper: Stepper) -> None:
     elif 0 < i < last:
         arc = river.arc[k]
         reach = np.where(arc < arc[i], min(edit.radius, arc[i] - arc[0]), min(edit.radius, arc[-1] - arc[i]))
-        work.redraw(c, river.xy[k] + _fall_off(np.abs(arc - arc[i]) / reach) * shift)
+        _shift(work, c, river.xy[k], np.abs(arc - arc[i]) / reach, shift)
     else:
         node = int(network.channel_from[c] if i == 0 else network.channel_to[c])
         _move_node(work, node, edit.radius, shift)
     _adopt(stepper, work)
 
 
-def _fall_off(t: np.ndarray) -> np.ndarray:
-    """(1 - t^2)^3, 0 from t = 1 on, as a column: what a point moves of the way of one that is moved."""
-    return (np.maximum(1.0 - t * t, 0.0) ** 3)[:, None]
+def _shift(work: Reworking, c: int, xy: np.ndarray, t: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Move the points of a channel by (1 - t^2)^3 of a way, 0 from t = 1 on, and return where they are then."""
+    part = np.maximum(1.0 - t * t, 0.0) ** 3
+    inside = np.flatnonzero(part > 0.0)
+    begin, stop = int(inside[0]), int(inside[-1]) + 1
+    moved = xy + part[:, None] * shift
+    work.redraw(c, begin, stop, moved[begin:stop])
+    return moved
 
 
 def _move_ring(work: Reworking, c: int, xy: np.ndarray, i: int, edit: edits.MovePoint, shift: np.ndarray) -> None:
@@ -313,8 +318,7 @@ def _move_ring(work: Reworking, c: int, xy: np.ndarray, i: int, edit: edits.Move
     arc, length = np.concatenate([[0.0], np.cumsum(step[:-1])]), float(step.sum())
     away = np.abs(arc - arc[i])
     away = np.minimum(away, length - away)
-    moved = xy + _fall_off(away / min(edit.radius, 0.5 * length)) * shift
-    work.redraw(c, moved)
+    moved = _shift(work, c, xy, away / min(edit.radius, 0.5 * length), shift)
     work.place_node(int(work.network.channel_to[c]), moved[0])
 
 
@@ -325,8 +329,7 @@ def _move_node(work: Reworking, node: int, radius: float, shift: np.ndarray) -> 
         xy = work.line(c)
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
         away = arc if network.channel_from[c] == node else arc[-1] - arc
-        moved = xy + _fall_off(away / min(radius, arc[-1])) * shift
-        work.redraw(c, moved)
+        _shift(work, c, xy, away / min(radius, float(arc[-1])), shift)
     work.place_node(node, network.node_xy[node] + shift)
 
 
@@ -489,7 +492,7 @@ def _(edit: edits.RedrawSection, stepper: Stepper) -> None:
         raise InputError("the line has no length; draw a longer one")
     line = smooth_line(drawn, spacing)
     work = _rework(stepper)
-    work.replace_reach(c, river.first[k] + i, river.first[k] + j, line[1:-1])
+    work.redraw(c, i + 1, j, line[1:-1])
     _adopt(stepper, work)
 
 
