@@ -18,7 +18,7 @@ from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, Event, EventLog, History, LockHeld
+from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -131,9 +131,9 @@ def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
     """Yield events without those that tell once more that a lock keeps two channels apart."""
     told: set[tuple[int, int]] | None = None
     for event in events:
-        if isinstance(event, LockHeld):
+        if isinstance(event, HeldLock):
             if told is None:
-                told = {(held.channel, held.other) for held in log.of(LockHeld)}
+                told = {(held.channel, held.other) for held in log.of(HeldLock)}
             if (event.channel, event.other) in told:
                 continue
             told.add((event.channel, event.other))

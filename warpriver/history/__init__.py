@@ -1,7 +1,7 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
 from warpriver.history.changes import AppliedEdit, Ground, GroundChange, ParameterChange
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, LockHeld, Split
+from warpriver.history.events import Collision, Cutoff, Event, EventLog, HeldLock, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
@@ -15,8 +15,8 @@ __all__ = [
     "Every",
     "Ground",
     "GroundChange",
+    "HeldLock",
     "History",
-    "LockHeld",
     "ParameterChange",
     "Record",
     "Split",

@@ -18,7 +18,7 @@ import numpy as np
 
 from warpriver.errors import InputTypeError
 
-__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "LockHeld", "Split", "event_class", "event_fields"]
+__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "HeldLock", "Split", "event_class", "event_fields"]
 
 # Classes by the name of their kind.
 _CLASSES: dict[str, type[Event]] = {}
@@ -111,7 +111,7 @@ class Collision(Event):
 
 
 @dataclasses.dataclass(frozen=True)
-class LockHeld(Event):
+class HeldLock(Event):
     """A cutoff or a collision that did not happen, because a locked point would have gone with it.
 
     It is told once of two channels; for as long as they touch, they lie over each other.
