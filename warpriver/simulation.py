@@ -15,19 +15,22 @@ from typing import Any
 import numpy as np
 
 from warpriver import progress as progress_bar
+from warpriver.editing import EditStack, untold
+from warpriver.edits.session import session_of
+from warpriver.edits.values import Edit, LockPoint, Place, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import Ground, History, Record, StopReason
+from warpriver.history import Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.public import public
-from warpriver.resume import continued, ground_again, ground_changes, parameter_changes
+from warpriver.resume import continued, edits_after, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
 from warpriver.validate import MOST_SEED, not_negative, shown, whole
 
@@ -111,6 +114,7 @@ class Simulation:
         self._stepper = Stepper(own, params, terrain, model.phases, model.limits, **options)
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
         self._ground, self._ground_sum = ground, _sum_of(terrain)
+        self._edits = EditStack(self._check)
         self._record()
 
     @classmethod
@@ -160,15 +164,109 @@ class Simulation:
         changes = parameter_changes(record.time, old_params, params)
         if changes:
             _check_network(history.network_of(record), params, model_of(params))
-        terrain = ground_again(old_ground, terrain, change_terrain, device)
+        terrain = ground_again(history.ground, before, terrain, change_terrain, device)
         ground = None if terrain is None else Ground.of(terrain)
         changes += ground_changes(record.time, old_ground, ground)
         self = cls.__new__(cls)
         options = {"check": check, "capture": capture, "threads": threads}
         self._take_up(history, record, params, terrain, device, phases, **options)
         self._ground = ground
+        # What was done after the record, before the next step.
+        again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
+        self._edits = EditStack(self._check)
+        for edit in again:
+            self.apply(edit)
+        self._edits = EditStack(self._check)
+        return self
+
+    @classmethod
+    def replay(
+        cls,
+        start: Simulation | History | str | os.PathLike,
+        edits: Any,
+        *,
+        steps: int | None = None,
+        terrain: Terrain | None = None,
+        device: Any = "cpu",
+        record_every: int | Every = 10,
+        check: bool = False,
+        capture: bool = True,
+        threads: int | None = None,
+        phases: Sequence[Phase] = (),
+    ) -> Simulation:
+        """Do a session again: the steps of a run, and between them its edits, to the same bits.
+
+        Args:
+            start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
+                first record is taken up in a history of its own.
+            edits: A :class:`warpriver.edits.Session` or the file of one, a history, or (step, edit) pairs.
+            steps: Steps done at the end, by default as many as the session did.
+            terrain: The ground at the beginning of the history; by default it is read again from the file that it came
+                from. A simulation has its own.
+            device: Warp device, unless a simulation is given; so are the following.
+            record_every: As in :meth:`run`.
+            check: As in the constructor.
+            capture: As in the constructor.
+            threads: As in the constructor.
+            phases: As in the constructor.
+
+        Raises:
+            ValueError: An edit cannot be done, or comes before the simulation's present step; the seeds differ; or the
+                ground is not the one of the run, or its constants or its ground changed by other means than edits.
+        """
+        if isinstance(start, Simulation):
+            self = start
+        else:
+            options = {"check": check, "capture": capture, "threads": threads}
+            self = cls._from_start(start, terrain, device, phases, **options)
+        session = session_of(edits, self.seed)
+        if session.seed != self.seed:
+            raise InputError(f"the session has the seed {session.seed}, the run {self.seed}; start it with that one")
+        for step, edit in session.edits:
+            if step < self.step_count:
+                raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
+            if step > self.step_count:
+                self.run(steps=step - self.step_count, record_every=record_every)
+            self.apply(edit)
+        left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
+        if left > 0:
+            self.run(steps=left, record_every=record_every)
+        return self
+
+    @classmethod
+    def _from_start(
+        cls,
+        history: History | str | os.PathLike,
+        terrain: Terrain | None,
+        device: Any,
+        phases: Sequence[Phase],
+        **options: Any,
+    ) -> Simulation:
+        """Take up the first record of a history in a new one."""
+        if not isinstance(history, History):
+            history = History.load(history)
+        record = history.record(0)
+        before = history.events[: record.events_before]
+        if any(isinstance(event, ParameterChange) for event in history.events):
+            raise InputError(
+                "the constants of the run changed on its way, which is no edit; replay it from a simulation"
+            )
+        terrain = ground_again(history.ground, before, terrain, False, device)
+        fresh = History(
+            history.params,
+            seed=history.seed,
+            origin=history.origin,
+            crs=history.crs,
+            dtype=history.dtype,
+            ground=history.ground,
+        )
+        self = cls.__new__(cls)
+        self._take_up(fresh, record, history.params, terrain, device, phases, **options)
+        self._ground = history.ground
+        self._edits = EditStack(self._check)
+        self._record()
         return self
 
     def _take_up(
@@ -216,6 +314,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
+        self._edits = EditStack(self._check)
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -361,6 +460,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
+            self._edits = EditStack(self._check)
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -380,6 +480,50 @@ class Simulation:
                         self.history.flush()
                     raise
         return self.history
+
+    # ---- edits
+
+    def apply(self, edit: Edit) -> None:
+        """Do an edit between two steps; it is recorded in the history with its time.
+
+        All that it does not name stays as it is, to the bit. An edit of the ground changes ``terrain`` in place.
+
+        Args:
+            edit: One of :mod:`warpriver.edits`.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        if not isinstance(edit, Edit):
+            raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
+        self._edits.apply(self.stepper, self.history, edit)
+
+    def lock(self, channel: int, at: Place) -> None:
+        """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
+        self.apply(LockPoint(channel, at))
+
+    def unlock(self, channel: int, at: Place) -> None:
+        """Let a locked point of a channel go; see :class:`warpriver.edits.UnlockPoint`."""
+        self.apply(UnlockPoint(channel, at))
+
+    def undo(self) -> Edit:
+        """Take the last edit back, to the bit, and return it.
+
+        That goes as far back as the last step, or the last :meth:`run`: what the river has done with an edit cannot be
+        taken from it. Replay the session without the edit for that: ``Simulation.replay(start, edits)``.
+
+        Raises:
+            ValueError: No edit was done since the last step.
+        """
+        return self._edits.undo(self.stepper, self.history)
+
+    def redo(self) -> Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back since the last edit or step.
+        """
+        return self._edits.redo(self.stepper, self.history)
 
     # ---- inside
 
@@ -418,11 +562,14 @@ class Simulation:
 
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
+        self._edits = EditStack(self._check)
         try:
             self.stepper.step(steps)
         finally:
-            if events := self.stepper.take_events():
-                self.history.events.extend(events)
+            self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
+
+    def _check(self, network: RiverNetwork) -> None:
+        _check_network(network, self.params, model_of(self.params).with_phases(self._added))
 
     def _note_ground(self) -> None:
         """Note in the history that the ground has been edited since the last look at it."""

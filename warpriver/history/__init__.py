@@ -1,12 +1,13 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
-from warpriver.history.changes import Ground, GroundChange, ParameterChange
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.changes import AppliedEdit, Ground, GroundChange, ParameterChange
+from warpriver.history.events import Collision, Cutoff, Event, EventLog, HeldLock, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
 
 __all__ = [
+    "AppliedEdit",
     "Collision",
     "Cutoff",
     "Event",
@@ -14,6 +15,7 @@ __all__ = [
     "Every",
     "Ground",
     "GroundChange",
+    "HeldLock",
     "History",
     "ParameterChange",
     "Record",
