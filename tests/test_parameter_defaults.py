@@ -35,6 +35,8 @@ DEFAULTS = {
         "collision_distance": (1.0, "mean widths"),
         "junction_reach": (10.0, "widths"),
         "junction_drift": (0.0, "-"),
+        "control_steering": ("normal", "-"),
+        "control_floor": (0.02, "-"),
     },
     "PathMeander": {
         "time_step": (0.29021218343600275, "yr"),
@@ -55,6 +57,8 @@ DEFAULTS = {
         "collision_distance": (1.0, "mean widths"),
         "junction_reach": (10.0, "widths"),
         "junction_drift": (0.0, "-"),
+        "control_steering": ("normal", "-"),
+        "control_floor": (0.02, "-"),
     },
     "JunctionParams": {
         "narrow_angle": (25.0, "deg"),

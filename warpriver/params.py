@@ -273,6 +273,24 @@ class MeanderParams(Params):
         "[Paris2023]",
     )
 
+    control_steering: str = parameter(
+        "normal",
+        "-",
+        choices=("normal", "vector", "printed"),
+        source="warpriver",
+        doc="how the gradient of the control field c steers a channel of the rate mu and the normal n: by (|mu| + "
+        "floor) (n . grad c) n (normal), by the whole vector (|mu| + floor) grad c (vector), or by mu grad c, whose "
+        "sign turns with every bend, as in [Paris2023], Eq. 7 (printed)",
+    )
+    control_floor: float = parameter(
+        0.02,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="floor: part of the migration rate k with which controls steer reaches that do not bend",
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
@@ -285,11 +303,16 @@ class MeanderParams(Params):
     def paper(cls) -> MeanderParams:
         """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5.
 
-        As there, channels are held at their nodes, and the spacing and the rate are the same for all of them, however
-        wide they are.
+        As there, channels are held at their nodes, the spacing and the rate are the same for all of them, however wide
+        they are, and controls steer by its Eq. 7 as printed: an attractor draws the bends to one side, drives off those
+        to the other, and does nothing to a straight reach.
         """
         return cls(
-            migration_rate=0.164 * DAYS_PER_YEAR, spacing_in_widths=0.0, reference_width=0.0, upstream_memory="channel"
+            migration_rate=0.164 * DAYS_PER_YEAR,
+            spacing_in_widths=0.0,
+            reference_width=0.0,
+            upstream_memory="channel",
+            control_steering="printed",
         )
 
     def for_widths(self, channel_width: np.ndarray) -> MeanderParams:
@@ -443,6 +466,11 @@ class PathMeander(Params):
     junction_drift: float = shared(
         "junction_drift",
         doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
+    )
+    control_steering: str = shared("control_steering")
+    control_floor: float = shared(
+        "control_floor",
+        doc="floor: part of the displacement rate k with which controls steer reaches that do not bend",
     )
 
     def __post_init__(self) -> None:

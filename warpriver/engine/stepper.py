@@ -18,7 +18,7 @@ from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
 from warpriver.history.events import Event
@@ -73,6 +73,7 @@ class Stepper:
         threads: int | None = None,
         seed: int = 0,
         saved: dict[str, np.ndarray] | None = None,
+        controls: Controls | None = None,
     ):
         """Take a network, which the steps change.
 
@@ -87,6 +88,7 @@ class Stepper:
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
             seed: Seed of random numbers.
             saved: What ``State.saved`` returned at the end of a run that is resumed.
+            controls: What steers points beside the ground, or None.
 
         Raises:
             ValueError: The network is none that the phases can deal with, or the time step is out of proportion.
@@ -102,7 +104,7 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits, seed)
+        self.state = State(network, params, terrain, self.phases, limits, seed, controls)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)

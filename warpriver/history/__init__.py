@@ -1,6 +1,6 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
-from warpriver.history.changes import Ground, GroundChange, ParameterChange
+from warpriver.history.changes import ControlChange, ControlStroke, Ground, GroundChange, ParameterChange
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
@@ -8,6 +8,8 @@ from warpriver.history.schedule import Every
 
 __all__ = [
     "Collision",
+    "ControlChange",
+    "ControlStroke",
     "Cutoff",
     "Event",
     "EventLog",
