@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polygons, raster
+from warpriver.kernels.ground import BLOCK
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -25,6 +26,10 @@ def build(scalar):
     ZERO_64, ONE_64, TWO_64, THREE_64 = (wp.float64(v) for v in (0.0, 1.0, 2.0, 3.0))
     # Of (1 - p^2)^3 the steepest place, at p = 1 / sqrt 5, has this slope.
     STEEPEST = wp.float64(96.0 / (25.0 * math.sqrt(5.0)))
+    # Of a block without controls, and more than the rounding of one with them.
+    NONE, ROUNDED_UP = wp.float32(1.0), wp.float64(1.0 + 2.0**-22)
+    # Stands for 0, which has no sign to tell of.
+    LEAST = wp.float32(2.0**-120)
 
     @wp.struct
     class Bump:
@@ -134,6 +139,42 @@ def build(scalar):
         i, j = wp.tid()
         cell_value_out[window[0] + i, window[1] + j] = value
 
+    @wp.kernel(module=name, enable_backward=False)
+    def bound_blocks(
+        # terrain
+        grid: RasterGrid,
+        # params
+        window: wp.vec4i,
+        # in
+        cell_control: wp.array2d[wp.float64],
+        cell_factor: wp.array2d[wp.float64],
+        # out
+        block_mobility_out: wp.array2d[wp.float32],
+    ):
+        """Greatest factor by which controls let a point move in each block of a window of blocks: f (1 + |grad c|).
+
+        A block reaches from its first centres to those of the next one. In between centres both f and the gradient are
+        means of those of the cells around, so that none is greater than at some centre. 1 stands for no control at all,
+        a minus sign for factors that are not 1.
+        """
+        i, j = wp.tid()
+        greatest = wp.float64(0.0)
+        touched, scaled = bool(False), bool(False)
+        first_row, first_column = (window[0] + i) * BLOCK, (window[1] + j) * BLOCK
+        for row in range(first_row, wp.min(first_row + BLOCK + 1, cell_factor.shape[0])):
+            for column in range(first_column, wp.min(first_column + BLOCK + 1, cell_factor.shape[1])):
+                slope = wp.length(cells.cell_difference(cell_control, row, column)) * wp.float64(grid.cells_per_meter)
+                factor = cell_factor[row, column]
+                touched = touched or slope > ZERO_64
+                scaled = scaled or factor != ONE_64
+                greatest = wp.max(greatest, factor * (ONE_64 + slope))
+        bound = NONE
+        if scaled:
+            bound = -wp.max(wp.float32(greatest * ROUNDED_UP), LEAST)
+        elif touched:
+            bound = wp.float32(greatest * ROUNDED_UP)
+        block_mobility_out[window[0] + i, window[1] + j] = bound
+
     return SimpleNamespace(
         vec2=vec2,
         Bump=Bump,
@@ -143,4 +184,5 @@ def build(scalar):
         scale_by_field=scale_by_field,
         scale_inside=scale_inside,
         fill_window=fill_window,
+        bound_blocks=bound_blocks,
     )

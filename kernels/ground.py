@@ -11,6 +11,8 @@ wp.set_module_options({"enable_backward": False})
 
 # How the gradient of the control field turns a migration rate mu along the normal n into a velocity.
 NORMAL, VECTOR, PRINTED = range(3)
+# Side of a block of cells of controls, in cells.
+BLOCK = 16
 
 
 @once
@@ -29,12 +31,17 @@ def build(scalar):
     class Steering:
         """The control field c (m) and the factor of the rate on the cells of one raster, and how they are read.
 
-        ``floor``: part of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. Both
-        arrays are missing where nothing is controlled.
+        ``floor``: part of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. An
+        array is missing where nothing pulls, or scales the rate. ``block_mobility`` has, for blocks of cells, the
+        greatest factor by which controls let a point move; it is 1 in those that no control reaches, and only there,
+        and has a minus sign where the factor of the rate is not 1 everywhere.
+        ``highest`` is 1, or the greatest of them so far.
         """
 
         cell_control: wp.array2d[wp.float64]
         cell_factor: wp.array2d[wp.float64]
+        block_mobility: wp.array2d[wp.float32]
+        highest: wp.array[wp.float32]
         grid: RasterGrid
         floor: scalar
         mode: int
@@ -58,37 +65,64 @@ def build(scalar):
 
     @wp.func(module=name)
     def rate_factor(steering: Steering, xy: vec2) -> scalar:
-        """Factor of the rate at a point; 1 off its raster."""
-        value = cells.value_at(steering.cell_factor, steering.grid, xy)
-        if wp.isnan(value):
-            return ONE
-        return scalar(value)
+        """Factor of the rate at a point, bilinear between the centres, all of which have one; 1 off the raster."""
+        factor = scalar(1.0)
+        cell_factor = steering.cell_factor
+        position = cells.cell_position(steering.grid, xy)
+        column, row = int(position[0]), int(position[1])
+        if position[0] >= ZERO and position[1] >= ZERO:
+            if column + 1 < cell_factor.shape[1] and row + 1 < cell_factor.shape[0]:
+                u, v = wp.float64(position[0] - scalar(column)), wp.float64(position[1] - scalar(row))
+                upper, lower = cell_factor[row], cell_factor[row + 1]
+                above = upper[column] + u * (upper[column + 1] - upper[column])
+                below = lower[column] + u * (lower[column + 1] - lower[column])
+                factor = scalar(above + v * (below - above))
+        return factor
 
     @wp.func(module=name)
     def control_gradient(steering: Steering, xy: vec2) -> vec2:
-        """Gradient of the control field at a point; 0 off its raster."""
-        slope = cells.gradient_at(steering.cell_control, steering.grid, xy)
-        if wp.isnan(slope[0] + slope[1]):
-            return vec2(ZERO, ZERO)
+        """Gradient of the control field at a point, as ``gradient_at``; 0 off its raster and along its empty rim."""
+        slope = vec2(ZERO, ZERO)
+        cell_control = steering.cell_control
+        position = cells.cell_position(steering.grid, xy)
+        column, row = int(position[0]), int(position[1])
+        if column > 0 and row > 0 and column + 2 < cell_control.shape[1] and row + 2 < cell_control.shape[0]:
+            u, v = wp.float64(position[0] - scalar(column)), wp.float64(position[1] - scalar(row))
+            change = cells.difference_inside(cell_control, column, row, u, v)
+            slope = vec2(scalar(change[0]), scalar(change[1])) * steering.grid.cells_per_meter
         return slope
 
     @wp.func(module=name)
-    def freedom_at(ground: Ground, xy: vec2, limit: scalar) -> scalar:
-        """Part of its rate with which a point moves: g, by the slope of the ground, times the factor of controls."""
-        weight = ONE
-        if ground.height:
-            weight = slope_weight(ground, xy, limit)
-        if ground.steering.cell_factor:
-            weight = weight * rate_factor(ground.steering, xy)
-        return weight
+    def block_at(steering: Steering, xy: vec2) -> scalar:
+        """What ``block_mobility`` has for the block of cells around a point; 1 off the raster."""
+        mobility = scalar(1.0)
+        if steering.block_mobility:
+            position = cells.cell_position(steering.grid, xy)
+            rows, columns = BLOCK * steering.block_mobility.shape[0], BLOCK * steering.block_mobility.shape[1]
+            if position[0] >= ZERO and position[1] >= ZERO:
+                if position[0] < scalar(columns) and position[1] < scalar(rows):
+                    mobility = scalar(steering.block_mobility[int(position[1]) // BLOCK, int(position[0]) // BLOCK])
+        return mobility
 
     @wp.func(module=name)
-    def mobility_at(ground: Ground, xy: vec2, limit: scalar) -> scalar:
-        """Part of its rate with which a point may move at most, whichever way it is pulled."""
-        weight = freedom_at(ground, xy, limit)
-        if ground.steering.cell_control:
-            if weight > ZERO:
-                weight = weight * (ONE + wp.length(control_gradient(ground.steering, xy)))
+    def raised_mobility(ground: Ground, xy: vec2, limit: scalar, highest: scalar) -> scalar:
+        """The greater of a mobility and that of a point: how much of its rate ground and controls let it have."""
+        mobility = wp.abs(block_at(ground.steering, xy))
+        if mobility > highest and ground.height:
+            mobility = mobility * slope_weight(ground, xy, limit)
+        return wp.max(highest, mobility)
+
+    @wp.func(module=name)
+    def freedom_at(ground: Ground, xy: vec2, limit: scalar, block: scalar) -> scalar:
+        """Part of its rate with which a point moves: g, by the slope of the ground, times the factor of controls.
+
+        ``block`` is what ``block_at`` says of the point.
+        """
+        weight = scalar(1.0)
+        if ground.height:
+            weight = slope_weight(ground, xy, limit)
+        if block < ZERO:
+            weight = weight * rate_factor(ground.steering, xy)
         return weight
 
     @wp.func(module=name)
@@ -115,8 +149,10 @@ def build(scalar):
         RasterGrid=RasterGrid,
         Steering=Steering,
         Ground=Ground,
-        slope_weight=slope_weight,
+        control_gradient=control_gradient,
+        rate_factor=rate_factor,
+        raised_mobility=raised_mobility,
+        block_at=block_at,
         freedom_at=freedom_at,
-        mobility_at=mobility_at,
         control_pull=control_pull,
     )

@@ -330,11 +330,9 @@ def build(scalar):
     def pull_at(
         points: Points, ground: Ground, run: Run, constants: MigrationConstants, j: int, normal: vec2, rate: scalar
     ) -> vec2:
-        """What controls add to the velocity of a point, m/yr."""
-        floor = scalar(0.0)
-        if ground.steering.cell_control:
-            width = line.section_at(points, j, run)[0]
-            floor = ground.steering.floor * strength_of(width, constants) / width
+        """What controls add to the velocity of a point that they reach, m/yr."""
+        width = line.section_at(points, j, run)[0]
+        floor = ground.steering.floor * strength_of(width, constants) / width
         pull = land.control_pull(ground.steering, points.xy[j], normal, rate, floor)
         if j == run.last and run.edge != EDGE_NONE:
             # Along the edge of the map, as the rate.
@@ -385,11 +383,14 @@ def build(scalar):
                     weight = ONE
                     if run.closed == 0:
                         weight = line.end_weight(j, run, ends)
-                    weight = weight * land.freedom_at(ground, moved, constants.slope_threshold)
-                    pull = pull_at(points, ground, run, constants, j, normal, smoothed)
+                    block = land.block_at(ground.steering, moved)
+                    weight = weight * land.freedom_at(ground, moved, constants.slope_threshold, block)
+                    pull = vec2(ZERO, ZERO)
                     speed = wp.abs(smoothed)
-                    if wp.dot(pull, pull) > ZERO:
-                        speed = wp.length(smoothed * normal + pull)
+                    if block != ONE:
+                        pull = pull_at(points, ground, run, constants, j, normal, smoothed)
+                        if wp.dot(pull, pull) > ZERO:
+                            speed = wp.length(smoothed * normal + pull)
                     fastest = wp.max(fastest, speed * weight)
                     moved = moved + normal * (smoothed * weight * run.step) + (weight * run.step) * pull
                 moved_out.xy[j] = moved

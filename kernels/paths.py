@@ -214,14 +214,17 @@ def build(scalar):
                     if run.closed == 0:
                         weight = line.end_weight(j, run, ends)
                     shift = weight * push + pull
-                    if run.closed != 0 or ground.steering.cell_control:
+                    block = land.block_at(ground.steering, moved)
+                    if run.closed != 0 or block != ONE:
                         before = line.extended_point(points.xy, j - 1, run)
                         after = line.extended_point(points.xy, j + 1, run)
                         normal = line.right_normal(before, after)
-                        floor = ground.steering.floor * constants.displacement_rate * run.step
-                        drawn = land.control_pull(ground.steering, moved, normal, wp.dot(push, normal), floor)
-                        shift = shift + swell * normal + weight * drawn
-                    shift = land.freedom_at(ground, moved, constants.slope_threshold) * shift
+                        shift = shift + swell * normal
+                        if block != ONE:
+                            floor = ground.steering.floor * constants.displacement_rate * run.step
+                            drawn = land.control_pull(ground.steering, moved, normal, wp.dot(push, normal), floor)
+                            shift = shift + weight * drawn
+                    shift = land.freedom_at(ground, moved, constants.slope_threshold, block) * shift
                     farthest = wp.max(farthest, wp.length(shift))
                     moved = moved + shift
                 moved_out.xy[j] = moved

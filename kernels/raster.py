@@ -255,6 +255,7 @@ def build(scalar):
         own_cell=own_cell,
         value_at=value_at,
         cell_difference=cell_difference,
+        difference_inside=difference_inside,
         gradient_at=gradient_at,
         center_of_cell=center_of_cell,
     )

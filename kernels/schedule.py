@@ -111,17 +111,20 @@ def build(scalar):
             run = line.next_run(channels, run)
             highest = scalar(0.0)
             enough = FREE
-            if maximum_substeps(channel_limits[run.channel], constants.time_step) <= ONE:
+            freest = scalar(1.0)
+            if ground.steering.highest:
+                freest = scalar(ground.steering.highest[0])
+            whole = maximum_substeps(channel_limits[run.channel], constants.time_step)
+            if whole <= ONE:
                 enough = ANY
+            # Where controls might ask for more sub-steps, all points are looked at.
+            searched = whole * freest > ONE and freest > ONE
             i = int(run.begin)
-            controlled = bool(False)
-            if ground.steering.cell_control or ground.steering.cell_factor:
-                controlled = True
-            while i < run.stop and (highest < enough or controlled):
-                highest = wp.max(highest, land.mobility_at(ground, point_xy[i], constants.slope_threshold))
+            while i < run.stop and (highest < enough or searched):
+                highest = land.raised_mobility(ground, point_xy[i], constants.slope_threshold, highest)
+                if highest >= enough:
+                    highest = wp.max(highest, ONE)
                 i += 1
-            if highest >= enough:
-                highest = wp.max(highest, ONE)
             wp.atomic_max(channel_mobility_io, run.channel, wp.cast(highest, bits))
 
     @wp.kernel(module=name, enable_backward=False)

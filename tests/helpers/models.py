@@ -4,6 +4,7 @@ import numpy as np
 from trees import random_tree
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
 
 
 def many_channels(count=14, width=30.0, spacing=25.0, apart=2500.0, **options):
@@ -65,6 +66,33 @@ def paths_in_parts(**options):
     return Simulation(network, params, terrain=hills(network, 0.16), **options)
 
 
+def some_controls(network):
+    """Controls of every kind, here and there along a network, some of them on top of each other."""
+    west, south, east, north = network.bounds()
+    rng = np.random.default_rng(8)
+    place = rng.uniform((west, south), (east, north), (16, 2)).tolist()
+    found = [(Attractor, Repeller)[k % 2](tuple(p), rng.uniform(400.0, 1200.0)) for k, p in enumerate(place)]
+    middle = 0.5 * (west + east)
+    painted = ControlField.blank((west, south, middle, north), 40.0, device=network.device.alias)
+    for x, y in place[:6]:
+        painted.paint((0.5 * (x + west), y), 600.0, 200.0)
+    square = np.array([[-700.0, -700.0], [700.0, -700.0], [700.0, 700.0], [-700.0, 700.0]])
+    return [
+        *found,
+        painted,
+        Guide(place[6:9], 500.0, -0.5),
+        DampingRegion(square + place[9], 0.1, blend=300.0),
+        ErodibilityField(square + place[10], 2.5, blend=200.0),
+    ]
+
+
+def steered(**options):
+    """Channels under controls of every kind, over ground."""
+    network = many_channels(varied=True)
+    params, ground = MeanderParams(spacing=25.0, time_step=1.0), hills(network)
+    return Simulation(network, params, terrain=ground, controls=some_controls(network), **options)
+
+
 def single_precision(**options):
     return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), MeanderParams(spacing=20.0), dtype="float32",
                       **options)  # fmt: skip
@@ -107,6 +135,7 @@ MODELS = {
     "plain": (plain, 250),
     "varied": (varied, 80),
     "on hills": (on_hills, 80),
+    "steered": (steered, 80),
     "tree": (tree, 130),
     "tree in parts": (tree_in_parts, 40),
     "single precision": (single_precision, 100),

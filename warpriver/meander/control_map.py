@@ -94,9 +94,13 @@ class ControlMap:
         self.raster = Raster.wrap(values, size, (west, north), crs, "m", "control")
         self.factor = self.raster.like(wp.full(shape, 1.0, dtype=wp.float64, device=device), name="rate factor")
         self._grid = self.raster.grid()
+        blocks = tuple(math.ceil(count / grounds.BLOCK) for count in shape)
+        self._blocks = wp.full(blocks, 1.0, dtype=wp.float32, device=device)
+        self._highest = wp.full(1, 1.0, dtype=wp.float32, device=device)
         self._note_kinds()
         for control in self.controls:
             self._stamp(control, control.bounds())
+        self._bound_blocks(self._window(self.raster.bounds))
 
     def covers(self, controls: Sequence[Control]) -> bool:
         """Tell whether other controls fit these cells: they lie within them, and ask for no finer ones."""
@@ -130,6 +134,7 @@ class ControlMap:
                 self._launch(kernels.build(wp.float64).fill_window, window, [window, wp.float64(value)], cells)
             for control in after:
                 self._stamp(control, bounds)
+            self._bound_blocks(window)
         return boxes
 
     def gradient(self, xy: ArrayLike) -> FloatArray:
@@ -153,6 +158,7 @@ class ControlMap:
             steering.cell_control = self.raster.values
         if self.scales:
             steering.cell_factor = self.factor.values
+        steering.block_mobility, steering.highest = self._blocks, self._highest
         steering.grid = self.raster.grid(dtype, origin)
         steering.floor, steering.mode = params.control_floor, MODES[params.control_steering]
         return steering
@@ -186,6 +192,18 @@ class ControlMap:
 
     def _launch(self, kernel: Any, window: Any, inputs: list[Any], target: Raster) -> None:
         launch_kernel(kernel, (window[2], window[3]), inputs, [target.values], device=target.device)
+
+    def _bound_blocks(self, window: Any) -> None:
+        """Find what controls let points do in the blocks that hold a window, or lie beside it."""
+        first = [max(begin - 1, 0) // grounds.BLOCK for begin in window[:2]]
+        last = [(begin + count) // grounds.BLOCK for begin, count in zip(window[:2], window[2:], strict=True)]
+        rows, columns = (min(b, n - 1) - a + 1 for a, b, n in zip(first, last, self._blocks.shape, strict=True))
+        inputs = [self._grid, wp.vec4i(*first, rows, columns), self.raster.values, self.factor.values]
+        kernel = kernels.build(wp.float64).bound_blocks
+        launch_kernel(kernel, (rows, columns), inputs, [self._blocks], device=self.raster.device)
+        row, column = first
+        reached = self._blocks[row : row + rows, column : column + columns].contiguous().numpy()
+        self._highest.assign(np.maximum(self._highest.numpy(), np.abs(reached).max()))
 
     def _window(self, bounds: Bounds) -> wp.vec4i | None:
         """Cells with centres within bounds, or that a value there reaches."""
