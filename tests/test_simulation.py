@@ -217,7 +217,7 @@ def test_a_time_step_out_of_proportion_is_refused():
 
 def test_spacing_wider_than_a_channel_is_refused():
     with pytest.raises(ValueError, match=r"spacing 50 m is coarser than channel 0 is wide \(20 m\)"):
-        Simulation(wandering(width=20.0))
+        Simulation(wandering(width=20.0), MeanderParams(spacing_in_widths=0.0))
 
 
 def test_a_ring_is_refused():

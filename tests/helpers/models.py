@@ -44,13 +44,13 @@ def on_hills(**options):
 
 def tree(**options):
     network = random_tree(7, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0), **options)
+    return Simulation(network, MeanderParams(spacing=20.0, reference_width=0.0), **options)
 
 
 def tree_in_parts(**options):
     """Channels of very different widths, steps of many parts, and ground: some rest while others join."""
     network = random_tree(11, sources=8, size=6000.0, width=12.0)
-    params = MeanderParams(spacing_in_widths=0.8, time_step=1.0)
+    params = MeanderParams(spacing_in_widths=0.8, reference_width=0.0, time_step=1.0)
     return Simulation(network, params, terrain=hills(network, 0.16), **options)
 
 
@@ -94,8 +94,8 @@ def steered(**options):
 
 
 def single_precision(**options):
-    return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), MeanderParams(spacing=20.0), dtype="float32",
-                      **options)  # fmt: skip
+    params = MeanderParams(spacing=20.0, reference_width=0.0)
+    return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), params, dtype="float32", **options)
 
 
 def rings(**options):

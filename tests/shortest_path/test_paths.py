@@ -473,7 +473,7 @@ def test_command_line(tmp_path, capsys):
     capsys.readouterr()
     for more, words in (
         (["--friction", "0.01"], "--friction means nothing to --solver path"),
-        (["--cone-angle", "95"], "cone_angle is 95"),
+        (["--cone-angle", "95"], "--cone-angle is 95"),
         (["--search-radius", "200", "--cutoff-min-arc", "300"], "exceeds the length of channel 0"),
     ):
         assert main([*begin, *more, "-o", str(tmp_path / "bad")]) == 2
