@@ -63,11 +63,17 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "Attractor": "warpriver.meander.controls",  # the controls are listed by their room
+    "ControlField": "warpriver.meander.controls",
+    "DampingRegion": "warpriver.meander.controls",
+    "ErodibilityField": "warpriver.meander.controls",
     "Every": "warpriver.history",
+    "Guide": "warpriver.meander.controls",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
+    "Repeller": "warpriver.meander.controls",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from warpriver.io import read_raster, write_raster
 from warpriver.meander.control_map import ControlMap
 from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
 from warpriver.raster import Raster
@@ -131,6 +132,22 @@ def test_an_image_is_a_field():
         ControlField.from_gray(gray, (0.0, 0.0, 60.0, 20.0), 50.0)
     with pytest.raises(ValueError, match="must lie from 0 to 1"):
         ControlField.from_gray(gray * 1.0, (0.0, 0.0, 30.0, 20.0), 50.0)
+
+
+def test_an_image_file_and_a_raster_file_are_fields(tmp_path):
+    imageio = pytest.importorskip("imageio.v3")
+    gray = np.array([[0, 128, 255], [255, 40, 255]], np.uint8)
+    bounds = (0.0, 0.0, 30.0, 20.0)
+    for name, pixels in (("gray.png", gray), ("color.png", np.repeat(gray[..., None], 3, axis=2))):
+        imageio.imwrite(tmp_path / name, pixels)
+        field = ControlField.from_image(tmp_path / name, bounds, 50.0)
+        np.testing.assert_allclose(field.raster.numpy(), (2.0 * gray / 255.0 - 1.0) * 50.0, rtol=1e-12, atol=1e-12)
+    write_raster(field.raster, tmp_path / "c.npz")
+    assert ControlField(read_raster(tmp_path / "c.npz")) == field
+    (tmp_path / "text.png").write_text("no image")
+    for name, message in (("none.png", "no image at"), ("text.png", "cannot be read as an image")):
+        with pytest.raises(ValueError if name == "text.png" else FileNotFoundError, match=message):
+            ControlField.from_image(tmp_path / name, bounds, 50.0)
 
 
 def test_changed_controls_come_to_the_bits_of_new_ones(device):

@@ -198,7 +198,7 @@ class ControlMap:
         first = [max(begin - 1, 0) // grounds.BLOCK for begin in window[:2]]
         last = [(begin + count) // grounds.BLOCK for begin, count in zip(window[:2], window[2:], strict=True)]
         rows, columns = (min(b, n - 1) - a + 1 for a, b, n in zip(first, last, self._blocks.shape, strict=True))
-        inputs = [self._grid, wp.vec4i(*first, rows, columns), self.raster.values, self.factor.values]
+        inputs = [self._grid, wp.vec4i(first[0], first[1], rows, columns), self.raster.values, self.factor.values]
         kernel = kernels.build(wp.float64).bound_blocks
         launch_kernel(kernel, (rows, columns), inputs, [self._blocks], device=self.raster.device)
         row, column = first

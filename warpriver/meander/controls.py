@@ -8,16 +8,18 @@ section 5.2.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
+import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.params import Params, parameter
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
@@ -43,7 +45,8 @@ Bounds = tuple[float, float, float, float]
 
 # Cells across the radius of a control.
 CELLS_ACROSS = 16.0
-# Cells across a polygon whose edge is not blended, and corners of a polygon or points of a guide at most.
+# Cells across a polygon whose edge is blended over less than four of them; corners of a polygon, or points of a guide,
+# at most.
 ACROSS_POLYGON, MAX_POINTS = 128.0, 10_000
 
 
@@ -249,6 +252,40 @@ class ControlField(Control):
             )
         return cls((2.0 * gray - 1.0) * height, size[0], (west, north), crs=crs)
 
+    @classmethod
+    def from_image(
+        cls, path: str | os.PathLike[str], bounds: Sequence[float], height: float, *, crs: str | None = None
+    ) -> ControlField:
+        """Return the field that a gray image file paints, as :meth:`from_gray` (``warpriver[viz]``).
+
+        A GeoTIFF of values in m has its place: ``ControlField(wr.io.read_raster(path))``.
+
+        Args:
+            path: PNG, JPEG, TIFF ...; of colours their mean counts.
+            bounds: (west, south, east, north) in m that the image covers.
+            height: Greatest value of c in m.
+            crs: Coordinate reference system.
+
+        Raises:
+            ImportError: imageio is missing.
+            ValueError: The file cannot be read as an image, or its pixels are not square.
+        """
+        try:
+            imageio = importlib.import_module("imageio.v3")
+        except ImportError as error:
+            raise MissingExtraError('ControlField.from_image needs imageio: pip install "warpriver[viz]"') from error
+        if not os.path.isfile(path):
+            raise MissingFileError(f"no image at {path}")
+        try:
+            pixels = np.asarray(imageio.imread(path, plugin="pillow"))
+        except (OSError, ValueError, SyntaxError) as error:
+            raise InputError(f"{path} cannot be read as an image: {error}") from error
+        if pixels.ndim == 3:
+            whole = pixels.dtype.kind == "u"
+            colors = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., :1]
+            pixels = colors.mean(axis=2) / (np.iinfo(pixels.dtype).max if whole else 1.0)
+        return cls.from_gray(pixels, bounds, height, crs=crs)
+
     def paint(self, center: Sequence[float], radius: float, amount: float) -> None:
         """Add to the field under a round brush, whose weight falls smoothly from 1 at its centre to 0.
 
@@ -301,7 +338,7 @@ class ControlField(Control):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ControlField) and _same_raster(self.raster, other.raster)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
 
 class RateControl(Control):
@@ -365,8 +402,7 @@ class RateControl(Control):
         if self.raster is not None:
             return self.raster.cell_size
         west, south, east, north = self.bounds()
-        size = max(east - west, north - south) / ACROSS_POLYGON
-        return min(size, 0.25 * self.blend) if self.blend else size
+        return max(max(east - west, north - south) / ACROSS_POLYGON, 0.25 * self.blend)
 
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Multiply the cells of a window of the map."""
@@ -381,9 +417,10 @@ class RateControl(Control):
             return False
         if self.raster is not None or other.raster is not None:
             return self.raster is not None and other.raster is not None and _same_raster(self.raster, other.raster)
+        assert self.polygon is not None and other.polygon is not None
         return (self.factor, self.blend) == (other.factor, other.blend) and np.array_equal(self.polygon, other.polygon)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def __repr__(self) -> str:
         what = repr(self.raster) if self.polygon is None else f"{len(self.polygon)} corners, factor={self.factor:g}"
@@ -407,7 +444,7 @@ def checked_controls(controls: object, crs: str | None) -> tuple[Control, ...]:
     """Return controls as a tuple, or raise ``ValueError``."""
     given = (controls,) if isinstance(controls, Control) else controls
     try:
-        found = tuple(given)  # type: ignore[arg-type, call-overload]
+        found: tuple[Any, ...] = tuple(given)  # type: ignore[arg-type]
     except TypeError:
         found = (controls,)
     for control in found:

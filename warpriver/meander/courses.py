@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import avulsions as kernels
 from warpriver.params import Params, parameter
@@ -160,7 +161,7 @@ def _walk_batch(
         wp.array(direction, dtype=wp.vec2d, device=place),
         wp.array(seeds, dtype=wp.uint32, device=place),
     ]
-    wp.launch(kernel.walk_courses, len(ends), inputs, [xy, height, state], device=place)
+    launch_kernel(kernel.walk_courses, len(ends), inputs, [xy, height, state], device=place)
     points, ground, ended = xy.numpy(), height.numpy(), state.numpy()
     found: list[Course | Refusal] = []
     for k, (how, count) in enumerate(ended.tolist()):
@@ -201,4 +202,4 @@ def carve_course(terrain: Terrain, course: Course, width: float) -> None:
     line: wp.array = wp.array(course.xy, dtype=wp.vec2d, device=terrain.device)
     bed: wp.array = wp.array(course.bed, dtype=wp.float64, device=terrain.device)
     inputs = [terrain.grid(), wp.float64(width), wp.vec4i(*window), line, bed]
-    wp.launch(kernel.carve_line, window[2:], inputs, [terrain.height], device=terrain.device)
+    launch_kernel(kernel.carve_line, window[2:], inputs, [terrain.height], device=terrain.device)
