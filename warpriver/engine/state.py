@@ -347,7 +347,7 @@ class State:
         self.plan_anew()
         self.changed()
 
-    def hasten(self, factor: np.ndarray) -> None:
+    def hasten_by(self, factor: np.ndarray) -> None:
         """Plan the next step for points that move faster than in the last one, by a factor for each channel, (C,)."""
         if (factor != 1.0).any():
             pace = self.pace.numpy()

@@ -141,7 +141,7 @@ class Steering:
         if near.any():
             pull = np.zeros(len(xy))
             pull[near] = np.hypot(*self.map.gradient(xy[near]).T)
-            state.hasten(1.0 + np.maximum.reduceat(pull, start[:-1]))
+            state.hasten_by(1.0 + np.maximum.reduceat(pull, start[:-1]))
 
 
 def _widened(bounds: Bounds, reach: float) -> Bounds:
