@@ -249,18 +249,22 @@ def build(scalar):
 
     @wp.func(module=name)
     def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
-        """How far the ends of its stem are from a link, as far as they are felt."""
+        """How far the ends of its stem are from a link, or the locked points in it, as far as they are felt."""
         top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
         ends = free_ends(line.whole_run(channels, bottom), constants)
         ends.head_reach = constants.end_damping * channels.form[top].width
         link = int(run.channel)
-        while link != top and ends.above < ends.head_reach:
+        while link != top and ends.above < ends.head_reach and not line.foot_held(channels, channels.stems.upper[link]):
             link = channels.stems.upper[link]
             ends.above = ends.above + length_of_link(channels, link)
+        if line.foot_held(channels, channels.stems.upper[link]):
+            ends.head_reach = constants.end_damping * channels.form[link].width
         link = int(run.channel)
-        while link != bottom and ends.below < ends.foot_reach:
+        while link != bottom and ends.below < ends.foot_reach and not line.foot_held(channels, link):
             link = channels.stems.lower[link]
             ends.below = ends.below + length_of_link(channels, link)
+        if line.foot_held(channels, link):
+            ends.foot_reach = constants.end_damping * channels.form[link].width
         # A link that was not looked at lies farther away than the end is felt.
         return ends
 

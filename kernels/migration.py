@@ -356,9 +356,10 @@ def build(scalar):
         ends = past.free_ends(run, constants)
         if memory.ends:
             ends = memory.ends[run.channel]
-        # The last point moves where the river goes on; the first one is the last of the link upstream.
+        # The last point moves where the river goes on, unless it is locked; the first one is the last of the link
+        # upstream.
         last = int(run.last)
-        if run.lower < 0 and run.edge == EDGE_NONE:
+        if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
         fastest = scalar(0.0)
         smoothed = scalar(0.0)

@@ -28,7 +28,7 @@ def test_a_table_gives_its_columns():
     channels = table(closed=[False, True, False])
     assert len(channels) == 3
     assert list(channels) == [
-        "width", "depth", "discharge", "slope", "id", "from_node", "to_node", "closed", "rock", "grain", "dam",
+        "width", "depth", "discharge", "slope", "id", "from_node", "to_node", "closed", "joint", "rock", "grain", "dam",
     ]  # fmt: skip
     assert "grain" in channels and "drainage_area" not in channels and channels.drainage_area is None
     assert channels["width"] is channels.width and channels.id.tolist() == [0, 1, 2]

@@ -11,7 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import erosion, generate, history, hydrology, io, meander, metrics, valley, viz
+    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, valley, viz
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -37,6 +37,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "edits",
     "erode",
     "erosion",
     "extract_network",
@@ -91,7 +92,7 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
+_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
 
 
 def __getattr__(name: str) -> Any:

@@ -93,7 +93,8 @@ class RiverNetwork:
             dtype: "float64" or "float32".
             device: Warp device name.
             columns: ``channel_width``, ``channel_depth``, ``channel_discharge`` and, where it is known,
-                ``channel_drainage_area``, ``channel_slope``, ``channel_id``, ``channel_closed``: see
+                ``channel_drainage_area``, ``channel_slope``, ``channel_id``, ``channel_closed``,
+                ``channel_joint``: see
                 :class:`~warpriver.channel_table.ChannelTable`.
 
         Raises:
@@ -318,6 +319,11 @@ class RiverNetwork:
     def channel_closed(self) -> np.ndarray:
         """(C,) bool, True for a ring: its last point is joined to its first, and its one node is its own."""
         return self._channels.closed
+
+    @property
+    def channel_joint(self) -> np.ndarray:
+        """(C,) int32, what the node at the downstream end is to the river: 0, 1 (through node) or 2 (locked point)."""
+        return self._channels.joint
 
     @property
     def channel_count(self) -> int:

@@ -263,6 +263,18 @@ class Raster:
             return None
         return first_row, first_column, last_row - first_row + 1, last_column - first_column + 1
 
+    def cells(self, window: tuple[int, int, int, int]) -> np.ndarray:
+        """Return a copy of the values in (first row, first column, rows, columns), on the host."""
+        return self._cut(window).numpy().copy()
+
+    def put_cells(self, window: tuple[int, int, int, int], values: np.ndarray) -> None:
+        """Put values of its type into (first row, first column, rows, columns), in place."""
+        self._cut(window).assign(values)
+
+    def _cut(self, window: tuple[int, int, int, int]) -> wp.array:
+        row, column, rows, columns = window
+        return self.values[row : row + rows, column : column + columns]
+
     def to_xarray(self) -> xarray.DataArray:
         """Return an ``xarray.DataArray`` of dimensions (y, x), row 0 in the north (``warpriver[gis]``).
 

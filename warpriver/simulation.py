@@ -15,12 +15,26 @@ from typing import Any
 import numpy as np
 
 from warpriver import progress as progress_bar
+from warpriver.editing import do_edit, edit_terrain, terrain_window
+from warpriver.edits.session import session_of
+from warpriver.edits.values import Edit, EditTerrain, LockPoint, Place, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
+from warpriver.engine.state import Snapshot
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import Ground, History, Record, StopReason
+from warpriver.history import (
+    AppliedEdit,
+    ControlChange,
+    ControlStroke,
+    Ground,
+    History,
+    LockHeld,
+    ParameterChange,
+    Record,
+    StopReason,
+)
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
 from warpriver.meander.controls import Control
@@ -28,7 +42,7 @@ from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
-from warpriver.resume import continued, ground_again, ground_changes, parameter_changes
+from warpriver.resume import continued, edits_after, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
 from warpriver.validate import not_negative, whole
 
@@ -36,6 +50,28 @@ __all__ = ["Simulation"]
 
 # Steps of a run, all its continuations together; the fastest take 20 us each.
 MAX_STEPS = 2**31 - 1
+
+
+Window = tuple[int, int, int, int]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Done:
+    """An edit that was done since the last step, and what it takes to take it back.
+
+    Attributes:
+        edit: The edit.
+        events_before: Events of the history before it.
+        network: The network before it; None where the ground was edited.
+        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
+            heights that were there.
+    """
+
+    edit: Edit
+    events_before: int
+    network: Snapshot | None = None
+    window: Window | None = None
+    cells: np.ndarray | None = None
 
 
 class Simulation:
@@ -118,6 +154,7 @@ class Simulation:
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
         self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
+        self._forget_done()
         self._record()
 
     @classmethod
@@ -166,15 +203,110 @@ class Simulation:
         changes = parameter_changes(record.time, old_params, params)
         if changes:
             _check_network(history.network_of(record), params, model_of(params))
-        terrain = ground_again(old_ground, terrain, change_terrain, device)
+        terrain = ground_again(history.ground, before, terrain, change_terrain, device)
         ground = None if terrain is None else Ground.of(terrain)
         changes += ground_changes(record.time, old_ground, ground)
         self = cls.__new__(cls)
         options = {"check": check, "capture": capture, "threads": threads}
         self._take_up(history, record, params, terrain, device, phases, **options)
         self._ground = ground
+        # What was done after the record, before the next step.
+        again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
+        self._forget_done()
+        for edit in again:
+            self.apply(edit)
+        self._forget_done()
+        return self
+
+    @classmethod
+    def replay(
+        cls,
+        start: Simulation | History | str | os.PathLike,
+        edits: Any,
+        *,
+        steps: int | None = None,
+        terrain: Terrain | None = None,
+        device: Any = "cpu",
+        record_every: int | Every = 10,
+        check: bool = False,
+        capture: bool = True,
+        threads: int | None = None,
+        phases: Sequence[Phase] = (),
+    ) -> Simulation:
+        """Do a session again: the steps of a run, and between them its edits, to the same bits.
+
+        Args:
+            start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
+                first record is taken up in a history of its own.
+            edits: A :class:`warpriver.edits.Session` or the file of one, a history, or (step, edit) pairs.
+            steps: Steps done at the end, by default as many as the session did.
+            terrain: The ground at the beginning of the history; by default it is read again from the file that it came
+                from. A simulation has its own.
+            device: Warp device, unless a simulation is given; so are the following.
+            record_every: As in :meth:`run`.
+            check: As in the constructor.
+            capture: As in the constructor.
+            threads: As in the constructor.
+            phases: As in the constructor.
+
+        Raises:
+            ValueError: An edit cannot be done, or comes before the simulation's present step; the seeds differ; or the
+                ground is not the one of the run, or its constants or its ground changed by other means than edits.
+        """
+        if isinstance(start, Simulation):
+            self = start
+        else:
+            options = {"check": check, "capture": capture, "threads": threads}
+            self = cls._from_start(start, terrain, device, phases, **options)
+        session = session_of(edits, self.seed)
+        if session.seed != self.seed:
+            raise InputError(f"the session has the seed {session.seed}, the run {self.seed}; start it with that one")
+        for step, edit in session.edits:
+            if step < self.step_count:
+                raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
+            if step > self.step_count:
+                self.run(steps=step - self.step_count, record_every=record_every)
+            self.apply(edit)
+        left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
+        if left > 0:
+            self.run(steps=left, record_every=record_every)
+        return self
+
+    @classmethod
+    def _from_start(
+        cls,
+        history: History | str | os.PathLike,
+        terrain: Terrain | None,
+        device: Any,
+        phases: Sequence[Phase],
+        **options: Any,
+    ) -> Simulation:
+        """Take up the first record of a history in a new one."""
+        if not isinstance(history, History):
+            history = History.load(history)
+        record = history.record(0)
+        before = history.events[: record.events_before]
+        if any(isinstance(event, ParameterChange) for event in history.events):
+            raise InputError(
+                "the constants of the run changed on its way, which is no edit; replay it from a simulation"
+            )
+        terrain = ground_again(history.ground, before, terrain, False, device)
+        fresh = History(
+            history.params,
+            seed=history.seed,
+            origin=history.origin,
+            crs=history.crs,
+            dtype=history.dtype,
+            ground=history.ground,
+        )
+        fresh.events.extend(event for event in before if isinstance(event, (ControlChange, ControlStroke)))
+        self = cls.__new__(cls)
+        self._take_up(fresh, record, history.params, terrain, device, phases, **options)
+        self._ground = history.ground
+        self._forget_done()
+        self._record()
         return self
 
     def _take_up(
@@ -224,6 +356,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
+        self._forget_done()
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -380,6 +513,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
+            self._forget_done()
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -399,6 +533,100 @@ class Simulation:
                         self.history.flush()
                     raise
         return self.history
+
+    # ---- edits
+
+    def apply(self, edit: Edit) -> None:
+        """Do an edit between two steps; it is recorded in the history with its time.
+
+        All that it does not name stays as it is, to the bit. An edit of the ground changes ``terrain`` in place.
+
+        Args:
+            edit: One of :mod:`warpriver.edits`.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        if not isinstance(edit, Edit):
+            raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
+        self._do(edit)
+        self._undone.clear()
+
+    def lock(self, channel: int, at: Place) -> None:
+        """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
+        self.apply(LockPoint(channel, at))
+
+    def unlock(self, channel: int, at: Place) -> None:
+        """Let a locked point of a channel go; see :class:`warpriver.edits.UnlockPoint`."""
+        self.apply(UnlockPoint(channel, at))
+
+    def undo(self) -> Edit:
+        """Take the last edit back, to the bit, and return it.
+
+        That goes as far back as the last step, or the last :meth:`run`: what the river has done with an edit cannot be
+        taken from it. Replay the session without the edit for that: ``Simulation.replay(start, edits)``.
+
+        Raises:
+            ValueError: No edit was done since the last step.
+        """
+        if not self._done:
+            raise InputError(
+                "no edit was done since the last step, and none before it can be taken back; replay the session "
+                "without it: Simulation.replay(start, edits)"
+            )
+        done = self._done.pop()
+        if done.network is not None:
+            self.stepper.put_back(done.network)
+        elif done.window is not None and done.cells is not None and self.terrain is not None:
+            self.terrain.raster.put_cells(done.window, done.cells)
+        self.history.forget_events(done.events_before)
+        self._undone.append(done.edit)
+        return done.edit
+
+    def redo(self) -> Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back since the last edit or step.
+        """
+        if not self._undone:
+            raise InputError("no edit was taken back since the last edit or step; there is nothing to do again")
+        edit = self._undone.pop()
+        self._do(edit)
+        return edit
+
+    def _do(self, edit: Edit) -> None:
+        events = len(self.history.events)
+        if isinstance(edit, EditTerrain):
+            window, cells = self._edit_ground(edit)
+            done = _Done(edit, events, window=window, cells=cells)
+        else:
+            before = self.stepper.snapshot()
+            try:
+                do_edit(self.stepper, edit)
+                model = model_of(self.params).with_phases(self._added)
+                _check_network(self.network, self.params, model)
+            except BaseException:
+                self.stepper.put_back(before)
+                raise
+            done = _Done(edit, events, network=before)
+        self.history.events.append(AppliedEdit.of(self.time, self.step_count, edit))
+        self._done.append(done)
+
+    def _edit_ground(self, edit: EditTerrain) -> tuple[Window | None, np.ndarray | None]:
+        """Do an edit of the ground; return the cells that it may have changed, if any, and what was in them."""
+        terrain = self.terrain
+        if terrain is None:
+            raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
+        window = terrain_window(terrain, edit)
+        before = None if window is None else terrain.raster.cells(window)
+        edit_terrain(terrain, edit)
+        return window, before
+
+    def _forget_done(self) -> None:
+        """Begin without edits that could be taken back or done again."""
+        self._done: list[_Done] = []
+        self._undone: list[Edit] = []
 
     # ---- inside
 
@@ -438,11 +666,18 @@ class Simulation:
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
         self._note_strokes()
+        self._forget_done()
         try:
             self.stepper.step(steps)
         finally:
-            if events := self.stepper.take_events():
-                self.history.events.extend(events)
+            for event in self.stepper.take_events():
+                if not isinstance(event, LockHeld) or self._is_new(event):
+                    self.history.events.append(event)
+
+    def _is_new(self, event: LockHeld) -> bool:
+        """Tell whether the history has not told yet that a lock keeps these two channels apart."""
+        known = self.history.events.of(LockHeld)
+        return not any((held.channel, held.other) == (event.channel, event.other) for held in known)
 
     def _note_strokes(self) -> None:
         """Take up, and note in the history, what was painted since the last step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
@@ -9,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from warpriver.channel_table import ChannelTable
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
@@ -22,7 +24,7 @@ from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, S
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "Snapshot", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -107,6 +109,29 @@ class Controls(Protocol):
     def steering(self, params: Any, dtype: str, origin: Sequence[float] | np.ndarray) -> Any:
         """Return the struct ``Steering`` of ``kernels/ground.py``."""
         ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Snapshot:
+    """A network between two steps, and what the state holds beside it, on the host.
+
+    Attributes:
+        point_xy: (P, 2) m, relative to the origin, in the precision of the device.
+        point_section: (P, 2) width and depth in m, or None.
+        channel_start: (C + 1,) int32.
+        channels: The table of the channels.
+        node_xy: (N, 2) m, absolute.
+        channel_length: (C,) length of the channels at the last edit, m.
+        saved: What ``State.saved`` gave.
+    """
+
+    point_xy: np.ndarray
+    point_section: np.ndarray | None
+    channel_start: np.ndarray
+    channels: ChannelTable
+    node_xy: np.ndarray
+    channel_length: np.ndarray
+    saved: dict[str, np.ndarray]
 
 
 class Member(Protocol):
@@ -567,9 +592,11 @@ class State:
         """
         network = self.network
         self.edits += 1
-        needed = int(edited.channel_start[-1])
+        drawn = 0 if edited.drawn_xy is None else len(edited.drawn_xy)
+        needed = max(int(edited.channel_start[-1]), network.point_count + drawn)
         if needed > self.point_capacity:
             self.allocate_points(int(HEADROOM * needed))
+        self._take_drawn(edited)
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
         self.next_identity = max(self.next_identity, int(edited.channels.id.max()) + 1)
@@ -589,8 +616,17 @@ class State:
         self.resample()
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
-        go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
+        go_on: wp.array = wp.array([0, max(self.substeps, 1), 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
+
+    def _take_drawn(self, edited: EditedChannels) -> None:
+        """Put points that were drawn behind those of the network, from where the runs take them."""
+        network, real = self.network, PRECISIONS[self.network.dtype][2]
+        relative = None if edited.drawn_xy is None else edited.drawn_xy - network.origin
+        for array, values in ((network.point_xy, relative), (network.point_section, edited.drawn_section)):
+            if array is not None and values is not None and len(values):
+                new: wp.array = wp.array(values.astype(real), dtype=self.vec2, device=self.device)
+                wp.copy(array, new, network.point_count, 0, len(values))
 
     def _gather(self, edited: EditedChannels, loops: wp.array | None, loop_sections: wp.array | None) -> None:
         """Bring the points of the network into the order of its edited channels, in ``point_moved``."""
@@ -633,6 +669,53 @@ class State:
         node_xy[nodes] = xy.astype(np.float64) + network.origin
         network.place_nodes(node_xy)
         self.nodes_placed = True
+
+    def snapshot(self) -> Snapshot:
+        """Return the network as it is between two steps, to be put back by :meth:`put_back`."""
+        self.place_nodes()
+        network, count = self.network, self.network.point_count
+        section = None if network.point_section is None else network.point_section[:count].numpy().copy()
+        return Snapshot(
+            point_xy=network.point_xy[:count].numpy().copy(),
+            point_section=section,
+            channel_start=network.starts(),
+            channels=network.channels,
+            node_xy=network.node_xy,
+            channel_length=self.channel_length,
+            saved=self.saved(),
+        )
+
+    def put_back(self, snapshot: Snapshot) -> None:
+        """Go on from a network as it was between two steps, to the bit; there is room for it."""
+        network, saved = self.network, snapshot.saved
+        network.replace_channels(snapshot.channel_start, snapshot.channels, snapshot.node_xy)
+        for array, values in (
+            (network.point_xy, snapshot.point_xy),
+            (network.point_section, snapshot.point_section),
+        ):
+            if array is not None and values is not None:
+                old: wp.array = wp.array(values, dtype=self.vec2, device=self.device)
+                wp.copy(array, old, 0, 0, len(values))
+        self.next_identity, self.channel_length = int(saved["next_identity"][0]), snapshot.channel_length
+        self.nodes_placed = True
+        for phase in self.phases:
+            phase.restore(self, saved)
+        self._install(saved["channel_spacing"], saved["channel_fixed"])
+        self.assign(self.pace, saved["channel_pace"])
+        self.plan_anew()
+
+    def hasten(self, channels: np.ndarray) -> None:
+        """Let the next step of channels be done in as many parts as their tightest bends may need.
+
+        How fast they move was measured before they had the course that they have now.
+
+        Args:
+            channels: (C,) bool.
+        """
+        pace, fixed = self.pace.numpy().copy(), self._fixed[channels]
+        travel, _ = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        pace[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(pace.dtype).max)
+        self.pace.assign(pace)
 
     # ---- records and checks
 

@@ -18,9 +18,10 @@ from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, Snapshot, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
+from warpriver.graph.edits import EditedChannels
 from warpriver.history.events import Event
 from warpriver.kernels.status import (
     CONTACTS,
@@ -139,6 +140,32 @@ class Stepper:
         """Return what happened since the last call, in the order of time."""
         events, self._events = self._events, []
         return events
+
+    def adopt(self, edited: EditedChannels, hastened: np.ndarray | None = None) -> None:
+        """Go on with edited channels from the next step on.
+
+        Args:
+            edited: The channels after an edit of the network between two steps.
+            hastened: (C,) bool, channels of which it is not known how fast they will move; none by default.
+        """
+        with self._turn:
+            self.state.place_nodes()
+            self.state.adopt(edited)
+            if hastened is not None and hastened.any():
+                self.state.hasten(hastened)
+            self.state.plan_anew()
+            self._calm = 0
+
+    def snapshot(self) -> Snapshot:
+        """Return the network as it is between two steps."""
+        with self._turn:
+            return self.state.snapshot()
+
+    def put_back(self, snapshot: Snapshot) -> None:
+        """Go on from the network as it was, between the same two steps."""
+        with self._turn:
+            self.state.put_back(snapshot)
+            self._calm = 0
 
     def step(self, count: int = 1) -> None:
         """Do so many steps; a sub-step that did not fit into its room changed nothing and is repeated.

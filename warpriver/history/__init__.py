@@ -1,12 +1,20 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
-from warpriver.history.changes import ControlChange, ControlStroke, Ground, GroundChange, ParameterChange
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.changes import (
+    AppliedEdit,
+    ControlChange,
+    ControlStroke,
+    Ground,
+    GroundChange,
+    ParameterChange,
+)
+from warpriver.history.events import Collision, Cutoff, Event, EventLog, LockHeld, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
 
 __all__ = [
+    "AppliedEdit",
     "Collision",
     "ControlChange",
     "ControlStroke",
@@ -17,6 +25,7 @@ __all__ = [
     "Ground",
     "GroundChange",
     "History",
+    "LockHeld",
     "ParameterChange",
     "Record",
     "Split",

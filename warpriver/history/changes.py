@@ -1,4 +1,4 @@
-"""What may change while a run goes on: constants and the ground. Each change is an event of the run."""
+"""What may change while a run goes on: constants, the ground, the network. Each change is an event of the run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.edits.values import Edit, edit_of
 from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
 __all__ = [
+    "AppliedEdit",
     "ControlChange",
     "ControlStroke",
     "Ground",
@@ -61,6 +63,35 @@ def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
         return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
     return json.loads(json.dumps(dict(options), default=plain))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class AppliedEdit(Event):
+    """An edit that was done between two steps, after so many of them.
+
+    Attributes:
+        time: yr.
+        step: Steps done before it.
+        name: Name of its kind, such as "MovePoint".
+        told: uint8, its kind and fields as JSON in UTF-8.
+    """
+
+    step: int
+    name: str
+    told: np.ndarray
+
+    @classmethod
+    def of(cls, time: float, step: int, edit: Edit) -> AppliedEdit:
+        """Make the event of an edit."""
+        return cls(time, step, edit.name, np.frombuffer(json.dumps(edit.as_json()).encode(), np.uint8))
+
+    @property
+    def edit(self) -> Edit:
+        """The edit, to be done again."""
+        return edit_of(json.loads(self.told.tobytes()))
+
+    def __repr__(self) -> str:
+        return f"AppliedEdit(time={self.time!r}, step={self.step!r}, {self.edit!r})"
 
 
 @dataclasses.dataclass(frozen=True)

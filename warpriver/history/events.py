@@ -18,7 +18,7 @@ import numpy as np
 
 from warpriver.errors import InputTypeError
 
-__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "Split", "event_class", "event_fields"]
+__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "LockHeld", "Split", "event_class", "event_fields"]
 
 # Classes by the name of their kind.
 _CLASSES: dict[str, type[Event]] = {}
@@ -108,6 +108,28 @@ class Collision(Event):
     def pieces(self) -> list[np.ndarray]:
         """Return the abandoned pieces, each an (n, 2) line."""
         return np.split(self.xy, self.start[1:-1])
+
+
+@dataclasses.dataclass(frozen=True)
+class LockHeld(Event):
+    """A cutoff or a collision that did not happen, because a locked point would have gone with it.
+
+    It is told once of two channels; for as long as they touch, they lie over each other.
+
+    Attributes:
+        time: yr, when it was first refused.
+        case: "cutoff", or as in :class:`Collision`.
+        channel: Identity of the channel that would have given way.
+        other: Identity of the other one.
+        x: Place of the locked point, m.
+        y: Place of the locked point, m.
+    """
+
+    case: str
+    channel: int
+    other: int
+    x: float
+    y: float
 
 
 @dataclasses.dataclass(frozen=True)

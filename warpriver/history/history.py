@@ -24,7 +24,7 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
 from warpriver.extras import need
-from warpriver.history.changes import Ground, ground_after, params_after
+from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
 from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -219,6 +219,11 @@ class History:
         """The events that are splits of rings."""
         return self.events.of(Split)
 
+    @property
+    def edits(self) -> Sequence[AppliedEdit]:
+        """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
+        return self.events.of(AppliedEdit)
+
     def __len__(self) -> int:
         return len(self._records)
 
@@ -367,7 +372,10 @@ class History:
 
     def rewind(self) -> None:
         """Forget the events after the last record: a run that goes on from there meets them again."""
-        count = self.record(-1).events_before if self._records else 0
+        self.forget_events(self.record(-1).events_before if self._records else 0)
+
+    def forget_events(self, count: int) -> None:
+        """Keep the first ``count`` events only."""
         self.events.truncate(count)
         self._events_stored = min(self._events_stored, count)
 

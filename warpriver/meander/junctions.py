@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.channel_table import JOINT_NONE
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
@@ -213,7 +214,10 @@ class MoveJunctions(Phase):
         # Beyond the channels nothing flows on.
         state.assign(self.downstream, np.concatenate([downstream, np.full(state.channel_capacity - count, -1)]))
         state.assign(self.tributaries, np.bincount(downstream[downstream >= 0], minlength=count))
-        state.assign(self.drift, state.params.junction_drift * self._rate(network.channel_width, state.params))
+        # Through nodes and locked points are no junctions.
+        wanders = ~np.isin(network.channel_from, network.channel_to[network.channel_joint != JOINT_NONE])
+        drift = state.params.junction_drift * self._rate(network.channel_width, state.params)
+        state.assign(self.drift, np.where(wanders, drift, 0.0))
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stage: heads of channels at junctions move, and the ends of their tributaries follow."""
