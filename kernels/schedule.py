@@ -7,7 +7,20 @@ import warp as wp
 from warpriver.kernels import ground as grounds
 from warpriver.kernels import polyline
 from warpriver.kernels.channels import Work
-from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, SUBSTEPS, TOTAL, TOUCH
+from warpriver.kernels.status import (
+    CONTACTS,
+    CREVASSES,
+    DONE,
+    FAULT,
+    GOAL,
+    HALT,
+    NUMBER,
+    PLANNED,
+    STEPS,
+    SUBSTEPS,
+    TOTAL,
+    TOUCH,
+)
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -60,11 +73,11 @@ def build(scalar):
     ):
         """Halt this sub-step and those after it where the host is needed first, or clear what is planned anew.
 
-        The host is needed after a fault, when as many steps are done as it asked for, and when channels have come to
-        touch in a sub-step of the row: it joins them.
+        The host is needed after a fault, when as many steps are done as it asked for, and when in a sub-step of the row
+        channels have come to touch, which it joins, or banks to break.
         """
         channel = wp.tid()
-        touch = status_io[DONE] > 0 and status_io[CONTACTS] > 0
+        touch = status_io[DONE] > 0 and (status_io[CONTACTS] > 0 or status_io[CREVASSES] > 0)
         if touch or status_io[FAULT] != 0 or status_io[STEPS] >= status_io[GOAL] or status_io[HALT] != 0:
             # Every thread comes to the same answer, whether it sees this or not.
             if channel == 0 and status_io[HALT] == 0:

@@ -23,7 +23,7 @@ VARIANTS = ("from warpriver.kernels.variants import once", "from warpriver.kerne
 WITHOUT_BUILD = ("__init__", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
-    "avulsions": ["meander/courses.py"],
+    "avulsions": ["meander/avulsions.py", "meander/courses.py"],
     "cells": ["hydrology/cells.py"],
     "collisions": ["meander/collisions.py"],
     "controls": ["meander/control_map.py"],

@@ -64,7 +64,8 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
-    "Attractor": "warpriver.meander.controls",  # the controls are listed by their room
+    "Attractor": "warpriver.meander.controls",  # controls and their like are listed by their room
+    "AvulsionParams": "warpriver.params",
     "ControlField": "warpriver.meander.controls",
     "DampingRegion": "warpriver.meander.controls",
     "ErodibilityField": "warpriver.meander.controls",

@@ -120,7 +120,7 @@ class Simulation:
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops beyond its edge
                 and where it has no data. A terrain on the network's device is shared, not copied: brush it between
-                steps, and the channels feel it. From another device it is copied once; then brush
+                steps, and the channels feel it; avulsions carve it. From another device it is copied once; then brush
                 ``simulation.terrain``, which is the copy.
             seed: Seed of the random numbers that ``phases`` draw.
             device: Warp device, by default the network's.

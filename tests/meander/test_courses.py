@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from warpriver import Terrain
-from warpriver.meander.courses import Course, CourseParams, Refusal, carve_course, falling_bed, walk_courses
+from warpriver.meander.courses import Course, Refusal, carve_course, falling_bed, walk_courses
+from warpriver.params import AvulsionParams
 
 SPACING = 50.0
 
@@ -61,7 +62,7 @@ def test_ten_thousand_courses_all_end_within_their_steps(device):
 
 def test_without_chance_the_walk_is_that_of_the_twin(device):
     start, target, first, seeds = trials(40, 3)
-    courses = walk_courses(start, target, first, seeds, SPACING, CourseParams(jitter=0.0), device=device)
+    courses = walk_courses(start, target, first, seeds, SPACING, AvulsionParams(jitter=0.0), device=device)
     for k, course in enumerate(courses):
         np.testing.assert_allclose(course.xy, twin(start[k], target[k], first[k], SPACING, lambda _: 0.0), atol=1e-7)
 
@@ -101,14 +102,14 @@ def test_falling_ground_needs_nothing_and_rises_are_carved_or_refused():
     steep = east(plane(0.001, step=8.0))
     assert isinstance(steep, Refusal) and steep.reason == "the ground rises by more than 0.05 m/m"
     assert steep.xy[0] == pytest.approx(3000.0, abs=SPACING)
-    assert isinstance(east(plane(0.001, step=8.0), CourseParams(steepest_rise=0.17)), Course)
+    assert isinstance(east(plane(0.001, step=8.0), AvulsionParams(steepest_rise=0.17)), Course)
     beyond = east(plane(0.001), target=(9000.0, 2000.0))
     assert isinstance(beyond, Refusal) and beyond.reason == "there is no ground"
 
 
 def test_a_walk_that_begins_the_wrong_way_arrives():
     away = np.array([[-1.0, 1e-3]])
-    found = walk_courses([(0.0, 0.0)], [(1000.0, 0.0)], away, [0], SPACING, CourseParams(jitter=0.0))[0]
+    found = walk_courses([(0.0, 0.0)], [(1000.0, 0.0)], away, [0], SPACING, AvulsionParams(jitter=0.0))[0]
     assert isinstance(found, Course) and len(found.xy) * SPACING < 4000.0
 
 
@@ -126,7 +127,7 @@ def test_carving_lowers_the_width_and_blends_to_twice_it(device):
     terrain = plane(0.0).to(device)
     before = terrain.to_numpy()
     xy = np.array([[500.0, 2000.0], [3000.0, 2400.0], [5000.0, 1200.0]])
-    carve_course(terrain, Course(xy, np.full(3, 100.0), np.array([99.0, 97.0, 96.0])), 300.0)
+    carve_course(terrain, xy, np.array([99.0, 97.0, 96.0]), 300.0)
     after = terrain.to_numpy()
     rows, columns = np.indices(after.shape)
     place = np.stack([(columns + 0.5) * 50.0, 4000.0 - (rows + 0.5) * 50.0], axis=-1).reshape(-1, 2)
@@ -140,5 +141,5 @@ def test_carving_lowers_the_width_and_blends_to_twice_it(device):
     np.testing.assert_allclose(after[inside], np.interp(at, s, [99.0, 97.0, 96.0]), atol=1e-9)
     assert (after <= before).all()
     higher = plane(0.0)
-    carve_course(higher, Course(xy, np.full(3, 100.0), np.full(3, 101.0)), 300.0)
+    carve_course(higher, xy, np.full(3, 101.0), 300.0)
     np.testing.assert_array_equal(higher.to_numpy(), before)

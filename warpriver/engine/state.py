@@ -20,7 +20,7 @@ from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, runs, schedule
 from warpriver.kernels import ground as grounds
 from warpriver.kernels.channels import COARSEST_SPACING, Work
-from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
+from warpriver.kernels.status import BEGUN, GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
@@ -67,15 +67,20 @@ class Status:
         self._view = self._host.numpy()
         self._sent = False
 
-    def begin(self, steps: int) -> None:
-        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
+    def begin(self, steps: int, begun: int = 0) -> None:
+        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before.
+        """
         if self._sent:
             # The copy to the device may still be on its way.
             wp.synchronize_device(self.array.device)
             self._sent = False
         points = self._view[POINTS]
         self._view.fill(0)
-        self._view[GOAL], self._view[POINTS] = steps, points
+        self._view[GOAL], self._view[POINTS], self._view[BEGUN] = steps, points, begun
 
     def send(self) -> None:
         """Copy the host's block to the device."""
@@ -173,6 +178,7 @@ class State:
         phases: All phases of a step, in order.
         seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
+        step_count: Whole steps done, up to the last row.
         edits: Edits of the network so far.
         next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
@@ -236,6 +242,7 @@ class State:
         self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
         self.controls = controls
+        self.step_count = 0
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
         self.keep_plan, self.nodes_placed = False, True
@@ -535,9 +542,14 @@ class State:
         """Run stages."""
         run_stages(stages, self.whole, self.slabs)
 
-    def begin_row(self, steps: int = 1) -> None:
-        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
-        self.status.begin(steps)
+    def begin_row(self, steps: int = 1, begun: int | None = None) -> None:
+        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before, by default ``step_count``.
+        """
+        self.status.begin(steps, self.step_count if begun is None else begun)
         self.status.send()
 
     def read_status(self) -> list[int]:

@@ -52,7 +52,6 @@ class Stepper:
     Attributes:
         state: The network on its device, with what all phases share.
         phases: The phases of a step, in order.
-        step_count: Steps done.
         row_limit: Sub-steps at most before the host looks at them.
         threads: Greatest number of threads that a step is dealt out to.
         check: True: every phase of every step is checked.
@@ -97,7 +96,6 @@ class Stepper:
         self.check, self.capture = check, capture and not check
         self.threads = _thread_count(threads) if network.device.is_cpu else 1
         self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
-        self.step_count = 0
         self.seconds: dict[str, float] | None = None
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
@@ -130,6 +128,15 @@ class Stepper:
         state.begin_row()
         state.run([*begin_substep(state), *self.phases[0].stages(state)])
         state.plan_anew()
+
+    @property
+    def step_count(self) -> int:
+        """Steps done."""
+        return self.state.step_count
+
+    @step_count.setter
+    def step_count(self, count: int) -> None:
+        self.state.step_count = count
 
     def stages(self) -> list[Stage]:
         """Return the stages of one sub-step, in order."""
@@ -225,7 +232,7 @@ class Stepper:
             if count not in self._replays:
                 stages = state.status.stages(self.stages() * count)
                 self._replays[count] = self._record(stages)
-            state.status.begin(steps)
+            state.status.begin(steps, state.step_count)
             for name, replay in self._replays[count]:
                 begin = 0.0 if self.seconds is None else time.perf_counter()
                 replay.run()

@@ -8,16 +8,18 @@ from warpriver.history.changes import (
     GroundChange,
     ParameterChange,
 )
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, LockHeld, Split
+from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, LockHeld, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
 
 __all__ = [
     "AppliedEdit",
+    "Avulsion",
     "Collision",
     "ControlChange",
     "ControlStroke",
+    "Crevasse",
     "Cutoff",
     "Event",
     "EventLog",

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import avulsions as kernels
-from warpriver.params import Params, parameter
+from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
-__all__ = ["Course", "CourseParams", "Refusal", "carve_course", "walk_courses"]
+__all__ = ["Course", "Refusal", "carve_course", "falling_bed", "walk_courses"]
 
 FloatArray = NDArray[np.float64]
 
@@ -25,38 +25,6 @@ FloatArray = NDArray[np.float64]
 MAX_STEPS = 4.0
 # Courses that are walked in one launch.
 BATCH = 4096
-
-
-@dataclasses.dataclass(frozen=True)
-class CourseParams(Params):
-    """How the new course of an avulsion finds its way [Paris2023]."""
-
-    first_angle: float = parameter(
-        45.0, "deg", low=0.0, high=180.0, source="Paris2023", doc="largest angle of the first step to the old course"
-    )
-    jitter: float = parameter(
-        5.0, "deg", low=0.0, high=45.0, source="Paris2023", doc="largest turn by chance at each step"
-    )
-    steepest_rise: float = parameter(
-        0.05, "m/m", low=0.0, source="Paris2023", doc="rise of the ground that a new course still carves through"
-    )
-    fall: float = parameter(
-        1e-4, "m/m", low=0.0, low_open=True, source="warpriver", doc="minimum slope of the carved bed"
-    )
-    deepest_cut: float = parameter(
-        2.0, "depths", low=0.0, low_open=True, source="warpriver", doc="maximum cut into the ground"
-    )
-    nearest: float = parameter(
-        10.0, "widths", low=0.0, low_open=True, source="warpriver", doc="minimum distance to the end, along the channel"
-    )
-    farthest: float = parameter(
-        100.0,
-        "widths",
-        low=0.0,
-        low_open=True,
-        source="warpriver",
-        doc="maximum distance to the end, along the channel",
-    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +66,7 @@ def walk_courses(
     direction: ArrayLike,
     seeds: Sequence[int] | NDArray[np.uint32],
     spacing: float,
-    params: CourseParams | None = None,
+    params: AvulsionParams | None = None,
     terrain: Terrain | None = None,
     device: wp.DeviceLike = "cpu",
 ) -> list[Course | Refusal]:
@@ -121,7 +89,7 @@ def walk_courses(
     Returns:
         For each a Course, or a Refusal that says why there is none.
     """
-    params = CourseParams() if params is None else params
+    params = AvulsionParams() if params is None else params
     ends = np.stack([np.asarray(start, np.float64), np.asarray(target, np.float64)], axis=1)
     first, seed = np.asarray(direction, np.float64), np.asarray(seeds, np.uint32)
     found: list[Course | Refusal] = []
@@ -136,7 +104,7 @@ def _walk_batch(
     direction: FloatArray,
     seeds: NDArray[np.uint32],
     spacing: float,
-    params: CourseParams,
+    params: AvulsionParams,
     terrain: Terrain | None,
     device: wp.DeviceLike,
 ) -> list[Course | Refusal]:
@@ -184,22 +152,23 @@ def falling_bed(xy: FloatArray, ground: FloatArray, fall: float) -> FloatArray:
     return np.asarray(np.minimum.accumulate(ground + fall * s) - fall * s)
 
 
-def carve_course(terrain: Terrain, course: Course, width: float) -> None:
-    """Carve the bed of a course into a terrain: over its width wholly, blended to twice that; nothing is raised.
+def carve_course(terrain: Terrain, xy: FloatArray, bed: FloatArray, width: float) -> None:
+    """Carve a bed into a terrain: over the width wholly, blended to twice that; nothing is raised.
 
     Args:
         terrain: Changed in place.
-        course: The course.
+        xy: (n, 2) points of the course, m.
+        bed: (n,) height of its bed there, m.
         width: Width of the channel, m.
     """
     if not (math.isfinite(width) and width > 0.0):
         raise InputError(f"width is {width!r}; give a positive length in m")
-    (west, south), (east, north) = course.xy.min(axis=0) - width, course.xy.max(axis=0) + width
+    (west, south), (east, north) = xy.min(axis=0) - width, xy.max(axis=0) + width
     window = terrain.raster.window(west, south, east, north)
     if window is None:
         return
     kernel = kernels.build(wp.float64)
-    line: wp.array = wp.array(course.xy, dtype=wp.vec2d, device=terrain.device)
-    bed: wp.array = wp.array(course.bed, dtype=wp.float64, device=terrain.device)
-    inputs = [terrain.grid(), wp.float64(width), wp.vec4i(*window), line, bed]
+    line: wp.array = wp.array(xy, dtype=wp.vec2d, device=terrain.device)
+    heights: wp.array = wp.array(bed, dtype=wp.float64, device=terrain.device)
+    inputs = [terrain.grid(), wp.float64(width), wp.vec4i(*window), line, heights]
     launch_kernel(kernel.carve_line, window[2:], inputs, [terrain.height], device=terrain.device)
