@@ -80,7 +80,7 @@ def _running_sum(phase: str, kind: str, per: str, only: str = "") -> tuple[Launc
 
 
 # What tells how channels go on in each other.
-STEMS = ("upper", "lower", "top", "bottom", "length")
+STEMS = ("upper", "lower", "top", "bottom", "length", "held")
 # What the next run of points needs of its channel.
 CHANNELS = (
     *_read("channels.start", "channels.form", "channels.spacing", "channels.step", per="channel"),

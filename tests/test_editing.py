@@ -9,7 +9,8 @@ from edited import SOLVERS, bends, bits, do_random, lines, river, tree
 from scipy.spatial import cKDTree
 
 import warpriver as wr
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, edits
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits
+from warpriver.engine import state as engine_state
 from warpriver.errors import InputError, InputTypeError
 from warpriver.history import AppliedEdit, History
 
@@ -41,8 +42,8 @@ def dense(line, times=50):
     return CubicSpline(arc, line)(fine)
 
 
-def test_split_and_join_are_the_identity_to_the_bit():
-    for sim in (river(), tree(), tree(params=SOLVERS["paths"])):
+def test_split_and_join_are_the_identity_to_the_bit(device):
+    for sim in (river(device=device), tree(device=device), tree(params=SOLVERS["paths"], device=device)):
         sim.run(steps=5)
         before, channel = bits(sim), int(sim.network.channel_id[0])
         length = sim.network.channel_lengths()[0]
@@ -59,8 +60,11 @@ def test_split_and_join_are_the_identity_to_the_bit():
         assert [a for k, a in enumerate(after) if k not in free] == [b for k, b in enumerate(before) if k not in free]
 
 
-def test_a_river_that_was_split_goes_on_as_if_it_was_not():
-    apart, whole = river(), river()
+@pytest.mark.parametrize("memory", ["stem", "channel"])
+def test_a_river_that_was_split_goes_on_as_if_it_was_not(memory):
+    network = river().network
+    params = MeanderParams(spacing=50.0, upstream_memory=memory)
+    apart, whole = (Simulation(network, params) for _ in range(2))
     for sim in (apart, whole):
         sim.run(steps=20)
     apart.apply(edits.SplitChannel(0, 5_000.0))
@@ -85,8 +89,8 @@ def test_a_split_gives_each_part_its_own_section():
     assert sim.network.channel_width.tolist() == [80.0]
 
 
-def test_a_moved_point_takes_its_surroundings_along_and_nothing_else():
-    sim = bends()
+def test_a_moved_point_takes_its_surroundings_along_and_nothing_else(device):
+    sim = bends(device=device)
     sim.run(steps=5)
     before, channel = lines(sim), 1
     line = before[channel]
@@ -104,7 +108,7 @@ def test_a_moved_point_takes_its_surroundings_along_and_nothing_else():
     kept = after[channel][np.hypot(*(after[channel] - line[middle]).T) > radius]
     assert distance_to(old, kept).max() < SAME_CURVE * 50.0
     # And they stay the same to the bit in the steps that follow, where nothing joins them.
-    others, edited = models.plain(), models.plain()
+    others, edited = models.plain(device=device), models.plain(device=device)
     edited.apply(edits.MovePoint(4, 1_000.0, tuple(edited.network.polylines()[4][40] + 60.0), 300.0))
     for each in (others, edited):
         each.run(steps=30)
@@ -228,8 +232,8 @@ def test_a_reach_is_set_between_through_nodes():
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_two_hundred_edits_are_taken_back_and_done_again(solver):
-    sim = tree(params=SOLVERS[solver], ground=True)
+def test_two_hundred_edits_are_taken_back_and_done_again(solver, device):
+    sim = tree(params=SOLVERS[solver], ground=True, device=device)
     sim.run(steps=5)
     rng = np.random.default_rng(2)
     states, events = [bits(sim)], [len(sim.history.events)]
@@ -246,11 +250,27 @@ def test_two_hundred_edits_are_taken_back_and_done_again(solver):
         sim.redo()
         assert bits(sim) == states[k] and len(sim.history.events) == events[k]
     # The next step is that of one who has never looked back.
-    once = tree(params=SOLVERS[solver], ground=True)
+    once = tree(params=SOLVERS[solver], ground=True, device=device)
     wr.Simulation.replay(once, sim.history)
     for each in (sim, once):
         each.run(steps=3)
     assert bits(sim) == bits(once)
+
+
+@pytest.mark.parametrize("name", ["on hills", "single precision", "rings", "paths in parts"])
+def test_every_model_goes_on_after_any_edits(name, device):
+    """With widths that vary along the channels, in single precision, beside rings; and every phase keeps its word."""
+    sim = models.MODELS[name][0](check=True, device=device)
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        do_random(sim, rng, 4)
+        before = bits(sim)
+        sim.undo()
+        sim.redo()
+        assert bits(sim) == before
+        sim.step(2)
+    again = Simulation.replay(models.MODELS[name][0](threads=2, device=device), sim.history, steps=sim.step_count)
+    assert bits(again) == bits(sim)
 
 
 def test_undo_ends_at_the_last_step():
@@ -281,23 +301,29 @@ def session(threads=1, seed=4, **options):
     return sim
 
 
-def test_a_session_is_its_seed_and_its_edits(tmp_path):
-    sim = session()
+def test_a_session_is_its_seed_and_its_edits(tmp_path, device):
+    sim = session(device=device)
     edits.write_edits(tmp_path / "session.json", sim)
     sim.history.save(tmp_path / "run")
     read = edits.read_edits(tmp_path / "session.json")
     assert len(read.edits) == 18 and read.steps == 28
     for threads in (1, 2, 4):
-        again = Simulation.replay(tree(ground=True, threads=threads), read)
+        again = Simulation.replay(tree(ground=True, threads=threads, device=device), read)
         assert bits(again) == bits(sim) and again.step_count == 28
         assert list(again.history.edits) == list(sim.history.edits)
     # From the history alone, with the ground as it was in the beginning.
     stored = wr.read_history(tmp_path / "run")
     assert [event.edit for event in stored.edits] == [edit for _, edit in read.edits]
-    again = Simulation.replay(stored, stored, terrain=tree(ground=True).terrain)
+    again = Simulation.replay(stored, stored, terrain=tree(ground=True).terrain, device=device)
     assert bits(again) == bits(sim)
     with pytest.raises(InputError, match="is not the one that the run has had"):
         Simulation.replay(stored, stored, terrain=sim.terrain)
+
+
+def test_a_session_is_the_same_in_a_gpu_s_layout(monkeypatch):
+    sim = session()
+    monkeypatch.setattr(engine_state, "CPU_CHUNK", 32)
+    assert bits(Simulation.replay(tree(ground=True), sim.history, steps=sim.step_count)) == bits(sim)
 
 
 def test_a_replay_refuses_what_is_another_session():
@@ -405,6 +431,12 @@ def evenly():
     return Simulation(RiverNetwork.from_polylines([line], width=60.0), params)
 
 
+def far_sighted():
+    """A solver that looks for shortcuts over 600 m, which no part of a channel can be shorter than."""
+    params = PathMeander(spacing=50.0, search_radius=10.0, cutoff_min_arc=11.0)
+    return Simulation(RiverNetwork.from_polylines(river().network.polylines(), width=60.0), params)
+
+
 def two_rivers():
     line = river().network.polylines()[0]
     network = RiverNetwork.from_polylines([line, line + [0.0, 6_000.0]], width=60.0)
@@ -436,6 +468,7 @@ def end_of(sim, dx=0.0, dy=0.0):
         (locked, lambda s: edits.LockPoint(0, 5_000.0), "is locked there already"),
         (ring, lambda s: edits.LockPoint(0, 300.0), "channel 0 is a ring, which cannot be locked"),
         (ring, lambda s: edits.SplitChannel(0, 300.0), "channel 0 is a ring, which cannot be split"),
+        (far_sighted, lambda s: edits.LockPoint(0, 550.0), "search_radius 10 widths .* exceeds the length"),
         (river, lambda s: edits.UnlockPoint(0, 300.0), "channel 0 has no locked point"),
         (river, lambda s: edits.MovePoint(0, 300.0, (0.0, 0.0), 60.0), "radius is 60 m; the points are"),
         (river, lambda s: edits.SplitChannel(0, 20.0), "0 spacings from its head of channel 0; to be split keep 2"),

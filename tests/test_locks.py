@@ -7,7 +7,7 @@ from edited import SOLVERS, bends, bits, river
 from warpriver import MeanderParams, RiverNetwork, Simulation, edits
 from warpriver.engine import state as engine_state
 from warpriver.engine.substeps import begin_substep
-from warpriver.history import History, LockHeld
+from warpriver.history import HeldLock, History
 
 # Rounding of a displacement of metres at coordinates of kilometres, m.
 ROUNDING = 1e-9
@@ -22,8 +22,8 @@ def locked_points(sim):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_lock_holds_over_a_thousand_steps_with_cutoffs_beside_it(solver):
-    sim = river(length=20_000.0, params=SOLVERS[solver])
+def test_a_lock_holds_over_a_thousand_steps_with_cutoffs_beside_it(solver, device):
+    sim = river(length=20_000.0, params=SOLVERS[solver], device=device)
     sim.run(steps=20)
     line = sim.network.polylines()[0]
     sim.lock(0, 6_000.0)
@@ -115,13 +115,13 @@ def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_pa
     place = locked_points(sim)[0].copy()
     sim.run(steps=10, store=tmp_path / "run")
     assert not sim.history.collisions and not sim.history.cutoffs
-    (held,) = sim.history.events.of(LockHeld)
+    (held,) = sim.history.events.of(HeldLock)
     assert held.case == "cutoff" and {held.channel, held.other} == {0, 1} and (held.x, held.y) == tuple(place)
     np.testing.assert_array_equal(locked_points(sim)[0], place)
     again = Simulation.resume(History.load(tmp_path / "run"))
     for each in (sim, again):
         each.step(10)
-    assert bits(again) == bits(sim) and len(again.history.events.of(LockHeld)) == 1
+    assert bits(again) == bits(sim) and len(again.history.events.of(HeldLock)) == 1
     # Unlocked, it is a neck like any other.
     sim.unlock(0, tuple(place))
     sim.step(2)
@@ -141,7 +141,7 @@ def test_a_tributary_that_touches_does_not_take_a_lock_away():
         sim.step(3)
     assert len(free.history.collisions) == 1 and free.history.collisions[0].channel == 1
     assert not held.history.collisions
-    (told,) = held.history.events.of(LockHeld)
+    (told,) = held.history.events.of(HeldLock)
     assert told.case == "disconnected" and told.other == 0
     np.testing.assert_array_equal(locked_points(held)[0], place)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,15 +13,17 @@ import numpy as np
 from warpriver import edits
 from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
 from warpriver.edits.values import Place
+from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
+from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["LOCK_SPACINGS", "do_edit", "edit_terrain", "terrain_window"]
+__all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
 
 # Spacings that locked points keep from each other and from the ends of their channel: the samples between them are
 # even, so that a short part would be sampled by up to half a spacing in so many otherwise than the target.
@@ -30,17 +34,110 @@ PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
 MOVE_SPACINGS = 2.0
 
 
-def do_edit(stepper: Stepper, edit: edits.Edit) -> None:
-    """Do an edit of the network.
+@dataclasses.dataclass(frozen=True)
+class _Done:
+    """An edit that was done since the last step, and what it takes to take it back.
 
-    Args:
-        stepper: Does the steps, and stands between two of them.
+    Attributes:
         edit: The edit.
-
-    Raises:
-        ValueError: It cannot be done; the network may be in the middle of it, and is for the caller to put back.
+        events_before: Events of the history before it.
+        network: The network before it; None where the ground was edited.
+        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
+            heights that were there.
     """
-    _do(edit, stepper)
+
+    edit: edits.Edit
+    events_before: int
+    network: Snapshot | None = None
+    window: tuple[int, int, int, int] | None = None
+    cells: np.ndarray | None = None
+
+
+class EditStack:
+    """The edits that were done between the same two steps, to be taken back and done again."""
+
+    def __init__(self, check: Callable[[RiverNetwork], None]):
+        """Start without any; ``check`` raises ``ValueError`` for a network that the run cannot go on with."""
+        self._check = check
+        self._done: list[_Done] = []
+        self._undone: list[edits.Edit] = []
+
+    def apply(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
+        """Do an edit and note it in the history.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        self._do(stepper, history, edit)
+        self._undone.clear()
+
+    def undo(self, stepper: Stepper, history: History) -> edits.Edit:
+        """Take the last edit back and return it.
+
+        Raises:
+            ValueError: None was done.
+        """
+        if not self._done:
+            raise InputError(
+                "no edit was done since the last step, and none before it can be taken back; replay the session "
+                "without it: Simulation.replay(start, edits)"
+            )
+        done, terrain = self._done.pop(), stepper.state.terrain
+        if done.network is not None:
+            stepper.put_back(done.network)
+        elif done.window is not None and done.cells is not None and terrain is not None:
+            terrain.raster.put_cells(done.window, done.cells)
+        history.forget_events(done.events_before)
+        self._undone.append(done.edit)
+        return done.edit
+
+    def redo(self, stepper: Stepper, history: History) -> edits.Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back.
+        """
+        if not self._undone:
+            raise InputError("no edit was taken back since the last edit or step; there is nothing to do again")
+        edit = self._undone.pop()
+        self._do(stepper, history, edit)
+        return edit
+
+    def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
+        events, state = len(history.events), stepper.state
+        if isinstance(edit, edits.EditTerrain):
+            terrain = state.terrain
+            if terrain is None:
+                raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
+            window = terrain_window(terrain, edit)
+            cells = None if window is None else terrain.raster.cells(window)
+            edit_terrain(terrain, edit)
+            done = _Done(edit, events, window=window, cells=cells)
+        else:
+            before = stepper.snapshot()
+            try:
+                _do(edit, stepper)
+                self._check(state.network)
+            except BaseException:
+                stepper.put_back(before)
+                raise
+            done = _Done(edit, events, network=before)
+        steps = stepper.step_count
+        history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
+        self._done.append(done)
+
+
+def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
+    """Yield events without those that tell once more that a lock keeps two channels apart."""
+    told: set[tuple[int, int]] | None = None
+    for event in events:
+        if isinstance(event, HeldLock):
+            if told is None:
+                told = {(held.channel, held.other) for held in log.of(HeldLock)}
+            if (event.channel, event.other) in told:
+                continue
+            told.add((event.channel, event.other))
+        yield event
 
 
 @functools.singledispatch
@@ -199,16 +296,21 @@ def _(edit: edits.MovePoint, stepper: Stepper) -> None:
     elif 0 < i < last:
         arc = river.arc[k]
         reach = np.where(arc < arc[i], min(edit.radius, arc[i] - arc[0]), min(edit.radius, arc[-1] - arc[i]))
-        work.redraw(c, river.xy[k] + _fall_off(np.abs(arc - arc[i]) / reach) * shift)
+        _shift(work, c, river.xy[k], np.abs(arc - arc[i]) / reach, shift)
     else:
         node = int(network.channel_from[c] if i == 0 else network.channel_to[c])
         _move_node(work, node, edit.radius, shift)
     _adopt(stepper, work)
 
 
-def _fall_off(t: np.ndarray) -> np.ndarray:
-    """(1 - t^2)^3, 0 from t = 1 on, as a column: what a point moves of the way of one that is moved."""
-    return (np.maximum(1.0 - t * t, 0.0) ** 3)[:, None]
+def _shift(work: Reworking, c: int, xy: np.ndarray, t: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Move the points of a channel by (1 - t^2)^3 of a way, 0 from t = 1 on, and return where they are then."""
+    part = np.maximum(1.0 - t * t, 0.0) ** 3
+    inside = np.flatnonzero(part > 0.0)
+    begin, stop = int(inside[0]), int(inside[-1]) + 1
+    moved = xy + part[:, None] * shift
+    work.redraw(c, begin, stop, moved[begin:stop])
+    return moved
 
 
 def _move_ring(work: Reworking, c: int, xy: np.ndarray, i: int, edit: edits.MovePoint, shift: np.ndarray) -> None:
@@ -216,8 +318,7 @@ def _move_ring(work: Reworking, c: int, xy: np.ndarray, i: int, edit: edits.Move
     arc, length = np.concatenate([[0.0], np.cumsum(step[:-1])]), float(step.sum())
     away = np.abs(arc - arc[i])
     away = np.minimum(away, length - away)
-    moved = xy + _fall_off(away / min(edit.radius, 0.5 * length)) * shift
-    work.redraw(c, moved)
+    moved = _shift(work, c, xy, away / min(edit.radius, 0.5 * length), shift)
     work.place_node(int(work.network.channel_to[c]), moved[0])
 
 
@@ -228,8 +329,7 @@ def _move_node(work: Reworking, node: int, radius: float, shift: np.ndarray) -> 
         xy = work.line(c)
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
         away = arc if network.channel_from[c] == node else arc[-1] - arc
-        moved = xy + _fall_off(away / min(radius, arc[-1])) * shift
-        work.redraw(c, moved)
+        _shift(work, c, xy, away / min(radius, float(arc[-1])), shift)
     work.place_node(node, network.node_xy[node] + shift)
 
 
@@ -392,7 +492,7 @@ def _(edit: edits.RedrawSection, stepper: Stepper) -> None:
         raise InputError("the line has no length; draw a longer one")
     line = smooth_line(drawn, spacing)
     work = _rework(stepper)
-    work.replace_reach(c, river.first[k] + i, river.first[k] + j, line[1:-1])
+    work.redraw(c, i + 1, j, line[1:-1])
     _adopt(stepper, work)
 
 

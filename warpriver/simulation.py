@@ -15,26 +15,15 @@ from typing import Any
 import numpy as np
 
 from warpriver import progress as progress_bar
-from warpriver.editing import do_edit, edit_terrain, terrain_window
+from warpriver.editing import EditStack, untold
 from warpriver.edits.session import session_of
-from warpriver.edits.values import Edit, EditTerrain, LockPoint, Place, UnlockPoint
+from warpriver.edits.values import Edit, LockPoint, Place, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
-from warpriver.engine.state import Snapshot
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import (
-    AppliedEdit,
-    ControlChange,
-    ControlStroke,
-    Ground,
-    History,
-    LockHeld,
-    ParameterChange,
-    Record,
-    StopReason,
-)
+from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
 from warpriver.meander.controls import Control
@@ -50,28 +39,6 @@ __all__ = ["Simulation"]
 
 # Steps of a run, all its continuations together; the fastest take 20 us each.
 MAX_STEPS = 2**31 - 1
-
-
-Window = tuple[int, int, int, int]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Done:
-    """An edit that was done since the last step, and what it takes to take it back.
-
-    Attributes:
-        edit: The edit.
-        events_before: Events of the history before it.
-        network: The network before it; None where the ground was edited.
-        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
-            heights that were there.
-    """
-
-    edit: Edit
-    events_before: int
-    network: Snapshot | None = None
-    window: Window | None = None
-    cells: np.ndarray | None = None
 
 
 class Simulation:
@@ -154,7 +121,7 @@ class Simulation:
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
         self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
-        self._forget_done()
+        self._edits = EditStack(self._check)
         self._record()
 
     @classmethod
@@ -214,10 +181,10 @@ class Simulation:
         again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
-        self._forget_done()
+        self._edits = EditStack(self._check)
         for edit in again:
             self.apply(edit)
-        self._forget_done()
+        self._edits = EditStack(self._check)
         return self
 
     @classmethod
@@ -305,7 +272,7 @@ class Simulation:
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
-        self._forget_done()
+        self._edits = EditStack(self._check)
         self._record()
         return self
 
@@ -356,7 +323,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
-        self._forget_done()
+        self._edits = EditStack(self._check)
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -513,7 +480,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
-            self._forget_done()
+            self._edits = EditStack(self._check)
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -549,8 +516,7 @@ class Simulation:
         """
         if not isinstance(edit, Edit):
             raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
-        self._do(edit)
-        self._undone.clear()
+        self._edits.apply(self.stepper, self.history, edit)
 
     def lock(self, channel: int, at: Place) -> None:
         """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
@@ -569,19 +535,7 @@ class Simulation:
         Raises:
             ValueError: No edit was done since the last step.
         """
-        if not self._done:
-            raise InputError(
-                "no edit was done since the last step, and none before it can be taken back; replay the session "
-                "without it: Simulation.replay(start, edits)"
-            )
-        done = self._done.pop()
-        if done.network is not None:
-            self.stepper.put_back(done.network)
-        elif done.window is not None and done.cells is not None and self.terrain is not None:
-            self.terrain.raster.put_cells(done.window, done.cells)
-        self.history.forget_events(done.events_before)
-        self._undone.append(done.edit)
-        return done.edit
+        return self._edits.undo(self.stepper, self.history)
 
     def redo(self) -> Edit:
         """Do the edit again that was taken back last, and return it.
@@ -589,44 +543,7 @@ class Simulation:
         Raises:
             ValueError: None was taken back since the last edit or step.
         """
-        if not self._undone:
-            raise InputError("no edit was taken back since the last edit or step; there is nothing to do again")
-        edit = self._undone.pop()
-        self._do(edit)
-        return edit
-
-    def _do(self, edit: Edit) -> None:
-        events = len(self.history.events)
-        if isinstance(edit, EditTerrain):
-            window, cells = self._edit_ground(edit)
-            done = _Done(edit, events, window=window, cells=cells)
-        else:
-            before = self.stepper.snapshot()
-            try:
-                do_edit(self.stepper, edit)
-                model = model_of(self.params).with_phases(self._added)
-                _check_network(self.network, self.params, model)
-            except BaseException:
-                self.stepper.put_back(before)
-                raise
-            done = _Done(edit, events, network=before)
-        self.history.events.append(AppliedEdit.of(self.time, self.step_count, edit))
-        self._done.append(done)
-
-    def _edit_ground(self, edit: EditTerrain) -> tuple[Window | None, np.ndarray | None]:
-        """Do an edit of the ground; return the cells that it may have changed, if any, and what was in them."""
-        terrain = self.terrain
-        if terrain is None:
-            raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
-        window = terrain_window(terrain, edit)
-        before = None if window is None else terrain.raster.cells(window)
-        edit_terrain(terrain, edit)
-        return window, before
-
-    def _forget_done(self) -> None:
-        """Begin without edits that could be taken back or done again."""
-        self._done: list[_Done] = []
-        self._undone: list[Edit] = []
+        return self._edits.redo(self.stepper, self.history)
 
     # ---- inside
 
@@ -666,18 +583,14 @@ class Simulation:
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
         self._note_strokes()
-        self._forget_done()
+        self._edits = EditStack(self._check)
         try:
             self.stepper.step(steps)
         finally:
-            for event in self.stepper.take_events():
-                if not isinstance(event, LockHeld) or self._is_new(event):
-                    self.history.events.append(event)
+            self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
 
-    def _is_new(self, event: LockHeld) -> bool:
-        """Tell whether the history has not told yet that a lock keeps these two channels apart."""
-        known = self.history.events.of(LockHeld)
-        return not any((held.channel, held.other) == (event.channel, event.other) for held in known)
+    def _check(self, network: RiverNetwork) -> None:
+        _check_network(network, self.params, model_of(self.params).with_phases(self._added))
 
     def _note_strokes(self) -> None:
         """Take up, and note in the history, what was painted since the last step."""

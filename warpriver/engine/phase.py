@@ -58,11 +58,13 @@ class Phase(Member, Protocol):
         moves_nodes: Whether the ends of channels, and the nodes with them, may move.
         follows_stems: Whether channels that go on from each other at a junction move as one river; they then take the
             same sub-steps.
+        follows_through: Whether they do at through nodes, at which nothing joins.
     """
 
     name: str
     moves_nodes: bool = False
     follows_stems: bool = False
+    follows_through: bool = False
 
     def check_network(self, network: RiverNetwork) -> None:
         """Raise ``ValueError`` for a network that the process cannot deal with."""

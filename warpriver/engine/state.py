@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
@@ -10,10 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from warpriver.channel_table import ChannelTable
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
-from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.replay import Replay
+from warpriver.engine.snapshot import Snapshot
+from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
 from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
@@ -24,7 +24,7 @@ from warpriver.kernels.status import BEGUN, GOAL, POINTS, POINTS_NEEDED, STATUS_
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "Snapshot", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -116,35 +116,13 @@ class Controls(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
-class Snapshot:
-    """A network between two steps, and what the state holds beside it, on the host.
-
-    Attributes:
-        point_xy: (P, 2) m, relative to the origin, in the precision of the device.
-        point_section: (P, 2) width and depth in m, or None.
-        channel_start: (C + 1,) int32.
-        channels: The table of the channels.
-        node_xy: (N, 2) m, absolute.
-        channel_length: (C,) length of the channels at the last edit, m.
-        saved: What ``State.saved`` gave.
-    """
-
-    point_xy: np.ndarray
-    point_section: np.ndarray | None
-    channel_start: np.ndarray
-    channels: ChannelTable
-    node_xy: np.ndarray
-    channel_length: np.ndarray
-    saved: dict[str, np.ndarray]
-
-
 class Member(Protocol):
     """What the state asks of each phase that shares it; see :class:`warpriver.engine.phase.Phase`."""
 
     name: str
     moves_nodes: bool
     follows_stems: bool
+    follows_through: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -227,6 +205,8 @@ class State:
         limits: StepLimits,
         seed: int = 0,
         controls: Controls | None = None,
+        *,
+        capture: bool = True,
     ):
         """Allocate for a network, and take its channels.
 
@@ -238,6 +218,7 @@ class State:
             limits: (width, depth, params) -> the two limits of a sub-step, yr.
             seed: Seed of random numbers.
             controls: What steers points beside the ground, or None.
+            capture: Record what is done again and again, and replay it.
         """
         self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
@@ -246,6 +227,9 @@ class State:
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
         self.keep_plan, self.nodes_placed = False, True
+        self.capture = capture
+        # The edition in which lines were sampled anew last, and the record of that once it is made.
+        self._resampling: tuple[int, Replay | None] | None = None
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -353,7 +337,8 @@ class State:
         self._allocate_mobility()
         ringed = network.channel_closed.any()
         follows = any(phase.follows_stems for phase in self.phases)
-        self.stems = StemArrays(count, self.device) if follows else None
+        through = any(phase.follows_through for phase in self.phases)
+        self.stems = StemArrays(count, self.device, through_only=not follows) if follows or through else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
 
@@ -404,7 +389,7 @@ class State:
             first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, self.network.channel_count, np.int32)
             table[: len(first)] = first
-            self._slab_channel.assign(table)
+            put(self._slab_channel, table)
 
     # ---- channels
 
@@ -452,7 +437,7 @@ class State:
                 phase.allocate(self)
             self.changed()
         start = network.starts()
-        self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
+        put(self.start, np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
         if self.stems is not None:
             if self.stems.take(network, self.terrain):
@@ -488,7 +473,7 @@ class State:
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
-        self.substep.assign(np.array([0, 1, 0], np.int32))
+        put(self.substep, np.array([0, 1, 0], np.int32))
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
@@ -497,7 +482,7 @@ class State:
             array.shape + values.shape[1:], kind.numpy_dtype() if hasattr(kind, "numpy_dtype") else values.dtype
         )
         host[: len(values)] = values
-        array.assign(host)
+        put(array, host)
 
     # ---- as kernels take it, of the arrays as they are now: not to be kept beyond ``edition``
 
@@ -577,12 +562,27 @@ class State:
         """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
         while True:
             self.begin_row(steps=0)
-            self.run([stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)])
+            self._run_resampling()
             needed = self.read_status()[POINTS_NEEDED]
             if needed <= self.point_capacity:
                 self.network.point_count = needed
                 return
             self.make_room(needed)
+
+    def _run_resampling(self) -> None:
+        """Run the stages that resample; those of many edits are recorded once, where the device allows."""
+        if self._resampling is not None and self._resampling[0] == self.edition:
+            replay = self._resampling[1]
+            if replay is None:
+                replay = Replay(self._resampling_stages(), self.whole, self.slabs, self.device)
+                self._resampling = self.edition, replay
+            replay.run()
+            return
+        self.run(self._resampling_stages())
+        self._resampling = (self.edition, None) if self.capture else None
+
+    def _resampling_stages(self) -> list[Stage]:
+        return [stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)]
 
     def resample_start(self) -> None:
         """Bring the network's lines as given to the even spacing."""
@@ -593,7 +593,12 @@ class State:
         self.resample()
 
     def adopt(
-        self, edited: EditedChannels, loops: wp.array | None = None, loop_sections: wp.array | None = None
+        self,
+        edited: EditedChannels,
+        loops: wp.array | None = None,
+        loop_sections: wp.array | None = None,
+        *,
+        between: bool = False,
     ) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing.
 
@@ -601,6 +606,7 @@ class State:
             edited: The channels after an edit of the network.
             loops: Points that ``edited.loops`` are cut from, where it has any.
             loop_sections: Widths and depths that go with them, where they vary.
+            between: Whether this is between two steps: the next one is planned anew.
         """
         network = self.network
         self.edits += 1
@@ -626,9 +632,12 @@ class State:
         # A channel that has become narrower may have to be sampled more finely.
         self.assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self.resample()
+        if between:
+            self.plan_anew()
+            return
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
-        go_on: wp.array = wp.array([0, max(self.substeps, 1), 1], dtype=wp.int32, device=self.device)
+        go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
 
     def _take_drawn(self, edited: EditedChannels) -> None:
@@ -727,7 +736,7 @@ class State:
         pace, fixed = self.pace.numpy().copy(), self._fixed[channels]
         travel, _ = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
         pace[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(pace.dtype).max)
-        self.pace.assign(pace)
+        put(self.pace, pace)
 
     # ---- records and checks
 

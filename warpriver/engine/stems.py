@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.channel_table import JOINT_LOCK
+from warpriver.engine.stages import put
 from warpriver.graph.stems import Stems, find_stems
 from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST
 from warpriver.network import RiverNetwork
@@ -21,16 +22,17 @@ class StemArrays:
 
     Attributes:
         links: The stems of the network.
-        joined: Whether any channel goes on in another one; ``slides``: whether any leaves the map; ``locked``: whether
-            any ends at a locked point.
+        joined: Whether any channel has gone on in another one; ``locked``: whether any has ended at a locked point;
+            ``slides``: whether any leaves the map.
         length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
         parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
     """
 
     links: Stems
 
-    def __init__(self, count: int, device: Any):
-        """Allocate for so many channels."""
+    def __init__(self, count: int, device: Any, *, through_only: bool = False):
+        """Allocate for so many channels; ``through_only``: junctions and the edge of the map hold all channels."""
+        self._through_only = through_only
         self._arrays = {
             name: wp.zeros(count, dtype=wp.int32, device=device) for name in ("upper", "lower", "top", "bottom")
         }
@@ -42,23 +44,25 @@ class StemArrays:
     def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
         """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
         before = self.joined, self.slides, self.locked
-        self.links, capacity = find_stems(network, alone), len(self._edge)
+        capacity = len(self._edge)
+        self.links = find_stems(network, alone, through_only=self._through_only)
         for name, array in self._arrays.items():
             # Beyond the channels nothing goes on.
             values = (
                 np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
             )
             values[: network.channel_count] = getattr(self.links, name)
-            array.assign(values)
+            put(array, values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
-        if terrain is not None:
+        if terrain is not None and not self._through_only:
             edge[: network.channel_count] = find_edges(network, terrain)
-        self._edge.assign(edge)
+        put(self._edge, edge)
         held = np.zeros(capacity, np.int32)
         held[: network.channel_count] = network.channel_joint == JOINT_LOCK
-        self._held.assign(held)
-        self.joined, self.slides = bool((self.links.upper >= 0).any()), bool((edge != EDGE_NONE).any())
-        self.locked = bool(held.any())
+        put(self._held, held)
+        # What there was once is looked for ever after, to the same bits: edits that come and go outdate nothing.
+        self.joined, self.locked = self.joined or bool((self.links.upper >= 0).any()), self.locked or bool(held.any())
+        self.slides = bool((edge != EDGE_NONE).any())
         return before != (self.joined, self.slides, self.locked)
 
     def give(self, channels: Any) -> None:

@@ -17,8 +17,9 @@ import warp as wp
 from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
+from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, Snapshot, State, StepLimits
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
 from warpriver.graph.edits import EditedChannels
@@ -103,7 +104,7 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits, seed, controls)
+        self.state = State(network, params, terrain, self.phases, limits, seed, controls, capture=self.capture)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
@@ -157,10 +158,9 @@ class Stepper:
         """
         with self._turn:
             self.state.place_nodes()
-            self.state.adopt(edited)
+            self.state.adopt(edited, between=True)
             if hastened is not None and hastened.any():
                 self.state.hasten(hastened)
-            self.state.plan_anew()
             self._calm = 0
 
     def snapshot(self) -> Snapshot:

@@ -217,29 +217,30 @@ class Reworking:
         first, stop = int(self._start[c]), int(self._start[c + 1])
         return self.network.point_section[first:stop].numpy().astype(np.float64)
 
-    def redraw(self, c: int, xy: np.ndarray) -> None:
-        """Give all points of a channel other places, (n, 2) m."""
-        course = self._course(c)
-        course.runs, course.changed = [self._draw(xy, self.section(c))], True
+    def redraw(self, c: int, begin: int, stop: int, xy: np.ndarray) -> None:
+        """Put points in place of some of a channel, which has not been edited otherwise.
 
-    def replace_reach(self, c: int, first: int, last: int, xy: np.ndarray) -> None:
-        """Put points in place of those between two of a channel, which stay.
+        As many as before keep their widths and depths, where these vary; others get them in even steps from the point
+        before to the point after.
 
         Args:
             c: Channel.
-            first: Index of the one, in all points.
-            last: Index of the other, downstream of it.
-            xy: (n, 2) m, n may be 0.
+            begin: Index of the first point that is replaced, among those of the channel.
+            stop: Index of the first one after it that is not.
+            xy: (n, 2) m.
         """
         course = self._course(c)
-        begin, stop = course.runs[0].first, course.runs[0].stop
-        section = None
-        if self.network.point_section is not None:
-            ends = self.network.point_section[first : last + 1].numpy().astype(np.float64)[[0, -1]]
-            part = (np.arange(1, len(xy) + 1) / (len(xy) + 1))[:, None]
-            section = (1.0 - part) * ends[0] + part * ends[1]
-        middle = [self._draw(xy, section)] if len(xy) else []
-        course.runs, course.changed = [_Run(begin, first + 1), *middle, _Run(last, stop)], True
+        (whole,) = course.runs
+        section = self.section(c)
+        if section is not None:
+            if len(xy) == stop - begin:
+                section = section[begin:stop]
+            else:
+                part = (np.arange(1, len(xy) + 1) / (len(xy) + 1))[:, None]
+                section = (1.0 - part) * section[begin - 1] + part * section[min(stop, len(section) - 1)]
+        before, after = _Run(whole.first, whole.first + begin), _Run(whole.first + stop, whole.stop)
+        runs = [before, self._draw(xy, section), after]
+        course.runs, course.changed = [run for run in runs if run.first < run.stop], True
 
     def place_node(self, node: int, xy: np.ndarray) -> None:
         """Move a node; the ends of channels there are the caller's affair."""

@@ -8,7 +8,7 @@ from warpriver.history.changes import (
     GroundChange,
     ParameterChange,
 )
-from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, LockHeld, Split
+from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, HeldLock, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
@@ -26,8 +26,8 @@ __all__ = [
     "Every",
     "Ground",
     "GroundChange",
+    "HeldLock",
     "History",
-    "LockHeld",
     "ParameterChange",
     "Record",
     "Split",

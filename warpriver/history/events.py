@@ -26,7 +26,7 @@ __all__ = [
     "Event",
     "EventField",
     "EventLog",
-    "LockHeld",
+    "HeldLock",
     "Split",
     "event_class",
     "event_fields",
@@ -123,7 +123,7 @@ class Collision(Event):
 
 
 @dataclasses.dataclass(frozen=True)
-class LockHeld(Event):
+class HeldLock(Event):
     """A cutoff or a collision that did not happen, because a locked point would have gone with it.
 
     It is told once of two channels; for as long as they touch, they lie over each other.

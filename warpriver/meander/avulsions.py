@@ -292,8 +292,10 @@ def _first_contact(line: FloatArray, points: FloatArray, reach: float) -> tuple[
 def rework_courses(state: State, taken: Sequence[NewCourse]) -> Reworking:
     """Return the network's channels with new courses in place of old ones, to be built."""
     work = Reworking(state.network, state.spacing.numpy().astype(np.float64), state.next_identity)
+    start = state.network.starts()
     for new in taken:
-        work.replace_reach(new.channel, new.first, new.last, new.course.xy[1:-1])
+        head = int(start[new.channel])
+        work.redraw(new.channel, new.first + 1 - head, new.last - head, new.course.xy[1:-1])
     return work
 
 

@@ -17,7 +17,7 @@ from warpriver.engine.state import State
 from warpriver.extras import IMPORTING
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Refusal, Rejoin
 from warpriver.graph.forest import check_forest
-from warpriver.history.events import Collision, Cutoff, Event, LockHeld
+from warpriver.history.events import Collision, Cutoff, Event, HeldLock
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
 from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
@@ -86,6 +86,8 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
         from scipy.sparse.csgraph import connected_components
 
     short = length < 0.5 * params.junction_reach * network.channel_width
+    if not short.any():
+        return np.stack([network.channel_from, network.channel_to], axis=1)
     ends = network.channel_from[short], network.channel_to[short]
     graph = coo_array((np.ones(int(short.sum())), ends), shape=(network.node_count, network.node_count))
     label = connected_components(graph, directed=False)[1]
@@ -239,7 +241,7 @@ def _held(network: RiverNetwork, time: float, refused: list[Refusal]) -> list[Ev
     """Return what was not done because a locked point would have gone with it."""
     places = [network.node_xy[edit.node].tolist() for edit in refused]
     return [
-        LockHeld(time, "cutoff" if edit.kind == "neck" else edit.kind, edit.minor, edit.main, x, y)
+        HeldLock(time, "cutoff" if edit.kind == "neck" else edit.kind, edit.minor, edit.main, x, y)
         for edit, (x, y) in zip(refused, places, strict=True)
     ]
 

@@ -174,9 +174,9 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 class MoveJunctions(Phase):
-    """Moves junctions with the stem that goes on through them, and lets them wander downstream; tributaries follow.
+    """Moves nodes with the river that goes on through them, and lets junctions wander downstream; tributaries follow.
 
-    It works on ``state.point_moved``, and is not part of a step where every channel is held at its nodes.
+    It works on ``state.point_moved``. Where junctions are held it moves through nodes alone.
 
     Attributes:
         downstream: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
@@ -184,11 +184,18 @@ class MoveJunctions(Phase):
     """
 
     name = "junctions"
-    moves_nodes = True
 
-    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows_stems: bool, drifts: bool):
-        """Say what moves junctions: the stem, or a drift at a fraction of the rate k, m/yr, from (width, params)."""
-        self._rate, self.follows_stems, self._drifts = rate, follows_stems, drifts
+    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows: str, drifts: bool):
+        """Say what moves nodes.
+
+        Args:
+            rate: (width, params) -> the rate k, m/yr, at a fraction of which junctions drift.
+            follows: "stems", "through nodes" or "nothing": where rivers go on through nodes.
+            drifts: Whether junctions drift.
+        """
+        self._rate, self._drifts = rate, drifts
+        self.follows_stems, self.follows_through = follows == "stems", follows == "through nodes"
+        self.moves_nodes = self.follows_stems or drifts
         self._capacity = 0
 
     def check_network(self, network: RiverNetwork) -> None:
@@ -208,6 +215,8 @@ class MoveJunctions(Phase):
     def install(self, state: State) -> None:
         """Take what flows into what, and the speeds."""
         network, count = state.network, state.network.channel_count
+        if state.stems is not None and state.stems.joined:
+            self.moves_nodes = True
         leaving = np.full(network.node_count, -1)
         leaving[network.channel_from] = np.arange(count)
         downstream = np.where(network.channel_closed, -1, leaving[network.channel_to])

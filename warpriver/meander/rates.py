@@ -161,21 +161,20 @@ def _compute_rates(
     rate = wp.zeros(network.point_count, dtype=scalar, device=device)
     ends = np.zeros(count, [(name, np.float64) for name in ("above", "head_reach", "below", "foot_reach")])
     ends["head_reach"] = ends["foot_reach"] = params.end_damping * network.channel_width
-    stems = StemArrays(count, device) if params.upstream_memory == "stem" else None
-    if stems is not None:
-        # The stencil at a junction reaches two segments far into the next link.
-        stems.take(network, terrain, alone=np.diff(start) < 3)
-        stems.give(channels)
-        ends["foot_reach"][~stems.holds_feet()] = 0.0
+    stems = StemArrays(count, device, through_only=params.upstream_memory != "stem")
+    # The stencil at a junction reaches two segments far into the next link.
+    stems.take(network, terrain, alone=np.diff(start) < 3)
+    stems.give(channels)
+    ends["foot_reach"][~stems.holds_feet()] = 0.0
     handed_on = kernel.Memory()
-    if stems is not None and stems.joined:
+    if stems.joined:
         memory = StemMemory(count, scalar, device)
         handed_on = memory.struct()
         memory.measure(channels, stems.length)
     launch(
         kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device
     )
-    if stems is not None and stems.joined:
+    if stems.joined:
         memory.chain(channels, constants, whole.work)
         memory.add(channels, points, constants, whole.of_channels(count), rate)
         linked = (stems.links.upper >= 0) | (stems.links.lower >= 0)
