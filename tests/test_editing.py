@@ -493,7 +493,7 @@ def end_of(sim, dx=0.0, dy=0.0):
         (river, lambda s: edits.SetChannel(0, width=90.0, reach=(5_000.0, 5_050.0)), "spacings long"),
         (locked, lambda s: edits.SetChannel(0, width=90.0, reach=(4_000.0, 6_000.0)), "a locked point of channel 0"),
         (river, lambda s: edits.EditTerrain("raise", (0.0, 0.0), 500.0, 5.0), "lies on a plain, which cannot be"),
-        (river, lambda s: "lock", "is no edit; make one of warpriver.edits"),
+        (river, lambda s: "lock", "edit is .lock.; give an Edit .wr.edits has them"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_told_and_nothing_changes(make, edit, words):

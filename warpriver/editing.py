@@ -143,7 +143,7 @@ def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
 
 @functools.singledispatch
 def _do(edit: Any, stepper: Stepper) -> None:
-    raise InputError(f"{edit!r} is no edit that can be done; make one of warpriver.edits")
+    raise InputError(f"{edit.name} is no edit that can be done; make one of warpriver.edits")
 
 
 # ---- where

@@ -17,7 +17,7 @@ import numpy as np
 from warpriver import progress as progress_bar
 from warpriver.editing import EditStack, untold
 from warpriver.edits.session import session_of
-from warpriver.edits.values import Edit, LockPoint, Place, UnlockPoint
+from warpriver.edits.values import Edit, LockPoint, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
@@ -101,7 +101,7 @@ class Simulation:
                 proportion.
         """
         params = params if params is not None else MeanderParams()
-        self._added = tuple(phases)
+        self._added = _checked_phases(phases)
         model = model_of(params).with_phases(self._added)
         params = params.for_widths(network.channel_width)
         _check_network(network, params, model)
@@ -182,6 +182,7 @@ class Simulation:
         return self
 
     @classmethod
+    @public
     def replay(
         cls,
         start: Simulation | History | str | os.PathLike,
@@ -280,7 +281,7 @@ class Simulation:
         **options: Any,
     ) -> None:
         """Go on from a record, and with the history that it belongs to."""
-        self._added = tuple(phases)
+        self._added = _checked_phases(phases)
         network = history.network_of(record)
         # The record is on the scale of the constants that it was made with.
         check_saved(
@@ -483,6 +484,7 @@ class Simulation:
 
     # ---- edits
 
+    @public
     def apply(self, edit: Edit) -> None:
         """Do an edit between two steps; it is recorded in the history with its time.
 
@@ -494,17 +496,17 @@ class Simulation:
         Raises:
             ValueError: It cannot be done, and nothing has changed.
         """
-        if not isinstance(edit, Edit):
-            raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
         self._edits.apply(self.stepper, self.history, edit)
 
-    def lock(self, channel: int, at: Place) -> None:
+    @public
+    def lock(self, channel: int, at: float | Sequence[float] | np.ndarray) -> None:
         """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
-        self.apply(LockPoint(channel, at))
+        self.apply(LockPoint(channel, at))  # type: ignore[arg-type]
 
-    def unlock(self, channel: int, at: Place) -> None:
+    @public
+    def unlock(self, channel: int, at: float | Sequence[float] | np.ndarray) -> None:
         """Let a locked point of a channel go; see :class:`warpriver.edits.UnlockPoint`."""
-        self.apply(UnlockPoint(channel, at))
+        self.apply(UnlockPoint(channel, at))  # type: ignore[arg-type]
 
     def undo(self) -> Edit:
         """Take the last edit back, to the bit, and return it.
@@ -631,14 +633,20 @@ def _sum_of(terrain: Terrain | None) -> int | None:
     return None if terrain is None else int(terrain.height.numpy().view(np.uint64).sum())
 
 
+def _checked_phases(phases: Sequence[Phase]) -> tuple[Phase, ...]:
+    """Return phases, or raise ``TypeError`` for what is none."""
+    for phase in phases:
+        if Phase not in type(phase).__mro__:
+            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
+    return tuple(phases)
+
+
 def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, model: Model) -> None:
     """Raise ``ValueError`` for a network that a simulation cannot take."""
     looped = (network.channel_from == network.channel_to) & ~network.channel_closed
     if looped.any():
         raise InputError(f"channel {int(looped.argmax())}: its ends coincide; make it a ring, closed=True, or open it")
     for phase in model.phases:
-        if Phase not in type(phase).__mro__:
-            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
         phase.check_network(network)
     if params.spacing_in_widths > 0.0:
         return
