@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import memory, polyline, raster
+from warpriver.kernels import ground as grounds
+from warpriver.kernels import memory, polyline
 from warpriver.kernels.channels import EDGE_NONE, Work
 from warpriver.kernels.variants import once
 
@@ -19,9 +20,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
-    line, cells, past = polyline.build(scalar), raster.build(scalar), memory.build(scalar)
+    line, land, past = polyline.build(scalar), grounds.build(scalar), memory.build(scalar)
     vec2, vec3, bits = line.vec2, past.vec3, line.bits
-    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, cells.Ground
+    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
     MigrationConstants, Terms, Memory = past.MigrationConstants, past.Terms, past.Memory
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
     strength_of = past.strength_of
@@ -326,6 +327,19 @@ def build(scalar):
         return line.right_normal(vec2(ZERO, ZERO), tangent)
 
     @wp.func(module=name)
+    def pull_at(
+        points: Points, ground: Ground, run: Run, constants: MigrationConstants, j: int, normal: vec2, rate: scalar
+    ) -> vec2:
+        """What controls add to the velocity of a point that they reach, m/yr."""
+        width = line.section_at(points, j, run)[0]
+        floor = ground.steering.floor * strength_of(width, constants) / width
+        pull = land.control_pull(ground.steering, points.xy[j], normal, rate, floor)
+        if j == run.last and run.edge != EDGE_NONE:
+            # Along the edge of the map, as the rate.
+            pull = wp.dot(pull, normal) * normal
+        return pull
+
+    @wp.func(module=name)
     def sweep_move(
         channels: Channels,
         points: Points,
@@ -370,10 +384,16 @@ def build(scalar):
                     weight = ONE
                     if run.closed == 0:
                         weight = line.end_weight(j, run, ends)
-                    if ground.height:
-                        weight = weight * cells.slope_weight(ground, moved, constants.slope_threshold)
-                    fastest = wp.max(fastest, wp.abs(smoothed * weight))
-                    moved = moved + normal * (smoothed * weight * run.step)
+                    block = land.block_at(ground.steering, moved)
+                    weight = weight * land.freedom_at(ground, moved, constants.slope_threshold, block)
+                    pull = vec2(ZERO, ZERO)
+                    speed = wp.abs(smoothed)
+                    if block != ONE:
+                        pull = pull_at(points, ground, run, constants, j, normal, smoothed)
+                        if wp.dot(pull, pull) > ZERO:
+                            speed = wp.length(smoothed * normal + pull)
+                    fastest = wp.max(fastest, speed * weight)
+                    moved = moved + normal * (smoothed * weight * run.step) + (weight * run.step) * pull
                 moved_out.xy[j] = moved
                 if points.section:
                     moved_out.section[j] = points.section[j]
@@ -396,10 +416,10 @@ def build(scalar):
         moved_out: Points,
         channel_pace_io: wp.array[bits],
     ):
-        """Finish the smoothing upstream and move: p += n mu g e dt [Paris2023, Eq. 1 and 6].
+        """Finish the smoothing upstream and move: p += (n mu + pull) g e dt [Paris2023, Eq. 1, 6 and 7].
 
         e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the terrain, if there is
-        one. The points of inactive channels stay.
+        one, and with damping; the pull is that of controls. The points of inactive channels stay.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:

@@ -23,8 +23,10 @@ VARIANTS = ("from warpriver.kernels.variants import once", "from warpriver.kerne
 WITHOUT_BUILD = ("__init__", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
+    "avulsions": ["meander/avulsions.py", "meander/courses.py"],
     "cells": ["hydrology/cells.py"],
     "collisions": ["meander/collisions.py"],
+    "controls": ["meander/control_map.py"],
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
     "depressions": ["hydrology/depressions.py"],
     "flats": ["hydrology/lakes.py"],
@@ -33,7 +35,7 @@ LAUNCHERS = {
     "memory": ["meander/memory.py"],
     "migration": ["meander/migration.py", "meander/rates.py"],
     "paths": ["shortest_path/push.py"],
-    "raster": ["engine/state.py", "raster.py"],
+    "raster": ["raster.py"],
     "replay": ["engine/replay.py", "engine/stages.py"],
     "resampling": ["meander/resampling.py"],
     "routes": ["shortest_path/route.py"],

@@ -64,11 +64,18 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "Attractor": "warpriver.meander.controls",  # controls and their like are listed by their room
+    "AvulsionParams": "warpriver.params",
+    "ControlField": "warpriver.meander.controls",
+    "DampingRegion": "warpriver.meander.controls",
+    "ErodibilityField": "warpriver.meander.controls",
     "Every": "warpriver.history",
+    "Guide": "warpriver.meander.controls",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
+    "Repeller": "warpriver.meander.controls",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",

@@ -9,6 +9,7 @@ from typing import Any
 from warpriver.engine.phase import Phase
 from warpriver.engine.state import StepLimits
 from warpriver.errors import InputError
+from warpriver.meander.avulsions import Avulse
 from warpriver.meander.collisions import Collide
 from warpriver.meander.cutoffs import CutOff
 from warpriver.meander.junctions import MoveJunctions
@@ -63,7 +64,8 @@ def _shaping(params: Any, rate: Callable[..., Any], follows: str) -> list[Phase]
 
 
 def _joining(params: Any) -> list[Phase]:
-    return [Collide()] if params.collision_distance > 0.0 else []
+    leaving: list[Phase] = [Avulse()] if params.avulsions is not None else []
+    return [*leaving, *([Collide()] if params.collision_distance > 0.0 else [])]
 
 
 # A new kind of parameters is a new model here, and nowhere else.

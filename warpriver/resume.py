@@ -11,13 +11,17 @@ from warpriver.editing import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.engine.phase import Phase
 from warpriver.errors import InputError, WarpriverError
-from warpriver.history import AppliedEdit, Event, Ground, GroundChange, History, ParameterChange, Record
+from warpriver.history import AppliedEdit, Avulsion, Event, Ground, GroundChange, History, ParameterChange, Record
 from warpriver.io.raster.terrains import read_terrain
+from warpriver.meander.courses import carve_course
 from warpriver.models import Model, model_of
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
 __all__ = ["continued", "edits_after", "ground_again", "ground_changes", "parameter_changes"]
+
+# A ground, and what was done on it.
+Stage = tuple[Ground | None, list[EditTerrain | Avulsion]]
 
 
 def ground_again(
@@ -27,8 +31,8 @@ def ground_again(
 
     Args:
         start: The terrain that the run began on, None for a plain.
-        events: What happened up to where it goes on; edits of the ground among them are done again where the terrain is
-            one that it had before them.
+        events: What happened up to where it goes on; edits of the ground among them, and what avulsions carved, are
+            done again where the terrain is one that it had before them.
         terrain: The one that is given, which stays as it is where edits are done again; None: that of the run, read
             again from its file.
         change: Take what is given, also if it is not the terrain of the run.
@@ -59,18 +63,20 @@ def ground_again(
     return again
 
 
-def _stages(start: Ground | None, events: Iterable[Event]) -> list[tuple[Ground | None, list[EditTerrain]]]:
-    """The grounds of a run in order, each with the edits that were done on it until the next one was noted."""
-    stages: list[tuple[Ground | None, list[EditTerrain]]] = [(start, [])]
+def _stages(start: Ground | None, events: Iterable[Event]) -> list[Stage]:
+    """The grounds of a run in order, each with what was done on it until the next one was noted."""
+    stages: list[Stage] = [(start, [])]
     for event in events:
         if isinstance(event, GroundChange):
             stages.append((event.ground, []))
         elif isinstance(event, AppliedEdit) and isinstance(edit := event.edit, EditTerrain):
             stages[-1][1].append(edit)
+        elif isinstance(event, Avulsion) and len(event.bed):
+            stages[-1][1].append(event)
     return stages
 
 
-def _edited_again(stages: list[tuple[Ground | None, list[EditTerrain]]], terrain: Terrain) -> Terrain | None:
+def _edited_again(stages: list[Stage], terrain: Terrain) -> Terrain | None:
     """A terrain as it was at the end, from what it was at any stage; None where it cannot be made of this one."""
     digest, end = terrain.digest(), stages[-1][0]
     assert end is not None
@@ -83,14 +89,17 @@ def _edited_again(stages: list[tuple[Ground | None, list[EditTerrain]]], terrain
             return terrain if ground.digest == end.digest else None
         again = terrain.copy()
         for edit in edits:
-            edit_terrain(again, edit)
+            if isinstance(edit, Avulsion):
+                carve_course(again, edit.course, edit.bed, edit.width)
+            else:
+                edit_terrain(again, edit)
         again.file = None
         # After the last change that was noted there is none to compare with.
         return again if stages[-1][1] or again.digest() == end.digest else None
     return None
 
 
-def _read_again(stages: list[tuple[Ground | None, list[EditTerrain]]], device: Any) -> Terrain:
+def _read_again(stages: list[Stage], device: Any) -> Terrain:
     """Read the terrain of a run from the file that it came from, and do the edits of it again."""
     end = stages[-1][0]
     assert end is not None

@@ -23,9 +23,11 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import Ground, History, ParameterChange, Record, StopReason
+from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
+from warpriver.meander.controls import Control
+from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
@@ -43,7 +45,8 @@ MAX_STEPS = 2**31 - 1
 class Simulation:
     """A river network that migrates and cuts off its loops, step by step.
 
-    All attributes are read-only. A simulation goes on with other constants, or over other ground, by :meth:`resume`.
+    All attributes but ``controls`` are read-only. A simulation goes on with other constants, or over other ground, by
+    :meth:`resume`.
 
     Attributes:
         network: The network as it is now; the one given to the constructor is left as it was.
@@ -54,6 +57,7 @@ class Simulation:
             width, its depth and its maximum speed in the step before require, spread evenly, and is inactive in the
             others; where the ground is too steep for it to move, in all.
         terrain: The ground, or None for a plain.
+        controls: What attracts, repels or damps the channels; others may be set between two steps, and fields painted.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
         threads: Maximum number of threads of a step; the results do not depend on it.
         seed: Seed of the random numbers that phases draw; those of the two models draw none.
@@ -75,6 +79,7 @@ class Simulation:
         capture: bool = True,
         threads: int | None = None,
         phases: Sequence[Phase] = (),
+        controls: Control | Sequence[Control] = (),
     ):
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
@@ -84,7 +89,7 @@ class Simulation:
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops beyond its edge
                 and where it has no data. A terrain on the network's device is shared, not copied: brush it between
-                steps, and the channels feel it. From another device it is copied once; then brush
+                steps, and the channels feel it; avulsions carve it. From another device it is copied once; then brush
                 ``simulation.terrain``, which is the copy.
             seed: Seed of the random numbers that ``phases`` draw.
             device: Warp device, by default the network's.
@@ -94,11 +99,12 @@ class Simulation:
             threads: Maximum number of threads on the CPU, by default one for each core that the process may use.
             phases: Processes beyond those of the model, see :class:`warpriver.engine.phase.Phase`; they work on the
                 points of every sub-step right after these have moved.
+            controls: What attracts, repels or damps the channels, see :mod:`warpriver.meander.controls`.
 
         Raises:
             ValueError: The spacing exceeds a channel's width, a channel that is no ring ends where it begins, channels
                 part or flow in a circle, the terrain lies elsewhere or in another CRS, or the time step is out of all
-                proportion.
+                proportion; or a control is none, or in another CRS.
         """
         params = params if params is not None else MeanderParams()
         self._added = _checked_phases(phases)
@@ -110,9 +116,12 @@ class Simulation:
         own.point_z = None  # of the line as given, whose points are about to move
         seed = whole(seed, "seed", most=MOST_SEED)
         ground = None if terrain is None else Ground.of(terrain)
+        self._steering = Steering(own, terrain, controls)
         options: dict[str, Any] = {"seed": seed, "check": check, "capture": capture, "threads": threads}
+        options["controls"] = self._steering.map
         self._stepper = Stepper(own, params, terrain, model.phases, model.limits, **options)
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
+        self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
         self._edits = EditStack(self._check)
         self._record()
@@ -263,6 +272,7 @@ class Simulation:
             dtype=history.dtype,
             ground=history.ground,
         )
+        fresh.events.extend(event for event in before if isinstance(event, (ControlChange, ControlStroke)))
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
@@ -290,7 +300,8 @@ class Simulation:
         network = network.to(device)
         check_ground(network, terrain)
         model = model_of(params).with_phases(self._added)
-        options |= {"seed": history.seed, "saved": dict(record.resume)}
+        self._steering = Steering(network, terrain, events=history.events[: record.events_before])
+        options |= {"seed": history.seed, "saved": dict(record.resume), "controls": self._steering.map}
         self._stepper = Stepper(network, params, terrain, model.phases, model.limits, **options)
         self._stepper.step_count = record.step
         self._history, self._ground_sum = history, _sum_of(terrain)
@@ -299,6 +310,7 @@ class Simulation:
         """Pickle and copy between two steps: the copy goes on to the same bits, and its history is stored nowhere."""
         stepper = self.stepper
         stepper.state.place_nodes()
+        self._note_strokes()
         return {
             "history": self.history,
             "record": self._as_record(),
@@ -357,6 +369,19 @@ class Simulation:
     def terrain(self) -> Terrain | None:
         """The ground on the network's device, or None."""
         return self.stepper.state.terrain
+
+    @property
+    def controls(self) -> tuple[Control, ...]:
+        """What attracts, repels or damps the channels.
+
+        Set others between two steps, and the next one goes by them; it is recorded, and a resumed run has them. A
+        :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
+        """
+        return self._steering.controls
+
+    @controls.setter
+    def controls(self, controls: Control | Sequence[Control]) -> None:
+        self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
 
     @property
     def device(self) -> Any:
@@ -564,6 +589,7 @@ class Simulation:
 
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
+        self._note_strokes()
         self._edits = EditStack(self._check)
         try:
             self.stepper.step(steps)
@@ -572,6 +598,11 @@ class Simulation:
 
     def _check(self, network: RiverNetwork) -> None:
         _check_network(network, self.params, model_of(self.params).with_phases(self._added))
+
+    def _note_strokes(self) -> None:
+        """Take up, and note in the history, what was painted since the last step."""
+        if strokes := self._steering.take_strokes(self.stepper.state, self.time):
+            self.history.events.extend(strokes)
 
     def _note_ground(self) -> None:
         """Note in the history that the ground has been edited since the last look at it."""
@@ -586,6 +617,7 @@ class Simulation:
 
     def _record(self) -> None:
         self._note_ground()
+        self._note_strokes()
         self.stepper.state.place_nodes()
         with _storing():
             self.history.append(self._as_record())

@@ -17,13 +17,14 @@ from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_s
 from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
-from warpriver.kernels import channels, raster, runs, schedule
+from warpriver.kernels import channels, runs, schedule
+from warpriver.kernels import ground as grounds
 from warpriver.kernels.channels import COARSEST_SPACING, Work
-from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
+from warpriver.kernels.status import BEGUN, GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -66,15 +67,20 @@ class Status:
         self._view = self._host.numpy()
         self._sent = False
 
-    def begin(self, steps: int) -> None:
-        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
+    def begin(self, steps: int, begun: int = 0) -> None:
+        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before.
+        """
         if self._sent:
             # The copy to the device may still be on its way.
             wp.synchronize_device(self.array.device)
             self._sent = False
         points = self._view[POINTS]
         self._view.fill(0)
-        self._view[GOAL], self._view[POINTS] = steps, points
+        self._view[GOAL], self._view[POINTS], self._view[BEGUN] = steps, points, begun
 
     def send(self) -> None:
         """Copy the host's block to the device."""
@@ -100,6 +106,14 @@ class Status:
             wp.synchronize_device(self.array.device)
             self._sent = False
         return self._view
+
+
+class Controls(Protocol):
+    """What the state asks of the controls that steer points; see :class:`warpriver.meander.control_map.ControlMap`."""
+
+    def steering(self, params: Any, dtype: str, origin: Sequence[float] | np.ndarray) -> Any:
+        """Return the struct ``Steering`` of ``kernels/ground.py``."""
+        ...
 
 
 class Member(Protocol):
@@ -138,9 +152,11 @@ class State:
         network: The network as it is now.
         params: Constants of the model.
         terrain: The ground on the network's device, or None for a plain.
+        controls: What steers points beside the ground, or None; others are set by ``steer``.
         phases: All phases of a step, in order.
         seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
+        step_count: Whole steps done, up to the last row.
         edits: Edits of the network so far.
         next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
@@ -161,7 +177,8 @@ class State:
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
         stems: Which channels go on from each other as one river; None where no phase follows stems.
-        mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        mobility: (C,) greatest factor by which ground and controls let a point of the channel move, or None on a plain
+            without controls.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
@@ -187,6 +204,7 @@ class State:
         phases: Sequence[Member],
         limits: StepLimits,
         seed: int = 0,
+        controls: Controls | None = None,
         *,
         capture: bool = True,
     ):
@@ -199,10 +217,13 @@ class State:
             phases: All phases of a step, in order; one of them resamples, see ``resample``.
             limits: (width, depth, params) -> the two limits of a sub-step, yr.
             seed: Seed of random numbers.
+            controls: What steers points beside the ground, or None.
             capture: Record what is done again and again, and replay it.
         """
         self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
+        self.controls = controls
+        self.step_count = 0
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
         self.keep_plan, self.nodes_placed = False, True
@@ -313,14 +334,42 @@ class State:
         self.limits = zeros(count, schedule.build(scalar).Limits)
         self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
         self.parts = zeros(count)
-        self.mobility = None if self.terrain is None else zeros(count, scalar)
+        self._allocate_mobility()
         ringed = network.channel_closed.any()
         follows = any(phase.follows_stems for phase in self.phases)
         through = any(phase.follows_through for phase in self.phases)
         self.stems = StemArrays(count, self.device, through_only=not follows) if follows or through else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
+
+    def _allocate_mobility(self) -> None:
+        """Make room for the mobilities, where any point may be less or more free than others."""
+        self.mobility = self.zeros(self.channel_capacity, self.scalar) if self.is_uneven else None
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether there is ground, or are controls, by which points differ in how they may move."""
+        return self.terrain is not None or self.controls is not None
+
+    def steer(self, controls: Controls | None) -> None:
+        """Let other controls steer the points from the next step on; None: none do.
+
+        Stages have to be made anew only for this: what is stamped into the arrays of the same controls is read as it
+        is.
+        """
+        self.controls = controls
+        self._allocate_mobility()
+        self._keep_plan()
+        self.plan_anew()
+        self.changed()
+
+    def hasten_by(self, factor: np.ndarray) -> None:
+        """Plan the next step for points that move faster than in the last one, by a factor for each channel, (C,)."""
+        if (factor != 1.0).any():
+            pace = self.pace.numpy()
+            pace[: len(factor)] *= factor
+            self.pace.assign(pace)
 
     def _make_shares(self) -> None:
         """Divide the work in slabs of whole channels on the CPU, in chunks of points on a GPU."""
@@ -405,10 +454,13 @@ class State:
         self._deal_out()
         for phase in self.phases:
             phase.install(self)
-        # On a plain a step that is stable for any bend needs no plan but the first.
-        keep_plan = self.terrain is None and self.params.time_step <= self.stable_dt
         if self.keep_plan:
             self.plan_anew()
+        self._keep_plan()
+
+    def _keep_plan(self) -> None:
+        """Note whether a plan lasts: on a plain a step that is stable for any bend needs none but the first."""
+        keep_plan = not self.is_uneven and self.params.time_step <= self.stable_dt
         if self.keep_plan != keep_plan:
             self.keep_plan = keep_plan
             self.changed()
@@ -460,8 +512,10 @@ class State:
         return struct
 
     def ground(self) -> Any:
-        """Return the ground; without heights where there is no terrain."""
-        struct = raster.build(self.scalar).Ground()
+        """Return the ground with what steers points on it; without heights where there is no terrain."""
+        struct = grounds.build(self.scalar).Ground()
+        if self.controls is not None:
+            struct.steering = self.controls.steering(self.params, self.network.dtype, self.network.origin)
         if self.terrain is not None:
             struct.height = self.terrain.height
             struct.grid = self.terrain.grid(self.network.dtype, self.network.origin)
@@ -473,9 +527,14 @@ class State:
         """Run stages."""
         run_stages(stages, self.whole, self.slabs)
 
-    def begin_row(self, steps: int = 1) -> None:
-        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
-        self.status.begin(steps)
+    def begin_row(self, steps: int = 1, begun: int | None = None) -> None:
+        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before, by default ``step_count``.
+        """
+        self.status.begin(steps, self.step_count if begun is None else begun)
         self.status.send()
 
     def read_status(self) -> list[int]:

@@ -19,7 +19,7 @@ from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
 from warpriver.graph.edits import EditedChannels
@@ -54,7 +54,6 @@ class Stepper:
     Attributes:
         state: The network on its device, with what all phases share.
         phases: The phases of a step, in order.
-        step_count: Steps done.
         row_limit: Sub-steps at most before the host looks at them.
         threads: Greatest number of threads that a step is dealt out to.
         check: True: every phase of every step is checked.
@@ -76,6 +75,7 @@ class Stepper:
         threads: int | None = None,
         seed: int = 0,
         saved: dict[str, np.ndarray] | None = None,
+        controls: Controls | None = None,
     ):
         """Take a network, which the steps change.
 
@@ -90,6 +90,7 @@ class Stepper:
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
             seed: Seed of random numbers.
             saved: What ``State.saved`` returned at the end of a run that is resumed.
+            controls: What steers points beside the ground, or None.
 
         Raises:
             ValueError: The network is none that the phases can deal with, or the time step is out of proportion.
@@ -97,7 +98,6 @@ class Stepper:
         self.check, self.capture = check, capture and not check
         self.threads = _thread_count(threads) if network.device.is_cpu else 1
         self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
-        self.step_count = 0
         self.seconds: dict[str, float] | None = None
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
@@ -105,7 +105,7 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits, seed, capture=self.capture)
+        self.state = State(network, params, terrain, self.phases, limits, seed, controls, capture=self.capture)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
@@ -130,6 +130,15 @@ class Stepper:
         state.begin_row()
         state.run([*begin_substep(state), *self.phases[0].stages(state)])
         state.plan_anew()
+
+    @property
+    def step_count(self) -> int:
+        """Steps done."""
+        return self.state.step_count
+
+    @step_count.setter
+    def step_count(self, count: int) -> None:
+        self.state.step_count = count
 
     def stages(self) -> list[Stage]:
         """Return the stages of one sub-step, in order."""
@@ -224,7 +233,7 @@ class Stepper:
             if count not in self._replays:
                 stages = state.status.stages(self.stages() * count)
                 self._replays[count] = self._record(stages)
-            state.status.begin(steps)
+            state.status.begin(steps, state.step_count)
             for name, replay in self._replays[count]:
                 begin = 0.0 if self.seconds is None else time.perf_counter()
                 replay.run()

@@ -14,7 +14,16 @@ from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["AppliedEdit", "Ground", "GroundChange", "ParameterChange", "ground_after", "params_after"]
+__all__ = [
+    "AppliedEdit",
+    "ControlChange",
+    "ControlStroke",
+    "Ground",
+    "GroundChange",
+    "ParameterChange",
+    "ground_after",
+    "params_after",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +140,53 @@ class GroundChange(Event):
         if not self.digest:
             return None
         return Ground(self.digest, self.about, self.path or None, json.loads(self.options))
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlChange(Event):
+    """Other controls steer the channels; :func:`warpriver.meander.controls_after` makes them again.
+
+    Attributes:
+        time: yr; the controls hold from there on.
+        controls: What they are, as JSON: an object for each, with its kind and how many of the numbers are its own, or
+            the place that it had among the controls before.
+        numbers: Their numbers, those of rasters among them, end to end.
+        cell_size: Cell size of the raster that they are stamped into, m.
+        west: Its west edge, m.
+        north: Its north edge, m.
+        rows: Its rows; 0 where there are no controls.
+        columns: Its columns.
+    """
+
+    controls: str
+    numbers: np.ndarray
+    cell_size: float
+    west: float
+    north: float
+    rows: int
+    columns: int
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlStroke(Event):
+    """A control field was painted.
+
+    Attributes:
+        time: yr; the field holds the values from there on.
+        control: Place of the field among the controls.
+        row: First row of the cells that were painted.
+        column: First column.
+        rows: Rows of them.
+        columns: Columns of them.
+        values: (rows * columns,) their values afterwards, m, row by row.
+    """
+
+    control: int
+    row: int
+    column: int
+    rows: int
+    columns: int
+    values: np.ndarray
 
 
 def params_after(params: MeanderParams | PathMeander, events: Iterable[Event]) -> MeanderParams | PathMeander:

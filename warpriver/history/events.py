@@ -19,7 +19,19 @@ import numpy as np
 from warpriver.errors import InputTypeError
 from warpriver.validate import shown
 
-__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "HeldLock", "Split", "event_class", "event_fields"]
+__all__ = [
+    "Avulsion",
+    "Collision",
+    "Crevasse",
+    "Cutoff",
+    "Event",
+    "EventField",
+    "EventLog",
+    "HeldLock",
+    "Split",
+    "event_class",
+    "event_fields",
+]
 
 # Classes by the name of their kind.
 _CLASSES: dict[str, type[Event]] = {}
@@ -150,6 +162,48 @@ class Split(Event):
     other: int
     width: float
     xy: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Crevasse(Event):
+    """A bank that broke at the apex of a bend [Paris2023], Sec. 5.2.
+
+    Attributes:
+        time: yr.
+        channel: Identity of the channel.
+        width: Bankfull width there, m.
+        curvature: Width times curvature, above 0 where the channel turns left.
+        x: Where, m.
+        y: Where, m.
+        outcome: "" where that was all, "avulsion" where the channel left there; else what kept it from leaving.
+    """
+
+    channel: int
+    width: float
+    curvature: float
+    x: float
+    y: float
+    outcome: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Avulsion(Event):
+    """A channel that left its course for a new one, to a point of its own farther downstream [Paris2023], Sec. 5.2.
+
+    Attributes:
+        time: yr.
+        channel: Identity of the channel.
+        width: Bankfull width where it left, m.
+        xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order, both ends included.
+        course: (m, 2) float64 new course, likewise.
+        bed: (m,) float64 bed that was carved along it, m; empty on a plain.
+    """
+
+    channel: int
+    width: float
+    xy: np.ndarray
+    course: np.ndarray
+    bed: np.ndarray
 
 
 # ---- what a kind holds

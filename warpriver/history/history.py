@@ -25,7 +25,7 @@ from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
 from warpriver.extras import need
 from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -216,6 +216,16 @@ class History:
         return self.events.of(Collision)
 
     @property
+    def crevasses(self) -> Sequence[Crevasse]:
+        """The events that are banks that broke."""
+        return self.events.of(Crevasse)
+
+    @property
+    def avulsions(self) -> Sequence[Avulsion]:
+        """The events that are channels that left their courses."""
+        return self.events.of(Avulsion)
+
+    @property
     def splits(self) -> Sequence[Split]:
         """The events that are splits of rings."""
         return self.events.of(Split)
@@ -280,7 +290,7 @@ class History:
 
         Args:
             layer: "courses": the line of each channel at each record. "oxbows": the loops that were cut off, as areas
-                as wide as the channel. "abandoned": the courses that were given up where channels met.
+                as wide as the channel. "abandoned": the courses that were given up where channels met, or left theirs.
             every: Take every so many records; the last one always.
 
         Raises:
