@@ -26,6 +26,7 @@ from warpriver.errors import InputError, InputTypeError
 from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
+from warpriver.meander.control_edit import SetControls, refuse_untold
 from warpriver.meander.controls import Control
 from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
@@ -123,7 +124,7 @@ class Simulation:
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
         self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self._record()
 
     @classmethod
@@ -184,10 +185,10 @@ class Simulation:
         again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         for edit in again:
             self.apply(edit)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         return self
 
     @classmethod
@@ -231,6 +232,9 @@ class Simulation:
         else:
             options = {"check": check, "capture": capture, "threads": threads}
             self = cls._from_start(start, terrain, device, phases, **options)
+        source = getattr(edits, "history", edits)
+        if isinstance(source, History) and len(source):
+            refuse_untold(source.events[source.record(0).events_before :])
         session = session_of(edits, self.seed)
         if session.seed != self.seed:
             raise InputError(f"the session has the seed {session.seed}, the run {self.seed}; start it with that one")
@@ -276,7 +280,7 @@ class Simulation:
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self._record()
         return self
 
@@ -327,7 +331,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -381,7 +385,12 @@ class Simulation:
 
     @controls.setter
     def controls(self, controls: Control | Sequence[Control]) -> None:
-        self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
+        edit = SetControls(controls)  # type: ignore[arg-type]
+        if edit.has_rasters:
+            # These are kept by what changes of them, which no edit tells.
+            self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
+        else:
+            self.apply(edit)
 
     @property
     def device(self) -> Any:
@@ -486,7 +495,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
-            self._edits = EditStack(self._check)
+            self._edits = self._new_stack()
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -590,11 +599,28 @@ class Simulation:
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
         self._note_strokes()
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         try:
             self.stepper.step(steps)
         finally:
             self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
+
+    def _set_controls(self, edit: SetControls) -> Callable[[], None]:
+        """Do a change of controls as an edit; return what takes it back."""
+        steering, stepper = self._steering, self.stepper
+        before = stepper.snapshot()
+        self._note_strokes()
+        controls, stamped = steering.controls, steering.map
+        self.history.events.extend(steering.replace(edit.controls, stepper.state, self.time))
+
+        def back() -> None:
+            steering.put_back(controls, stamped, stepper.state)
+            stepper.put_back(before)
+
+        return back
+
+    def _new_stack(self) -> EditStack:
+        return EditStack(self._check, {SetControls: self._set_controls})
 
     def _check(self, network: RiverNetwork) -> None:
         _check_network(network, self.params, model_of(self.params).with_phases(self._added))
