@@ -474,3 +474,15 @@ def test_what_is_wrong_is_refused_by_name(name, things):
                     place = traceback.extract_tb(error.__traceback__)[-1]
                     faults.append(f"{name}({argument}={what}): {place.filename}:{place.lineno}: {error!r}")
     assert not faults, "\n".join(faults)
+
+
+def test_warnings_tell_the_line_of_the_user(tmp_path):
+    """Not one within warpriver, however deep the function lies that warns."""
+    wr.write_network(
+        wr.RiverNetwork.from_polylines([[[0.0, 0.0], [900.0, 0.0], [1800.0, 9.0]]], 30.0), tmp_path / "a.csv"
+    )
+    text = (tmp_path / "a.csv").read_text().replace("width_m", "other").replace("depth_m", "another")
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.warns(UserWarning, match="no width") as told:
+        wr.read_network(tmp_path / "a.csv")
+    assert {warning.filename for warning in told} == {__file__}

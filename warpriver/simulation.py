@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -22,7 +21,7 @@ from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
-from warpriver.errors import InputError, InputTypeError
+from warpriver.errors import InputError, InputTypeError, warn
 from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
@@ -508,7 +507,7 @@ class Simulation:
                     raise
                 except _StoreError as error:
                     self.history.stop_reason = StopReason.STORE_FAILED
-                    warnings.warn(f"{error.__cause__}", UserWarning, stacklevel=2)
+                    warn(f"{error.__cause__}")
                 except BaseException:
                     # Of a callback, or a second Ctrl-C: what was recorded before is not lost with it.
                     with contextlib.suppress(OSError):

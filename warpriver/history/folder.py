@@ -7,7 +7,6 @@ index: what the index lists is there and whole, whenever a run is killed or runs
 from __future__ import annotations
 
 import contextlib
-import itertools
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -202,10 +201,18 @@ class RunFolder:
             DamageError: At the first segment that is missing or damaged.
         """
         step = -1
-        for number in itertools.count():
+        for number in range(_segments_of(path)):
             with opened(path / segment_name(number)) as archive:
                 records, (first, events) = decode_records(archive), decode_events(archive)
             if np.any(np.diff([step, *(r.step for r in records)]) < 0):
                 raise DamageError(f"{path / segment_name(number)} goes back in time")
             step = records[-1].step if records else step
             yield records, first, events
+
+
+def _segments_of(path: Path) -> int:
+    """Number of segments that a folder should hold: what its index lists, or files if there are more."""
+    index = path / INDEX
+    listed = index.read_bytes().count(b"\n") if index.is_file() else 0
+    numbers = [name[len("segment_") : -len(".npz")] for name in (file.name for file in path.glob("segment_*.npz"))]
+    return max([listed, *(int(number) + 1 for number in numbers if number.isdigit())])
