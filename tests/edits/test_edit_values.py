@@ -70,7 +70,7 @@ def test_a_session_comes_back_from_its_file(tmp_path):
         (lambda: edits.SetChannel(1), "sets nothing; give width, depth or discharge"),
         (lambda: edits.SetChannel(1, width=0.0), "width is 0"),
         (lambda: edits.SetChannel(1, discharge=3.0, reach=(0.0, 5.0)), "discharge cannot be set in a reach"),
-        (lambda: edits.SetChannel(1, width=3.0, reach=5.0), "reach is 5.0; give two places"),
+        (lambda: edits.SetChannel(1, width=3.0, reach=5.0), "reach is 5; give two places"),
         (lambda: edits.EditTerrain("dig", (0.0, 0.0), 5.0, 1.0), "operation is 'dig'; use 'raise'"),
         (
             lambda: edits.EditTerrain("raise", (0.0, 0.0), 5.0),

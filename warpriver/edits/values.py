@@ -14,7 +14,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from warpriver.errors import InputError, InputTypeError
-from warpriver.validate import checked_line, checked_points, finite_numbers, not_negative, one_of, positive, whole
+from warpriver.validate import (
+    checked_line,
+    checked_points,
+    finite_numbers,
+    not_negative,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
 
 __all__ = [
     "AddChannel",
@@ -81,7 +90,7 @@ def edit_of(values: Any) -> Edit:
         ValueError: It is none, or one that cannot be.
     """
     if not isinstance(values, dict) or not isinstance(values.get("edit"), str):
-        raise InputError(f"{values!r} is no edit; it needs the key 'edit' with the name of its kind")
+        raise InputError(f"{shown(values)} is no edit; it needs the key 'edit' with the name of its kind")
     fields = dict(values)
     name = fields.pop("edit")
     cls = _CLASSES.get(name)
@@ -318,7 +327,7 @@ class SetChannel(Edit):
         reach = self.reach
         if reach is not None:
             if not isinstance(reach, Sequence) or len(reach) != 2:
-                raise InputError(f"reach is {reach!r}; give two places, (from, to)")
+                raise InputError(f"reach is {shown(reach)}; give two places, (from, to)")
             reach = (_place(reach[0], "reach[0]"), _place(reach[1], "reach[1]"))
             if self.discharge is not None:
                 raise InputError("discharge cannot be set in a reach: it is that of the channel; leave reach out")
@@ -364,7 +373,7 @@ class EditTerrain(Edit):
             if getattr(self, name) is None:
                 raise InputError(f"{name} is missing; to {self.operation} give {', '.join(needed)}")
         if self.level is not None and self.operation not in ("flatten", "ridge"):
-            raise InputError(f"level is {self.level!r}; only flatten goes to one")
+            raise InputError(f"level is {shown(self.level)}; only flatten goes to one")
         for name in others:
             if getattr(self, name) is not None:
                 raise InputError(f"{name} is given, which {self.operation} does not take; leave it out")
