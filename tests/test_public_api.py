@@ -27,6 +27,7 @@ LEVELS = [
         "network_checks",
         "params",
         "progress",
+        "public",
         "raster",
         "sentinels",
         "terrain",

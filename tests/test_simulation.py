@@ -174,7 +174,7 @@ def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
 @pytest.mark.parametrize("count", [0, -3, 1.5, np.nan, np.inf])
 def test_a_number_of_steps_that_is_none_is_refused(count, device):
     sim = Simulation(wandering(), device=device)
-    with pytest.raises(ValueError, match=r"count is .*; give a whole number of time steps, 1 or more"):
+    with pytest.raises(ValueError, match=r"count is .*; give a whole number"):
         sim.step(count)
     assert sim.step_count == 0
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.validate import real, shown
 
 __all__ = [
     "DAYS_PER_YEAR",
@@ -85,7 +86,7 @@ class Params:
             if field.metadata:
                 _check_constant(value, label, field)
             elif field.type in ("bool", bool) and not isinstance(value, bool):
-                raise InputError(f"{label} is {value!r}; give true or false")
+                raise InputError(f"{label} is {shown(value)}; give true or false")
 
     def replace(self: P, **changes: Any) -> P:
         """Return a copy with some fields changed (and checked again)."""
@@ -109,10 +110,10 @@ def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
     if meta["choices"]:
         if value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
-            raise InputError(f"{label} is {value!r}; use one of {words}")
+            raise InputError(f"{label} is {shown(value)}; use one of {words}")
         return
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InputError(f"{label} is {value!r}; give a finite number of unit {meta['unit']}")
+    if math.isnan(real(value)):
+        raise InputError(f"{label} is {shown(value)}; give a finite number of unit {meta['unit']}, from 1e-30 to 1e30")
     below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
     if below or value > meta["high"]:
         left = "(" if meta["low_open"] else "["

@@ -31,9 +31,10 @@ from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
+from warpriver.public import public
 from warpriver.resume import continued, edits_after, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
-from warpriver.validate import not_negative, whole
+from warpriver.validate import MOST_SEED, not_negative, shown, whole
 
 __all__ = ["Simulation"]
 
@@ -64,6 +65,7 @@ class Simulation:
         stepper: Does the steps; most programs need not look at it.
     """
 
+    @public
     def __init__(
         self,
         network: RiverNetwork,
@@ -112,7 +114,7 @@ class Simulation:
         check_ground(network, terrain)
         own = network.to(device, dtype)
         own.point_z = None  # of the line as given, whose points are about to move
-        seed = whole(seed, "seed")
+        seed = whole(seed, "seed", most=MOST_SEED)
         ground = None if terrain is None else Ground.of(terrain)
         self._steering = Steering(own, terrain, controls)
         options: dict[str, Any] = {"seed": seed, "check": check, "capture": capture, "threads": threads}
@@ -125,6 +127,7 @@ class Simulation:
         self._record()
 
     @classmethod
+    @public
     def resume(
         cls,
         history: History | str | os.PathLike,
@@ -426,6 +429,7 @@ class Simulation:
 
     # ---- running
 
+    @public
     def step(self, count: int = 1) -> None:
         """Advance by that many time steps: migrate, cut off, resample, join, in sub-steps as stability asks for.
 
@@ -441,8 +445,9 @@ class Simulation:
             FloatingPointError: A point is no longer finite; the state before that step is kept.
             AssertionError: ``check`` is on and a phase broke its promise.
         """
-        self._advance(whole(count, "count", 1, "time steps"))
+        self._advance(self._count_steps(None, whole(count, "count", 1, "time steps")))
 
+    @public
     def run(
         self,
         years: float | None = None,
@@ -664,6 +669,8 @@ def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, m
     if looped.any():
         raise InputError(f"channel {int(looped.argmax())}: its ends coincide; make it a ring, closed=True, or open it")
     for phase in model.phases:
+        if Phase not in type(phase).__mro__:
+            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
         phase.check_network(network)
     if params.spacing_in_widths > 0.0:
         return
@@ -682,7 +689,7 @@ def _hook(callback: Any) -> tuple[Every, Callable[[Simulation], Any]]:
     every, call = callback if isinstance(callback, tuple) and len(callback) == 2 else (Every(steps=1), callback)
     if not isinstance(every, Every) or not callable(call):
         raise InputTypeError(
-            f"a callback is {callback!r}; give a function of the simulation, or a pair (Every(...), function)"
+            f"a callback is {shown(callback)}; give a function of the simulation, or a pair (Every(...), function)"
         )
     return every, call
 

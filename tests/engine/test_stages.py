@@ -193,7 +193,7 @@ def test_a_thread_does_shared_stages_in_a_row_slab_by_slab():
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5])
 def test_a_number_of_threads_that_is_none_is_refused(threads):
-    with pytest.raises(ValueError, match="give a whole number, 1 or more"):
+    with pytest.raises(ValueError, match=r"threads is .*; give a whole number"):
         plain(threads=threads)
 
 

@@ -505,5 +505,5 @@ def test_a_radius_beyond_the_length_and_strange_params_are_refused():
     network = wr.RiverNetwork.from_polylines([[[0.0, 0.0], [150.0, 0.0], [300.0, 0.0]]], width=100.0)
     with pytest.raises(ValueError, match="exceeds the length of channel 0"):
         wr.Simulation(network, wr.PathMeander(search_radius=4.0))
-    with pytest.raises(ValueError, match="MeanderParams or PathMeander"):
+    with pytest.raises(ValueError, match="MeanderParams, a PathMeander or None"):
         wr.Simulation(network, {"search_radius": 1.0})

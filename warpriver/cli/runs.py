@@ -202,7 +202,8 @@ def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) 
     free = shutil.disk_usage(above).free
     if free < large:
         complain(f"warpriver {options.name}: warning: {_size(free)} are free on the disk of {store}")
-    limit, told = OUTGROWN * max(grown, now), []
+    limit = OUTGROWN * max(grown, now)
+    told: list[bool] = []
 
     def watch(running: Simulation) -> None:
         if running.network.point_count > limit and not told:

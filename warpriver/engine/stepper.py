@@ -37,6 +37,7 @@ from warpriver.kernels.status import (
 )
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
+from warpriver.validate import whole
 
 __all__ = ["Stepper", "check_ground"]
 
@@ -291,9 +292,7 @@ def _thread_count(threads: int | None) -> int:
     """Return the number of threads asked for, or that of the cores that the process may use."""
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads != int(threads) or threads < 1:
-        raise InputError(f"threads is {threads!r}; give a whole number, 1 or more")
-    return int(threads)
+    return whole(threads, "threads", 1)
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:

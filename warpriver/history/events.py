@@ -17,6 +17,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from warpriver.errors import InputTypeError
+from warpriver.validate import shown
 
 __all__ = [
     "Avulsion",
@@ -340,7 +341,9 @@ class EventLog(Sequence):
             if kind is np.ndarray and isinstance(value, np.ndarray):
                 self._check_array(event, name, value)
             elif not isinstance(value, _ALLOWED[kind]) and not (value is None and optional):
-                raise InputTypeError(f"{name} of the event {type(event).__name__} is {value!r}, not {kind.__name__}")
+                raise InputTypeError(
+                    f"{name} of the event {type(event).__name__} is {shown(value)}, not {kind.__name__}"
+                )
 
     def _check_array(self, event: Event, name: str, array: np.ndarray) -> None:
         # Those of all events are stored end to end.

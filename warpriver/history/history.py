@@ -41,8 +41,9 @@ from warpriver.history.segments import (
 from warpriver.history.tables import event_columns, features_of, geometry_of, summary_columns
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.public import public
 from warpriver.thumbnail import LAKE, SAND, WATER, card, lines_picture, png_of
-from warpriver.validate import whole
+from warpriver.validate import position, shown, whole
 
 if TYPE_CHECKING:
     import geopandas
@@ -138,10 +139,10 @@ class History:
         if isinstance(params, (str, os.PathLike)):
             raise InputTypeError(f"History({str(params)!r}) would be empty; read a stored run with read_history(...)")
         if not isinstance(params, tuple(SOLVER_PARAMS.values())):
-            raise InputTypeError(f"params is {params!r}; give MeanderParams or PathMeander")
+            raise InputTypeError(f"params is {shown(params)}; give MeanderParams or PathMeander")
         self.params = params
         self.seed = seed
-        self.origin = np.array(origin, np.float64)
+        self.origin = position(origin)
         self.crs = crs
         self.dtype = dtype
         self.ground = ground
@@ -258,6 +259,7 @@ class History:
         assert self._folder is not None
         return self._folder.record(*held)
 
+    @public
     def network(self, index: int) -> RiverNetwork:
         """Return the network of one record, on the CPU device."""
         return self.network_of(self.record(index))
@@ -279,6 +281,7 @@ class History:
 
     # ---- as tables
 
+    @public
     def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> geopandas.GeoDataFrame:
         """Return a layer of the run as ``geopandas.GeoDataFrame`` (``warpriver[gis]``).
 
@@ -495,6 +498,7 @@ class History:
             with self._folder.writing():
                 self._folder.write_header(self._header())
 
+    @public
     def save(self, path: str | os.PathLike) -> None:
         """Write everything to one ``.npz`` file, or to a new folder for any other name.
 
@@ -507,7 +511,13 @@ class History:
             records = [self.record(k) for k in range(len(self))]
             write_archive(target, {**encode(records, self.events, 0), "header": np.array(self._header())})
             return
-        told = {"seed": self.seed, "origin": self.origin, "crs": self.crs, "dtype": self.dtype, "ground": self.ground}
+        told: dict[str, Any] = {
+            "seed": self.seed,
+            "origin": self.origin,
+            "crs": self.crs,
+            "dtype": self.dtype,
+            "ground": self.ground,
+        }
         copy = History(self.params, **told)
         copy.events.extend(self.events)
         copy.stop_reason = self.stop_reason
@@ -519,6 +529,7 @@ class History:
     # ---- reopening
 
     @classmethod
+    @public
     def load(cls, path: str | os.PathLike, *, salvage: bool = False) -> History:
         """Reopen a run that was saved or streamed; records and events of a folder are read when asked for.
 
@@ -630,6 +641,7 @@ class History:
         self._events = EventLog(state["_events"])
 
 
+@public
 def read_history(path: str | os.PathLike, *, salvage: bool = False) -> History:
     """Read a run that was stored; its records and events are loaded when they are used.
 

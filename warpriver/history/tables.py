@@ -11,6 +11,7 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.history.events import Avulsion, Collision, Cutoff, Event, event_fields
+from warpriver.validate import shown, whole
 
 if TYPE_CHECKING:
     from warpriver.history.history import History
@@ -59,9 +60,8 @@ def features_of(history: History, layer: str, every: int = 1) -> Features:
         ValueError: Another layer, an interval below 1, or a history without a record.
     """
     if layer not in FEATURES:
-        raise InputError(f"layer is {layer!r}; use one of {', '.join(map(repr, FEATURES))}")
-    if every < 1:
-        raise InputError(f"every is {every}; give 1 or more")
+        raise InputError(f"layer is {shown(layer)}; use one of {', '.join(map(repr, FEATURES))}")
+    every = whole(every, "every", 1, "records")
     if not len(history.times):
         raise InputError("the history holds no record; run the simulation first")
     if layer == "courses":

@@ -23,6 +23,7 @@ from warpriver.graph.forest import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
+from warpriver.public import public
 
 __all__ = ["JunctionParams", "MoveJunctions", "junction_angles", "shape_junctions"]
 
@@ -71,6 +72,7 @@ class JunctionParams(Params):
             )
 
 
+@public
 def junction_angles(network: RiverNetwork, params: JunctionParams | None = None) -> np.ndarray:
     """Angle at which each channel arrives at a junction, against the direction of the channel below it.
 
@@ -98,6 +100,7 @@ def junction_angles(network: RiverNetwork, params: JunctionParams | None = None)
     return np.where(meets[network.channel_to], angle, np.nan)
 
 
+@public
 def shape_junctions(network: RiverNetwork, params: JunctionParams | None = None) -> RiverNetwork:
     """Return a network whose tributaries arrive at the template's angles; nodes and everything upstream stay.
 

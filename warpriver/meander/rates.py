@@ -17,6 +17,7 @@ from warpriver.kernels import migration as kernels
 from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
+from warpriver.public import public
 from warpriver.terrain import Terrain
 
 with IMPORTING:
@@ -30,6 +31,7 @@ EVENNESS = 0.01
 PLACES = 8
 
 
+@public
 def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrain | None = None) -> list[np.ndarray]:
     """Return the migration rate of every point of a network as it stands, on the network's device.
 
