@@ -7,7 +7,6 @@ long a step may be. :func:`shape_junctions` gives tributaries the angle that fit
 :class:`AvulsionParams` lets channels leave their courses.
 """
 
-from warpriver.meander.control_record import controls_after
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -33,7 +32,6 @@ __all__ = [
     "Guide",
     "JunctionParams",
     "Repeller",
-    "controls_after",
     "junction_angles",
     "migration_rate",
     "shape_junctions",
