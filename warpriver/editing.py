@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -20,7 +21,10 @@ from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth
 from warpriver.graph.edits import JUNCTION_CLEARANCE
 from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
+from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
+from warpriver.meander.courses import Refusal
 from warpriver.network import RiverNetwork
+from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
 __all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
@@ -41,7 +45,7 @@ class _Done:
     Attributes:
         edit: The edit.
         events_before: Events of the history before it.
-        network: The network before it; None where the ground was edited.
+        network: The network before it; None where the ground alone was edited.
         window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
             heights that were there.
     """
@@ -85,7 +89,7 @@ class EditStack:
         done, terrain = self._done.pop(), stepper.state.terrain
         if done.network is not None:
             stepper.put_back(done.network)
-        elif done.window is not None and done.cells is not None and terrain is not None:
+        if done.window is not None and done.cells is not None and terrain is not None:
             terrain.raster.put_cells(done.window, done.cells)
         history.forget_events(done.events_before)
         self._undone.append(done.edit)
@@ -113,6 +117,16 @@ class EditStack:
             cells = None if window is None else terrain.raster.cells(window)
             edit_terrain(terrain, edit)
             done = _Done(edit, events, window=window, cells=cells)
+        elif isinstance(edit, edits.AvulseChannel):
+            new = _new_course(edit, stepper)
+            terrain, before, cells = state.terrain, stepper.snapshot(), None
+            window = None if terrain is None else new.window(terrain)
+            if terrain is not None and window is not None:
+                cells = terrain.raster.cells(window)
+            history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+            carve(state, new)
+            _adopt(stepper, rework_courses(state, [new]))
+            done = _Done(edit, events, before, window, cells)
         else:
             before = stepper.snapshot()
             try:
@@ -125,6 +139,33 @@ class EditStack:
         steps = stepper.step_count
         history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
         self._done.append(done)
+
+
+def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:
+    """Find the course that a channel is to take, or raise ``ValueError`` that says why there is none."""
+    state = stepper.state
+    state.place_nodes()
+    river = _River(state.network, edit.channel)
+    channel, point = river.inner(edit.at, JUNCTION_CLEARANCE, "leave its course")
+    head = int(state.network.starts()[channel])
+    target = None
+    if edit.to is not None:
+        k, i = river.locate(edit.to, "to")
+        target = river.first[k] + i
+        if river.parts[k] != channel or target < point + JUNCTION_CLEARANCE:
+            raise InputError(
+                f"to does not lie downstream of at on channel {river.identity}, or a locked point lies between them; "
+                "choose another place"
+            )
+    params = state.params.avulsions or AvulsionParams()
+    identity = int(state.network.channel_id[channel])
+    chance = np.random.default_rng([state.seed, stepper.step_count, identity, point - head])
+    angle = None if edit.angle is None else math.radians(edit.angle)
+    found = plan_course(state, channel, point, params, chance, target=target, angle=angle)
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
 
 
 def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
