@@ -209,10 +209,7 @@ def build(scalar):
             if top - k < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j < run.last):
-                    weight = ONE
-                    if run.closed == 0:
-                        weight = line.end_weight(j, run, ends)
-                    shift = weight * push + pull
+                    shift = line.end_weight(j, run, ends) * push + pull
                     if run.closed != 0:
                         before = line.extended_point(points.xy, j - 1, run)
                         after = line.extended_point(points.xy, j + 1, run)

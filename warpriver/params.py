@@ -231,7 +231,8 @@ class MeanderParams(Params):
         "widths",
         low=0.0,
         source="Paris2023",
-        doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
+        doc="reach at both ends of a channel over which what it feels of the bends upstream fades to nothing, so that "
+        "bends only straighten there; 0: only the end points are held",
     )
     taubin_passes: int = parameter(
         0,

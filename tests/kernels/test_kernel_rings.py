@@ -87,12 +87,12 @@ def test_lines_among_rings_have_the_bits_that_they_have_alone(device, dtype):
     rest = [c for c in range(len(lines)) if c not in rings]
     alone = moving.Case([lines[c] for c in rest], dtype=dtype, device=device)
     for deal in (64, SLABS[0]):
-        rates, own = case.rates(law, deal), alone.rates(law, deal)
-        moved, own_moved = case.moved(law, rates, deal), alone.moved(law, own, deal)
+        found, own = case.velocities(law, deal), alone.velocities(law, deal)
+        moved, own_moved = case.moved(law, found, deal), alone.moved(law, own, deal)
         for k, c in enumerate(rest):
             np.testing.assert_array_equal(moved[c], own_moved[k])
             if deal != 64:  # chunks warm up from where they begin
-                np.testing.assert_array_equal(rates[c], own[k])
+                np.testing.assert_array_equal(found[c], own[k])
 
 
 @functools.cache
@@ -112,13 +112,15 @@ def test_smoothed_rates_and_moves_with_sections_match_the_dense_twins(device, sc
     law = Law(time_step=time_step, scale_local=scale_local)
     case = moving.Case(lines, sections=sections, rings=rings, device=device)
     roots = {c: twin.roots(lines[c], 50.0, sections[c][:, 0], law) for c in rings}
-    expected = {c: twin.fading_sum(raw, roots[c]) for c, raw in raw_rates(scale_local).items()}
+    expected = {
+        c: twin.fading_sum(twin.velocities(lines[c], raw), roots[c]) for c, raw in raw_rates(scale_local).items()
+    }
     for deal in (1, 7, 64, 4096, *SLABS[1:3]):
-        rates = case.rates(law, deal)
-        moved = case.moved(law, rates, deal)
+        found = case.velocities(law, deal)
+        moved = case.moved(law, found, deal)
         for c in rings:
-            assert np.abs(rates[c] - expected[c]).max() <= SUM_TOLERANCE * np.abs(expected[c]).max(), (deal, c)
-            after = twin.move_points(lines[c], rates[c], roots[c], law)
+            assert np.abs(found[c] - expected[c]).max() <= SUM_TOLERANCE * np.abs(expected[c]).max(), (deal, c)
+            after = twin.move_points(lines[c], found[c], roots[c], law)
             reach = np.abs(after).max() + np.abs(after - lines[c]).max()
             assert np.abs(moved[c] - after).max() <= 1e-14 * reach + SUM_TOLERANCE * np.abs(after - lines[c]).max()
     assert time_step < 1.0 or min(roots[1]) ** 8 > 0.1
@@ -166,8 +168,8 @@ def test_rings_at_rest_are_passed_over(device, dtype):
     awake = moving.Case(lines, rings=rings, dtype=dtype, device=device)
     case = moving.Case(lines, rings=rings, resting=(1, 4, 5), dtype=dtype, device=device)
     for deal in (7, 64, *SLABS):
-        rates, found = awake.rates(law, deal), case.rates(law, deal)
-        moved, points = awake.moved(law, rates, deal), case.moved(law, found, deal)
+        velocities, found = awake.velocities(law, deal), case.velocities(law, deal)
+        moved, points = awake.moved(law, velocities, deal), case.moved(law, found, deal)
         for c, xy in enumerate(lines):
             expected = xy.astype(REALS[dtype]) if c in (1, 4, 5) else moved[c]
             np.testing.assert_array_equal(points[c], expected)
