@@ -42,7 +42,7 @@ def on_hills(**options):
 
 
 def tree(**options):
-    network = random_tree(7, sources=8, size=8000.0, width=25.0)
+    network = random_tree(14, sources=8, size=8000.0, width=25.0)
     return Simulation(network, MeanderParams(spacing=20.0), **options)
 
 

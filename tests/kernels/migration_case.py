@@ -17,6 +17,7 @@ from kernel_arrays import (
     share_out,
     split,
     starts_of,
+    stems_of,
     struct_of,
     structs,
     to_device,
@@ -24,7 +25,6 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import memory, migration, schedule
-from warpriver.kernels.channels import Stems
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -73,20 +73,6 @@ def device_constants(kernel, law):
     members = dataclasses.asdict(law)
     del members["time_step"]  # each channel has its own
     return struct_of(kernel.MigrationConstants, **members)
-
-
-def stems_of(stems, channels, device):
-    """The stems that the kernels read, from the links of each as a list of channels; None where there are none."""
-    if not stems:
-        return None
-    upper, lower = np.full(channels, -1), np.full(channels, -1)
-    top, bottom = np.arange(channels), np.arange(channels)
-    for links in stems:
-        upper[links[1:]], lower[links[:-1]] = links[:-1], links[1:]
-        top[links], bottom[links] = links[0], links[-1]
-    arrays = {"upper": upper, "lower": lower, "top": top, "bottom": bottom}
-    arrays = {name: to_device(values.astype(np.int32), wp.int32, device) for name, values in arrays.items()}
-    return struct_of(Stems, **arrays, length=wp.zeros(channels, dtype=wp.int64, device=device))
 
 
 def memory_of(scalar, channels, device):

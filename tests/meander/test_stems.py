@@ -14,6 +14,8 @@ from warpriver.engine import state as buffers
 WIDTH, SPACING = 50.0, 50.0
 # Of the greatest rate, between one piece and its links.
 SAME_RATE = 1e-9
+# By how much the angle at a junction may differ from the mean of those at the points next to it, rad; measured 0.034.
+CORNER = 0.05
 # Where rounding goes in a few steps, m.
 ROUNDING = 1e-6
 
@@ -169,27 +171,24 @@ def test_links_of_twenty_widths_bend_as_the_river_above_them(device):
     assert bent["stem"] > 1.3 and bent["stem"] > 1.3 * bent["channel"], bent
 
 
-def turn_at(network, upper, lower):
-    """Angle between the last segment of a channel and the first one of another, rad."""
-    a, b = (np.diff(network.polylines()[c], axis=0)[k] for c, k in ((upper, -1), (lower, 0)))
-    return abs(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
+def turns_across(network, upper, lower):
+    """Angles by which a river turns at the last inner point of a link, at the junction and at the next point, rad."""
+    upper, lower = network.polylines()[upper], network.polylines()[lower]
+    t = np.diff(np.concatenate([upper[-3:], lower[1:3]]), axis=0)
+    return np.arctan2(t[:-1, 0] * t[1:, 1] - t[:-1, 1] * t[1:, 0], (t[:-1] * t[1:]).sum(axis=1))
 
 
 def test_a_stem_has_no_corner_at_a_junction(device):
-    """It turns there as much as from any point to the next, and the tributaries stay attached."""
+    """It turns there as much as at the points next to it, and the tributaries stay attached."""
     network, _ = river_with_brooks(3)
     sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), device=device, check=True)
     before = sim.network.node_xy.copy()
     sim.run(years=120, record_every=10_000)
     assert_forest(sim.network)
     stems = sim.stepper.state.stems.links
-    turns = [turn_at(sim.network, stems.upper[c], c) for c in np.flatnonzero(stems.upper >= 0)]
-    inner = []
-    for xy in sim.network.polylines():
-        t = np.diff(xy, axis=0)
-        cross = t[:-1, 0] * t[1:, 1] - t[:-1, 1] * t[1:, 0]
-        inner.append(np.abs(np.arctan2(cross, (t[:-1] * t[1:]).sum(axis=1))))
-    assert max(turns) < 1.5 * np.percentile(np.concatenate(inner), 99.5)
+    turns = np.array([turns_across(sim.network, stems.upper[c], c) for c in np.flatnonzero(stems.upper >= 0)])
+    assert np.abs(turns[:, 1]).max() > 0.1, "some turn"
+    assert np.abs(turns[:, 1] - 0.5 * (turns[:, 0] + turns[:, 2])).max() < CORNER
     near = np.hypot(*(sim.network.node_xy[:, None] - before[None]).transpose(2, 0, 1)).min(axis=1)
     assert near.max() > WIDTH, "junctions have moved"
 
