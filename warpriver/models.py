@@ -56,7 +56,7 @@ def _shortest_paths(params: PathMeander) -> Model:
 def _shaping(params: Any, rate: Callable[..., Any], stems: bool) -> list[Phase]:
     drifts = params.junction_drift > 0.0
     junctions: list[Phase] = [MoveJunctions(rate, follows_stems=stems, drifts=drifts)] if stems or drifts else []
-    return [*junctions, *([Smooth()] if params.taubin_passes > 0 else [])]
+    return [*([Smooth()] if params.taubin_passes > 0 else []), *junctions]
 
 
 def _joining(params: Any) -> list[Phase]:

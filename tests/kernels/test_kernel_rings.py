@@ -23,6 +23,7 @@ from kernel_arrays import (
     share_out,
     split,
     starts_of,
+    stems_of,
     to_device,
     unwritten,
 )
@@ -298,7 +299,7 @@ def test_rings_touch_nobody(deal, device):
     assert len({tuple(np.searchsorted(start, pair, side="right") - 1) for pair in met}) == 3
 
 
-def smoothed(lines, rings, numbers, *, deal=64, resting=(), dtype="float64", device="cpu"):
+def smoothed(lines, rings, numbers, *, deal=64, resting=(), stems=(), dtype="float64", device="cpu"):
     """One pass of the smoothing kernel; numbers = (strength, pass band, swell)."""
     scalar, start = SCALARS[dtype], starts_of(lines)
     kernel = smoothing.build(scalar)
@@ -311,6 +312,8 @@ def smoothed(lines, rings, numbers, *, deal=64, resting=(), dtype="float64", dev
         scalar, start=to_device(start, wp.int32, device), form=forms(*np.ones((4, len(lines))), scalar, device),
         spacing=steps, step=steps, closed=ring_flags(rings, len(lines), device),
     )  # fmt: skip
+    if stems:
+        channels.stems = stems_of(stems, len(lines), device)
     for part in share_out(deal, len(lines), int(start[-1]), device):
         inputs = [channels, *numbers, part.work, before]
         wp.launch(kernel.smooth_points, dim=part.threads, inputs=inputs, outputs=[after], device=device)
@@ -334,6 +337,28 @@ def test_smooth_points_matches_its_twin(device, dtype):
                     longest = 1.0 - np.cos(2.0 * np.pi / n if c in rings else np.pi / (n - 1))
                     weight = 1.0 / ((longest if band < 0.0 else band) - 1.0 / strength) if swell else strength
                     assert np.abs(found[c] - twin.smooth(xy, weight, c in rings)).max() <= tolerance
+
+
+@pytest.mark.parametrize("resting", [(), (2,)])
+def test_links_are_smoothed_as_one_line(resting, device, dtype):
+    """To the bit, in the pass band of a line without end; an inactive link is held, and with it both its nodes."""
+    river = wavy_ring(200, 4)[:160]
+    ends = [0, 2, 60, 130, 159]
+    order = [2, 0, 3, 1]
+    lines = [river[ends[k] : ends[k + 1] + 1] for k in order]
+    stem = [order.index(k) for k in range(4)]
+    for swell in (0, 1):
+        whole = smoothed([river], (), (0.5, 0.0, swell), dtype=dtype, device=device)[0]
+        for deal in DEALS:
+            options = {"deal": deal, "resting": [stem[k] for k in resting], "dtype": dtype, "device": device}
+            found = smoothed(lines, (), (0.5, -1.0, swell), stems=[stem], **options)
+            for k in range(4):
+                expected = whole[ends[k] : ends[k + 1] + 1].copy()
+                held = [0, -1] if k in resting else [-1] if k + 1 in resting else [0] if k - 1 in resting else []
+                expected[held] = lines[stem[k]].astype(REALS[dtype])[held]
+                if k in resting:
+                    expected = lines[stem[k]].astype(REALS[dtype])
+                np.testing.assert_array_equal(found[stem[k]], expected)
 
 
 def test_a_pass_of_plain_laplacian_smoothing_shrinks_a_circle_by_the_known_factor():

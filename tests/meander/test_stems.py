@@ -237,6 +237,36 @@ def test_nodes_are_where_the_channels_meet_after_every_step(device):
             np.testing.assert_array_equal(xy[[0, -1]], network.node_xy[[a, b]])
 
 
+def test_links_are_smoothed_with_their_junctions(device):
+    """A rough river in links comes as near to the same one in one piece as points at other places let it."""
+    rng = np.random.default_rng(0)
+    line = even_river() + rng.normal(0.0, 4.0, (241, 2))
+    ends = []
+    for memory, passes in (("stem", 3), ("stem", 0), ("channel", 3)):
+        params = wr.MeanderParams(
+            migration_rate=0.0,
+            cutoff_distance=0.0,
+            collision_distance=0.0,
+            taubin_passes=passes,
+            upstream_memory=memory,
+        )
+        brooks = [line[60 * k] + np.linspace(1.0, 0.0, 30)[:, None] * [200.0, 900.0] for k in (1, 2, 3)]
+        network = wr.RiverNetwork.from_polylines(
+            [*pieces(line, 4), *brooks], width=WIDTH, drainage_area=[4e8, 5e8, 6e8, 7e8, 1e7, 1e7, 1e7]
+        )
+        sim = wr.Simulation(network, params, device=device, check=True)
+        sim.run(steps=4, record_every=10_000)
+        assert_forest(sim.network)
+        stems = sim.network.polylines()[:4]
+        river = np.concatenate([stems[0], *(xy[1:] for xy in stems[1:])])
+        for xy, a, b in zip(sim.network.polylines(), sim.network.channel_from, sim.network.channel_to, strict=True):
+            np.testing.assert_array_equal(xy[[0, -1]], sim.network.node_xy[[a, b]])
+        bends = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(river, axis=0).T[::-1])), 2))
+        nodes = np.cumsum([len(xy) - 1 for xy in stems[:-1]])
+        ends.append(max(bends[node - 3 : node + 2].max() for node in nodes))
+    assert ends[0] < 0.5 * min(ends[1:]), ends
+
+
 # ---- mouths on the edge of the map
 
 
