@@ -225,25 +225,32 @@ def build(scalar):
 
     @wp.func(module=name)
     def fade_of(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> vec4:
-        """(A, R, T) of a link, see ``Memory``."""
+        """(A, R, T) of a link, see ``Memory``. Points from which R would not reach its end have no share in T."""
         r = terms.root
         ends = ends_of(channels, run, constants)
-        q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
-        mean = scalar(1.0)
+        depth = segment_depth(points, run, constants.friction, run.first, run.first)
+        begin = run.last - line.recurrence_reach(r)
+        optical = scalar(0.0)
         root = scalar(1.0)
         mixed = vec2(ZERO, ZERO)
-        for j in range(run.first + 1, run.last + 1):
+        j = int(run.first + 1)
+        if begin > j:
+            # Beyond that reach R is lost.
+            root = ZERO
+            if not points.section:
+                optical = depth * scalar(begin - j)
+                j = begin
+        while j <= run.last:
             if points.section:
-                q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                depth = segment_depth(points, run, constants.friction, j - 1, j)
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            mean = mean * q
-            normal = line.normal_at(channels, points.xy, j, run)
-            felt = terms.upstream * line.end_weight(j, run, ends)
-            mixed = ((ONE - r) * felt * mean) * normal + r * mixed
-            root = root * r
-            if mean < LOST and root < LOST and wp.length(mixed) < LOST:
-                return vec4(ZERO, ZERO, ZERO, ZERO)
-        return vec4(mean, root, mixed[0], mixed[1])
+            optical += depth
+            if j >= begin:
+                felt = terms.upstream * line.end_weight(j, run, ends) * wp.exp(-optical)
+                mixed = ((ONE - r) * felt) * line.normal_at(channels, points.xy, j, run) + r * mixed
+                root = root * r
+            j += 1
+        return vec4(wp.exp(-optical), root, mixed[0], mixed[1])
 
     @wp.func(module=name)
     def chained_start(channels: Channels, memory: Memory, run: Run) -> vec3:
@@ -327,16 +334,25 @@ def build(scalar):
                 ends = ends_of(channels, run, constants)
                 q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
                 point_velocity_io[run.first] = smoothed
+                before = points.xy[run.first]
+                here = points.xy[run.first + 1]
                 j = int(run.first + 1)
                 while j <= run.last and wp.abs(terms.upstream * mean) + wp.length(smoothed) > lost:
                     if points.section:
                         q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
                         r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
                     mean = mean * q
-                    normal = line.normal_at(channels, points.xy, j, run)
+                    after = here
+                    if j < run.last:
+                        after = points.xy[j + 1]
+                    normal = line.right_normal(before, after)
+                    if j == run.last:
+                        normal = line.normal_at(channels, points.xy, j, run)
                     felt = terms.upstream * line.end_weight(j, run, ends)
                     smoothed = ((ONE - r) * felt * mean) * normal + r * smoothed
                     point_velocity_io[j] = point_velocity_io[j] + smoothed
+                    before = here
+                    here = after
                     j += 1
 
     @wp.func(module=name)

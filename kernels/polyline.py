@@ -214,7 +214,8 @@ def build(scalar):
         size = wp.length(t)
         if size == ZERO:
             return vec2(ZERO, ZERO)
-        return vec2(t[1], -t[0]) / size
+        part = ONE / size
+        return vec2(t[1] * part, -t[0] * part)
 
     @wp.func(module=name)
     def segment_length(channels: Channels, run: Run, i: int) -> scalar:

@@ -507,3 +507,5 @@ def test_a_radius_beyond_the_length_and_strange_params_are_refused():
         wr.Simulation(network, wr.PathMeander(search_radius=4.0))
     with pytest.raises(ValueError, match="MeanderParams or PathMeander"):
         wr.Simulation(network, {"search_radius": 1.0})
+    with pytest.raises(TypeError, match="upstream_memory"):
+        wr.PathMeander(upstream_memory="stem")
