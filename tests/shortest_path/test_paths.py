@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import reference_paths as twin
 import warp as wp
+from crossings import crossings
 from insides import shortcuts_of
-from phases import any_step, crossings
+from phases import any_step
 
 import warpriver as wr
 from warpriver.cli import main
