@@ -33,10 +33,10 @@ class Moved:
         written: Elements written for each ``per``.
         per: What they are counted by: "point", "channel", "block" (of the search for collisions), "section" (a point,
             where width and depth vary along channels), "link" (a channel, where channels go on in each other or leave
-            the map), "terrain" (a point, where there is ground), "event" (a cutoff,
-            a contact, a whole launch or a group of a running sum: rare, counted as nothing), "ring" (a channel, where
-            a network has rings), "chunk" (of 32 points, on a GPU alone), "field" (a point; twice with chunks, where a
-            bucket has two fields).
+            the map), "terrain" (a point, where there is ground), "controls" (a point, where controls reach), "event"
+            (a cutoff, a contact, a whole launch or a group of a running sum: rare, counted as nothing), "ring" (a
+            channel, where a network has rings), "chunk" (of 32 points, on a GPU alone), "field" (a point; twice with
+            chunks, where a bucket has two fields).
     """
 
     argument: str
@@ -80,7 +80,7 @@ def _running_sum(phase: str, kind: str, per: str, only: str = "") -> tuple[Launc
 
 
 # What tells how channels go on in each other.
-STEMS = ("upper", "lower", "top", "bottom", "length")
+STEMS = ("upper", "lower", "top", "bottom", "length", "held")
 # What the next run of points needs of its channel.
 CHANNELS = (
     *_read("channels.start", "channels.form", "channels.spacing", "channels.step", per="channel"),
@@ -127,6 +127,9 @@ STEP = (
         *_read("points.xy", "point_velocity"), *_read("points.section", per="section"),
         *_read("memory.tail", per="link"),
         Moved("ground.height", read=4.0, per="terrain"),
+        # Of the blocks of controls one a point; what they hold where a block has any.
+        *_read("ground.steering.block_mobility", per="controls"), *_read("ground.steering.highest", per="event"),
+        *(Moved(f"ground.steering.{name}", read=4.0, per="controls") for name in ("cell_control", "cell_factor")),
         *_written("moved_out.xy"), *_written("moved_out.section", per="section"),
         Moved("channel_pace_io", 1.0, 1.0, per="channel"),
     )),
@@ -242,6 +245,7 @@ def bytes_per_point(
     chunk_points: float = np.inf,
     varying: bool = False,
     terrain: bool = False,
+    controls: bool = False,
     rings: bool = False,
     links: bool = False,
 ) -> tuple[float, float]:
@@ -255,6 +259,7 @@ def bytes_per_point(
         chunk_points: Points that a thread takes on a GPU; infinite on the CPU, which has no chunks.
         varying: Whether width and depth vary along channels.
         terrain: Whether there is ground.
+        controls: Whether controls reach all points.
         rings: Whether the network has rings.
         links: Whether channels go on in each other, or leave the map.
     """
@@ -262,7 +267,7 @@ def bytes_per_point(
         return 0.0, 0.0
     weight = {
         "point": 1.0, "channel": 1.0 / channel_points, "block": 1.0 / block_points, "chunk": 1.0 / chunk_points,
-        "section": float(varying), "terrain": float(terrain), "event": 0.0,
+        "section": float(varying), "terrain": float(terrain), "controls": float(controls), "event": 0.0,
         "ring": float(rings) / channel_points, "link": float(links) / channel_points,
         "field": 1.0 + np.isfinite(chunk_points),
     }  # fmt: skip

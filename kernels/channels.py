@@ -37,7 +37,8 @@ class Stems:
     """Which channels follow each other as the links of one river, by channel; missing where none do.
 
     ``upper`` and ``lower`` are the links next to a channel, -1 where there is none; ``top`` and ``bottom`` the first
-    and the last one of its stem. ``length`` is that of a stem, at its top (see ``measure_stems``).
+    and the last one of its stem. ``length`` is that of a stem, at its top (see ``measure_stems``). ``held`` is 1 where
+    the foot of a channel is a locked point, which does not move; it is missing where there is none.
     """
 
     upper: wp.array[int]
@@ -45,6 +46,7 @@ class Stems:
     top: wp.array[int]
     bottom: wp.array[int]
     length: wp.array[wp.int64]
+    held: wp.array[int]
 
 
 @once
@@ -187,6 +189,13 @@ def build(scalar):
         return run
 
     @wp.func(module=name)
+    def foot_held(channels: Channels, channel: int) -> bool:
+        """Tell whether the foot of a channel is a locked point; -1 stands for no channel."""
+        if channels.stems.held:
+            return channel >= 0 and channels.stems.held[wp.max(channel, 0)] != 0
+        return False
+
+    @wp.func(module=name)
     def next_run(channels: Channels, run: Run) -> Run:
         """The run after another one: of the next channel."""
         after = whole_run(channels, run.channel + 1)
@@ -230,6 +239,7 @@ def build(scalar):
         begin_runs=begin_runs,
         next_run=next_run,
         whole_run=whole_run,
+        foot_held=foot_held,
         channel_range=channel_range,
         section_at=section_at,
         round_index=round_index,

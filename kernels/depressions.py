@@ -47,6 +47,20 @@ def build(scalar):
         lowest: scalar
         buckets_per_meter: scalar
 
+    @wp.struct
+    class Carving:
+        """Size of the padded raster and the limits of a course, and what a search notes by cell, with its heap."""
+
+        rows: int
+        stride: int
+        max_depth: scalar
+        max_length: scalar
+        cell_from: wp.array[int]
+        cell_length: wp.array[scalar]
+        cell_mark: wp.array[int]
+        heap_key: wp.array[scalar]
+        heap_cell: wp.array[int]
+
     @wp.func(module=name)
     def step_above(height: scalar, epsilon: int) -> scalar:
         """Lowest height that drains to one: the next number, and at least 2^-52 m above; the same without epsilon."""
@@ -355,14 +369,10 @@ def build(scalar):
         pit: int,
         mark: int,
         shut_in: int,
-        rows: int,
-        stride: int,
         cell_height: wp.array[scalar],
         cell_state: wp.array[wp.uint8],
         cell_pit_out: wp.array[wp.uint8],
-        cell_length_out: wp.array[scalar],
-        cell_mark_io: wp.array[int],
-        heap_cell_io: wp.array[int],
+        carving_io: Carving,
     ) -> int:
         """List the cells that are joined to a pit at its height; returns their number, or 0 if water leaves them.
 
@@ -372,25 +382,25 @@ def build(scalar):
         found = wp.uint8(shut_in)
         size = int(1)
         first = int(0)
-        heap_cell_io[0] = pit
-        cell_mark_io[pit] = mark
+        carving_io.heap_cell[0] = pit
+        carving_io.cell_mark[pit] = mark
         while first < size:
-            cell = heap_cell_io[first]
+            cell = carving_io.heap_cell[first]
             first += 1
             if cell_state[cell] == IS_OUTLET:
                 found = wp.uint8(DRAINED)
             for k in range(8):
-                n = own_cell(neighbor(cell, stride, k), rows, stride, cell_state)
+                n = own_cell(neighbor(cell, carving_io.stride, k), carving_io.rows, carving_io.stride, cell_state)
                 if cell_state[n] != IS_DONE:
                     if cell_height[n] < height:
                         found = wp.uint8(DRAINED)
-                    if cell_height[n] == height and cell_mark_io[n] != mark:
-                        cell_mark_io[n] = mark
-                        heap_cell_io[size] = n
+                    if cell_height[n] == height and carving_io.cell_mark[n] != mark:
+                        carving_io.cell_mark[n] = mark
+                        carving_io.heap_cell[size] = n
                         size += 1
         for i in range(size):
-            cell_pit_out[heap_cell_io[i]] = found
-            cell_length_out[heap_cell_io[i]] = ZERO
+            cell_pit_out[carving_io.heap_cell[i]] = found
+            carving_io.cell_length[carving_io.heap_cell[i]] = ZERO
         if found == wp.uint8(DRAINED):
             return 0
         return size
@@ -401,18 +411,10 @@ def build(scalar):
         bottom: scalar,
         fall: scalar,
         mark: int,
-        rows: int,
-        stride: int,
-        max_depth: scalar,
-        max_length: scalar,
         cell_height: wp.array[scalar],
         cell_state: wp.array[wp.uint8],
         cell_pit: wp.array[wp.uint8],
-        cell_from_out: wp.array[int],
-        cell_mark_io: wp.array[int],
-        cell_length_io: wp.array[scalar],
-        heap_key_io: wp.array[scalar],
-        heap_cell_io: wp.array[int],
+        carving_io: Carving,
     ) -> int:
         """End of the course of the smallest cut from a pit's cells to drained ground or an outlet; -1 if there is none.
 
@@ -420,59 +422,46 @@ def build(scalar):
         """
         size = int(0)
         while size < sources:
-            push_course(size, ZERO, heap_cell_io[size], heap_key_io, heap_cell_io)
+            push_course(size, ZERO, carving_io.heap_cell[size], carving_io.heap_key, carving_io.heap_cell)
             size += 1
         while size > 0:
-            cell = heap_cell_io[0]
-            cost = heap_key_io[0]
-            pop_course(size, heap_key_io, heap_cell_io)
+            cell = carving_io.heap_cell[0]
+            cost = carving_io.heap_key[0]
+            pop_course(size, carving_io.heap_key, carving_io.heap_cell)
             size -= 1
             if cell_state[cell] == IS_OUTLET:
                 return cell
             for k in range(8):
-                n = own_cell(neighbor(cell, stride, k), rows, stride, cell_state)
-                if cell_state[n] != IS_DONE and cell_mark_io[n] != mark:
-                    length = cell_length_io[cell] + distance(k)
+                n = own_cell(neighbor(cell, carving_io.stride, k), carving_io.rows, carving_io.stride, cell_state)
+                if cell_state[n] != IS_DONE and carving_io.cell_mark[n] != mark:
+                    length = carving_io.cell_length[cell] + distance(k)
                     depth = cell_height[n] - bottom
-                    if length <= max_length and depth <= max_depth:
-                        cell_mark_io[n] = mark
-                        cell_from_out[n] = cell
-                        cell_length_io[n] = length
+                    if length <= carving_io.max_length and depth <= carving_io.max_depth:
+                        carving_io.cell_mark[n] = mark
+                        carving_io.cell_from[n] = cell
+                        carving_io.cell_length[n] = length
                         if depth < -fall * length:
                             return n
                         if depth == ZERO and (cell_pit[n] == wp.uint8(NO_PIT) or cell_pit[n] == wp.uint8(DRAINED)):
                             return n
                         cutting = wp.max(depth, ZERO) + LENGTH_COST * distance(k)
-                        push_course(size, cost + cutting, n, heap_key_io, heap_cell_io)
+                        push_course(size, cost + cutting, n, carving_io.heap_key, carving_io.heap_cell)
                         size += 1
         return -1
 
     @wp.func(module=name)
-    def cut_course(
-        end: int,
-        bottom: scalar,
-        fall: scalar,
-        cell_from: wp.array[int],
-        cell_length: wp.array[scalar],
-        cell_height_io: wp.array[scalar],
-    ):
+    def cut_course(end: int, bottom: scalar, fall: scalar, carving: Carving, cell_height_io: wp.array[scalar]):
         """Lower the cells of a course to a line that falls from its pit, or is level if its end is."""
         slope = fall
         if cell_height_io[end] == bottom:
             slope = ZERO
         cell = int(end)
-        while cell_length[cell] > ZERO:
-            cell_height_io[cell] = wp.min(cell_height_io[cell], bottom - slope * cell_length[cell])
-            cell = cell_from[cell]
+        while carving.cell_length[cell] > ZERO:
+            cell_height_io[cell] = wp.min(cell_height_io[cell], bottom - slope * carving.cell_length[cell])
+            cell = carving.cell_from[cell]
 
     @wp.kernel(module=name, enable_backward=False)
     def carve_pits(
-        # terrain
-        rows: int,
-        stride: int,
-        # params
-        max_depth: scalar,
-        max_length: scalar,
         # in
         pit_cell: wp.array[int],
         cell_state: wp.array[wp.uint8],
@@ -480,11 +469,7 @@ def build(scalar):
         carved_out: wp.array[int],
         cell_height_io: wp.array[scalar],
         cell_pit_io: wp.array[wp.uint8],
-        cell_from_io: wp.array[int],
-        cell_length_io: wp.array[scalar],
-        cell_mark_out: wp.array[int],
-        heap_key_out: wp.array[scalar],
-        heap_cell_out: wp.array[int],
+        carving_io: Carving,
     ):
         """Open the pits in the order given, lowest first, by the course that takes away the least height [Lindsay2016].
 
@@ -493,34 +478,29 @@ def build(scalar):
         and higher pits find the courses of lower ones.
         """
         for cell in range(cell_state.shape[0]):
-            cell_mark_out[cell] = 0
+            carving_io.cell_mark[cell] = 0
         # First tell the flats that water leaves from those that are shut in.
         count = pit_cell.shape[0]
         for i in range(count):
             if cell_pit_io[pit_cell[i]] == wp.uint8(UNKNOWN):
-                flood_flat(
-                    pit_cell[i], i + 1, SHUT_IN, rows, stride, cell_height_io, cell_state,
-                    cell_pit_io, cell_length_io, cell_mark_out, heap_cell_out,
-                )  # fmt: skip
+                flood_flat(pit_cell[i], i + 1, SHUT_IN, cell_height_io, cell_state, cell_pit_io, carving_io)
         carved = int(0)
         for i in range(count):
             pit = pit_cell[i]
             if cell_pit_io[pit] == wp.uint8(SHUT_IN):
                 bottom = cell_height_io[pit]
                 fall = FALL * wp.max(wp.abs(bottom), ONE)
-                sources = flood_flat(
-                    pit, -1 - i, SEARCHED, rows, stride, cell_height_io, cell_state,
-                    cell_pit_io, cell_length_io, cell_mark_out, heap_cell_out,
-                )  # fmt: skip
+                sources = flood_flat(pit, -1 - i, SEARCHED, cell_height_io, cell_state, cell_pit_io, carving_io)
                 end = int(-1)
                 if sources > 0:
                     end = find_course(
-                        sources, bottom, fall, -1 - i, rows, stride, max_depth, max_length, cell_height_io, cell_state,
-                        cell_pit_io, cell_from_io, cell_mark_out, cell_length_io, heap_key_out, heap_cell_out,
-                    )  # fmt: skip
+                        sources, bottom, fall, -1 - i, cell_height_io, cell_state, cell_pit_io, carving_io
+                    )
                 if end >= 0:
                     carved += 1
-                    cut_course(end, bottom, fall, cell_from_io, cell_length_io, cell_height_io)
+                    cut_course(end, bottom, fall, carving_io, cell_height_io)
         carved_out[0] = carved
 
-    return SimpleNamespace(Flood=Flood, flood_cells=flood_cells, find_pits=find_pits, carve_pits=carve_pits)
+    return SimpleNamespace(
+        Flood=Flood, Carving=Carving, flood_cells=flood_cells, find_pits=find_pits, carve_pits=carve_pits
+    )

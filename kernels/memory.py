@@ -206,20 +206,24 @@ def build(scalar):
 
     @wp.func(module=name)
     def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
-        """How far the ends of its river are from a channel, as far as they are felt."""
+        """How far the ends of its river, or the locked points in it, are from a channel, as far as they are felt."""
         if run.upper < 0 and run.lower < 0:
             return free_ends(run, constants)
         top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
         ends = free_ends(line.whole_run(channels, bottom), constants)
         ends.head_reach = constants.end_damping * channels.form[top].width
         link = int(run.channel)
-        while link != top and ends.above < ends.head_reach:
+        while link != top and ends.above < ends.head_reach and not line.foot_held(channels, channels.stems.upper[link]):
             link = channels.stems.upper[link]
             ends.above = ends.above + length_of_link(channels, link)
+        if line.foot_held(channels, channels.stems.upper[link]):
+            ends.head_reach = constants.end_damping * channels.form[link].width
         link = int(run.channel)
-        while link != bottom and ends.below < ends.foot_reach:
+        while link != bottom and ends.below < ends.foot_reach and not line.foot_held(channels, link):
             link = channels.stems.lower[link]
             ends.below = ends.below + length_of_link(channels, link)
+        if line.foot_held(channels, link):
+            ends.foot_reach = constants.end_damping * channels.form[link].width
         # A link that was not looked at lies farther away than the end is felt.
         return ends
 
@@ -250,6 +254,8 @@ def build(scalar):
                 mixed = ((ONE - r) * felt) * line.normal_at(channels, points.xy, j, run) + r * mixed
                 root = root * r
             j += 1
+        if line.foot_held(channels, run.channel):
+            return vec4(wp.exp(-optical), ZERO, ZERO, ZERO)
         return vec4(wp.exp(-optical), root, mixed[0], mixed[1])
 
     @wp.func(module=name)
@@ -356,8 +362,10 @@ def build(scalar):
                     j += 1
 
     @wp.func(module=name)
-    def foot_velocity(run: Run, point_velocity: wp.array[vec2]) -> vec2:
-        """Smoothed velocity at the last point of a stem, which is held, or slides along the edge of the map."""
+    def foot_velocity(channels: Channels, run: Run, point_velocity: wp.array[vec2], smoothed: vec2) -> vec2:
+        """Smoothed velocity at the last point of a channel: where a stem ends it is held, or slides along the edge."""
+        if run.lower >= 0 and not line.foot_held(channels, run.channel):
+            return smoothed
         velocity = vec2(ZERO, ZERO)
         if run.edge == EDGE_NORTH_SOUTH:
             velocity = vec2(ZERO, point_velocity[run.last][1])
@@ -385,8 +393,8 @@ def build(scalar):
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
             smoothed = (ONE - r) * point_velocity[j] + r * smoothed
-            if j == run.last and run.lower < 0:
-                smoothed = foot_velocity(run, point_velocity)
+            if j == run.last:
+                smoothed = foot_velocity(channels, run, point_velocity, smoothed)
         return smoothed
 
     @wp.kernel(module=name, enable_backward=False)

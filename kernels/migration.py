@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import memory, polyline, raster
+from warpriver.kernels import ground as grounds
+from warpriver.kernels import memory, polyline
 from warpriver.kernels.channels import EDGE_NONE, Work
 from warpriver.kernels.variants import once
 
@@ -19,9 +20,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
-    line, cells, past = polyline.build(scalar), raster.build(scalar), memory.build(scalar)
+    line, land, past = polyline.build(scalar), grounds.build(scalar), memory.build(scalar)
     vec2, vec3, bits = line.vec2, line.vec3, line.bits
-    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, cells.Ground
+    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
     MigrationConstants, Terms, Memory = past.MigrationConstants, past.Terms, past.Memory
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
     strength_of = past.strength_of
@@ -297,6 +298,9 @@ def build(scalar):
                     sweep = line_sweep(points, run, terms, constants)
                 state = sweep_velocity(channels, points, run, terms, constants, sweep, point_velocity_out)
                 if run.lower >= 0 and run.stop == run.last + 1:
+                    if line.foot_held(channels, run.channel):
+                        # No displacement goes on through a locked point.
+                        state = vec3(state[0], ZERO, ZERO)
                     memory_out.end[run.channel] = state
                     memory_out.fade[run.channel] = past.fade_of(channels, points, run, terms, constants)
 
@@ -337,7 +341,40 @@ def build(scalar):
         return smoothed / (ONE - ring_fade(points, run, terms, constants, lap))
 
     @wp.func(module=name)
+    def pull_at(
+        points: Points, ground: Ground, run: Run, constants: MigrationConstants, j: int, normal: vec2, rate: scalar
+    ) -> vec2:
+        """What controls add to the velocity of a point that they reach, m/yr."""
+        width = line.section_at(points, j, run)[0]
+        floor = ground.steering.floor * strength_of(width, constants) / width
+        pull = land.control_pull(ground.steering, points.xy[j], normal, rate, floor)
+        if j == run.last and run.edge != EDGE_NONE:
+            # Along the edge of the map, as the rate.
+            pull = wp.dot(pull, normal) * normal
+        return pull
+
+    @wp.func(module=name)
+    def steered(
+        channels: Channels,
+        points: Points,
+        ground: Ground,
+        run: Run,
+        constants: MigrationConstants,
+        j: int,
+        velocity: vec2,
+    ) -> vec2:
+        """Velocity of a point with the pull of controls, which fades at the ends of a river, and what holds it back."""
+        block = land.block_at(ground.steering, points.xy[j])
+        drawn = velocity
+        if block != ONE:
+            normal = line.normal_at(channels, points.xy, j, run)
+            pull = pull_at(points, ground, run, constants, j, normal, wp.dot(normal, velocity))
+            drawn = velocity + line.end_weight(j, run, past.ends_of(channels, run, constants)) * pull
+        return land.freedom_at(ground, points.xy[j], constants.slope_threshold, block) * drawn
+
+    @wp.func(module=name)
     def sweep_move(
+        channels: Channels,
         points: Points,
         point_velocity: wp.array[vec2],
         ground: Ground,
@@ -349,9 +386,10 @@ def build(scalar):
     ) -> scalar:
         """Move the points of a run, sweeping up the channel; return the greatest speed, m/yr."""
         r = terms.root
-        # The last point moves where the river goes on; the first one is the last of the link upstream.
+        # The last point moves where the river goes on, unless it is locked; the first one is the last of the link
+        # upstream.
         last = int(run.last)
-        if run.lower < 0 and run.edge == EDGE_NONE:
+        if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
         fastest = scalar(0.0)
         smoothed = vec2(ZERO, ZERO)
@@ -367,14 +405,12 @@ def build(scalar):
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
             smoothed = (ONE - r) * point_velocity[j] + r * smoothed
-            if j == run.last and run.closed == 0 and run.lower < 0:
-                smoothed = past.foot_velocity(run, point_velocity)
+            if j == run.last and run.closed == 0:
+                smoothed = past.foot_velocity(channels, run, point_velocity, smoothed)
             if j < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j <= last):
-                    velocity = smoothed
-                    if ground.height:
-                        velocity = cells.slope_weight(ground, moved, constants.slope_threshold) * velocity
+                    velocity = steered(channels, points, ground, run, constants, j, smoothed)
                     fastest = wp.max(fastest, wp.length(velocity))
                     moved = moved + run.step * velocity
                 moved_out.xy[j] = moved
@@ -399,17 +435,18 @@ def build(scalar):
         moved_out: Points,
         channel_pace_io: wp.array[bits],
     ):
-        """Finish the smoothing upstream and move: p += (1 - c d2)^-1 (n mu) g dt [Paris2023, Eq. 1 and 6].
+        """Finish the smoothing upstream and move: p += ((1 - c d2)^-1 (n mu) + e pull) g dt [Paris2023, Eq. 1, 6, 7].
 
-        What is smoothed is the displacement itself, not its size: neighbours whose normals cross go on together. g
-        fades with the slope of the terrain, if there is one. The points of inactive channels stay.
+        What is smoothed is the displacement itself, not its size: neighbours whose normals cross go on together. The
+        pull is that of controls, e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the
+        terrain, if there is one, and with damping. The points of inactive channels stay.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:
             run = line.next_run(channels, run)
             if run.step > ZERO:
                 terms = past.smoothing_of(channels, points.xy, run, constants)
-                fastest = sweep_move(points, point_velocity, ground, run, terms, constants, memory, moved_out)
+                fastest = sweep_move(channels, points, point_velocity, ground, run, terms, constants, memory, moved_out)
                 wp.atomic_max(channel_pace_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)

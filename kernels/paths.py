@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline, raster
+from warpriver.kernels import ground as grounds
+from warpriver.kernels import polyline
 from warpriver.kernels.channels import Work
 from warpriver.kernels.variants import once
 
@@ -20,9 +21,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.paths_{scalar.__name__}"
-    line, cells = polyline.build(scalar), raster.build(scalar)
+    line, land = polyline.build(scalar), grounds.build(scalar)
     vec2, vec4, bits = line.vec2, wp.types.vector(4, scalar), line.bits
-    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, cells.Ground
+    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
     ZERO, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 1.0, 2.0, 4.0))
     PI = scalar(math.pi)
 
@@ -209,13 +210,19 @@ def build(scalar):
             if top - k < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j < run.last):
-                    shift = line.end_weight(j, run, ends) * push + pull
-                    if run.closed != 0:
+                    weight = line.end_weight(j, run, ends)
+                    shift = weight * push + pull
+                    block = land.block_at(ground.steering, moved)
+                    if run.closed != 0 or block != ONE:
                         before = line.extended_point(points.xy, j - 1, run)
                         after = line.extended_point(points.xy, j + 1, run)
-                        shift = shift + swell * line.right_normal(before, after)
-                    if ground.height:
-                        shift = cells.slope_weight(ground, moved, constants.slope_threshold) * shift
+                        normal = line.right_normal(before, after)
+                        shift = shift + swell * normal
+                        if block != ONE:
+                            floor = ground.steering.floor * constants.displacement_rate * run.step
+                            drawn = land.control_pull(ground.steering, moved, normal, wp.dot(push, normal), floor)
+                            shift = shift + weight * drawn
+                    shift = land.freedom_at(ground, moved, constants.slope_threshold, block) * shift
                     farthest = wp.max(farthest, wp.length(shift))
                     moved = moved + shift
                 moved_out.xy[j] = moved
@@ -239,9 +246,10 @@ def build(scalar):
         moved_out: Points,
         channel_pace_io: wp.array[bits],
     ):
-        """Finish the blur upstream and move: p += g (e push + pull); the two ends of a channel stay.
+        """Finish the blur upstream and move: p += g (e (push + drawn) + pull); the two ends of a channel stay.
 
-        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one. On a ring e is 1, and
+        e fades to 0 at both ends of a channel, g with the slope of the terrain, if there is one, and with damping;
+        ``drawn`` is what controls do, as in migration with the push along the normal as the rate. On a ring e is 1, and
         all its points go outward by what the smoothing pulls them in on average, so that it keeps the area. The points
         of inactive channels stay.
         """

@@ -25,7 +25,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.raster_{scalar.__name__}"
     vec2 = wp.types.vector(2, scalar)
-    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
+    HALF, ONE = scalar(0.5), scalar(1.0)
     ZERO_64, HALF_64, ONE_64, NAN_64 = (wp.float64(v) for v in (0.0, 0.5, 1.0, math.nan))
     # Part of a cell by which a point on the outer edge may miss it through rounding.
     SLACK = scalar(1.0e-6 if scalar is wp.float64 else 1.0e-3)
@@ -38,13 +38,6 @@ def build(scalar):
         north: scalar
         cell_size: scalar
         cells_per_meter: scalar
-
-    @wp.struct
-    class Ground:
-        """Heights of the ground, m, and where they lie; without heights the ground is a plain."""
-
-        height: wp.array2d[wp.float64]
-        grid: RasterGrid
 
     @wp.func(module=name)
     def cell_position(grid: RasterGrid, xy: vec2) -> vec2:
@@ -209,15 +202,6 @@ def build(scalar):
         return vec2(scalar(change[0]), scalar(change[1])) * grid.cells_per_meter
 
     @wp.func(module=name)
-    def slope_weight(ground: Ground, xy: vec2, limit: scalar) -> scalar:
-        """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
-        slope = wp.length(gradient_at(ground.height, ground.grid, xy))
-        if not (slope < limit):
-            return ZERO
-        t = slope / limit
-        return ONE - t * t * (THREE - TWO * t)
-
-    @wp.func(module=name)
     def center_of_cell(grid: RasterGrid, row: int, column: int) -> vec2:
         """Point at the centre of a cell."""
         x = grid.west + (scalar(column) + HALF) * grid.cell_size
@@ -265,14 +249,13 @@ def build(scalar):
         find_cells=find_cells,
         vec2=vec2,
         RasterGrid=RasterGrid,
-        Ground=Ground,
         cell_position=cell_position,
         is_within=is_within,
         is_inside=is_inside,
         own_cell=own_cell,
         value_at=value_at,
         cell_difference=cell_difference,
+        difference_inside=difference_inside,
         gradient_at=gradient_at,
-        slope_weight=slope_weight,
         center_of_cell=center_of_cell,
     )

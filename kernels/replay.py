@@ -22,11 +22,12 @@ def build(scalar):
     @wp.func_native(
         """
         typedef void (*Launch)(void*, void*);
-        for (int k = 0; k < count; ++k)
-            ((Launch)(launches[3 * k]))((void*)(launches[3 * k + 1]), (void*)(launches[3 * k + 2]));
+        const uint64_t* launch = (const uint64_t*)(table);
+        for (int k = 0; k < count; ++k, launch += 3)
+            ((Launch)(launch[0]))((void*)(launch[1]), (void*)(launch[2]));
         """
     )
-    def run_all(launches: wp.array[wp.uint64], count: int):
+    def run_all(table: wp.uint64, count: int):
         """Run launches in order."""
         ...
 
@@ -38,11 +39,11 @@ def build(scalar):
     @wp.kernel(module=name, enable_backward=False)
     def run_launches(
         # in
-        launches: wp.array[wp.uint64],
+        table: wp.uint64,
         count: int,
     ):
-        """Run ``count`` launches, each of three addresses, in the one thread that there is."""
-        run_all(launches, count)
+        """Run ``count`` launches in the one thread that there is; the table is the address of three uint64 for each."""
+        run_all(table, count)
 
     @wp.kernel(module=name, enable_backward=False)
     def zero_memory(

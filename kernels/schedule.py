@@ -4,9 +4,23 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import polyline, raster
+from warpriver.kernels import ground as grounds
+from warpriver.kernels import polyline
 from warpriver.kernels.channels import Work
-from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, NUMBER, PLANNED, STEPS, SUBSTEPS, TOTAL, TOUCH
+from warpriver.kernels.status import (
+    CONTACTS,
+    CREVASSES,
+    DONE,
+    FAULT,
+    GOAL,
+    HALT,
+    NUMBER,
+    PLANNED,
+    STEPS,
+    SUBSTEPS,
+    TOTAL,
+    TOUCH,
+)
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -20,8 +34,8 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.schedule_{scalar.__name__}"
-    line, cells = polyline.build(scalar), raster.build(scalar)
-    vec2, bits, Channels, Ground = line.vec2, line.bits, line.Channels, cells.Ground
+    line, land = polyline.build(scalar), grounds.build(scalar)
+    vec2, bits, Channels, Ground = line.vec2, line.bits, line.Channels, land.Ground
     ZERO, ONE, TWO = (scalar(v) for v in (0.0, 1.0, 2.0))
     # A channel with a point this free to move counts as free: it asks for a tenth more sub-steps at most.
     FREE = scalar(0.9)
@@ -59,11 +73,11 @@ def build(scalar):
     ):
         """Halt this sub-step and those after it where the host is needed first, or clear what is planned anew.
 
-        The host is needed after a fault, when as many steps are done as it asked for, and when channels have come to
-        touch in a sub-step of the row: it joins them.
+        The host is needed after a fault, when as many steps are done as it asked for, and when in a sub-step of the row
+        channels have come to touch, which it joins, or banks to break.
         """
         channel = wp.tid()
-        touch = status_io[DONE] > 0 and status_io[CONTACTS] > 0
+        touch = status_io[DONE] > 0 and (status_io[CONTACTS] > 0 or status_io[CREVASSES] > 0)
         if touch or status_io[FAULT] != 0 or status_io[STEPS] >= status_io[GOAL] or status_io[HALT] != 0:
             # Every thread comes to the same answer, whether it sees this or not.
             if channel == 0 and status_io[HALT] == 0:
@@ -97,9 +111,10 @@ def build(scalar):
         # out
         channel_mobility_io: wp.array[bits],
     ):
-        """Greatest g of any point of a channel: 1 as soon as one lies on nearly flat ground, 0 where all are held.
+        """Greatest mobility of any point of a channel: 1 where one lies on nearly flat ground, 0 where all are held.
 
-        A channel that would do the step in one piece even on flat ground counts as free as soon as any point can move.
+        Controls can make it more than 1. A channel that would do the step in one piece even on flat ground counts as
+        free as soon as any point can move.
         Numbers from 0 on are in the order of their bits, of which a GPU finds the greatest without a loop.
         """
         if substep[PLANNED] != 0:
@@ -109,14 +124,20 @@ def build(scalar):
             run = line.next_run(channels, run)
             highest = scalar(0.0)
             enough = FREE
-            if maximum_substeps(channel_limits[run.channel], constants.time_step) <= ONE:
+            freest = scalar(1.0)
+            if ground.steering.highest:
+                freest = scalar(ground.steering.highest[0])
+            whole = maximum_substeps(channel_limits[run.channel], constants.time_step)
+            if whole <= ONE:
                 enough = ANY
+            # Where controls might ask for more sub-steps, all points are looked at.
+            searched = whole * freest > ONE and freest > ONE
             i = int(run.begin)
-            while i < run.stop and highest < enough:
-                highest = wp.max(highest, cells.slope_weight(ground, point_xy[i], constants.slope_threshold))
+            while i < run.stop and (highest < enough or searched):
+                highest = land.raised_mobility(ground, point_xy[i], constants.slope_threshold, highest)
+                if highest >= enough:
+                    highest = wp.max(highest, ONE)
                 i += 1
-            if highest >= enough:
-                highest = ONE
             wp.atomic_max(channel_mobility_io, run.channel, wp.cast(highest, bits))
 
     @wp.kernel(module=name, enable_backward=False)
@@ -136,8 +157,8 @@ def build(scalar):
     ):
         """Number of equal sub-steps of each channel, and the maximum of them.
 
-        Where the ground lets no point move by more than a fraction g, sub-steps are longer by 1 / g. The pace of the
-        step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
+        Where ground and controls let no point move by more than a part g, sub-steps are longer by 1 / g. The pace of
+        the step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
         """
         channel = wp.tid()
         if substep[PLANNED] != 0 or status[HALT] != 0:

@@ -35,10 +35,12 @@ def build(scalar):
 
     @wp.func(module=name)
     def is_held(channels: Channels, run: Run, j: int) -> bool:
-        """Tell whether a point stays: the end of a line that no other goes on from, or whose next link is inactive."""
+        """Tell whether a point stays: the end of a line, unless it is free and an active link goes on there."""
         if run.closed != 0 or (j > run.first and j < run.last):
             return False
         link = wp.where(j == run.first, run.upper, run.lower)
+        if line.foot_held(channels, wp.where(j == run.first, run.upper, run.channel)):
+            return True
         return link < 0 or channels.step[wp.max(link, 0)] == ZERO
 
     @wp.kernel(module=name, enable_backward=False)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import noise
+from warpriver.kernels import noise, polygons
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -21,11 +21,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.stamps_{scalar.__name__}"
-    field = noise.build(scalar)
+    field, shapes = noise.build(scalar), polygons.build(scalar)
     vec2 = wp.types.vector(2, scalar)
-    ZERO, ONE, TWO, THREE = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0))
-    FAR = scalar(2.0**100)
-    TINY = scalar(1.0e-12)
+    ZERO, TWO, THREE = (scalar(v) for v in (0.0, 2.0, 3.0))
     # A ray starts so far above the highest place of a mesh, in its own units, and is followed so far.
     ABOVE, BEYOND = wp.float32(1.0), wp.float32(1.0e30)
     DOWN = wp.vec3(0.0, 0.0, -1.0)
@@ -74,29 +72,9 @@ def build(scalar):
         column: int
 
     @wp.func(module=name)
-    def distance_inside(corner: wp.array[vec2], xy: vec2) -> scalar:
-        """Distance from a place in a polygon to its edge, m; 0 outside. The polygon closes by itself."""
-        inside = bool(False)
-        nearest = scalar(FAR)
-        count = corner.shape[0]
-        before = corner[count - 1]
-        for k in range(count):
-            here = corner[k]
-            along, off = here - before, xy - before
-            if (before[1] > xy[1]) != (here[1] > xy[1]):
-                if xy[0] < before[0] + (xy[1] - before[1]) / along[1] * along[0]:
-                    inside = not inside
-            t = wp.clamp(wp.dot(off, along) / wp.max(wp.dot(along, along), TINY), ZERO, ONE)
-            nearest = wp.min(nearest, wp.length(off - t * along))
-            before = here
-        if inside:
-            return nearest
-        return ZERO
-
-    @wp.func(module=name)
     def rough_height(patch: Patch, xy: vec2) -> scalar:
         """Height that a patch adds at a place, m: octaves of gradient noise [Perlin2002], faded towards its edge."""
-        inside = distance_inside(patch.corner, xy)
+        inside = shapes.distance_inside(patch.corner, xy)
         if inside <= ZERO:
             return ZERO
         weight = scalar(1.0)

@@ -7,7 +7,9 @@
 FAULT, HALT, DONE, CUTS, CUT_POINTS, STEPS, GOAL, SUBSTEPS, POINTS, CONTACTS = range(10)
 # What the sub-step at hand needs: capacity for points, cutoffs, their points and shortcuts, also where it is too small.
 POINTS_NEEDED, CUTS_NEEDED, CUT_POINTS_NEEDED, LINKS_NEEDED = range(10, 14)
-STATUS_SIZE = 14
+# Whole steps done before the batch, and crevasses at the end of the last one in it.
+BEGUN, CREVASSES = 14, 15
+STATUS_SIZE = 16
 TOUCH = 2
 # What may be wrong with a sub-step.
 FAULT_NONE, FAULT_NOT_FINITE, FAULT_OXBOWS_FULL, FAULT_SHORTCUTS_FULL, FAULT_POINTS_FULL = 0, 1, 2, 3, 4

@@ -28,7 +28,7 @@ def test_a_table_gives_its_columns():
     channels = table(closed=[False, True, False])
     assert len(channels) == 3
     assert list(channels) == [
-        "width", "depth", "discharge", "slope", "id", "from_node", "to_node", "closed", "rock", "grain", "dam",
+        "width", "depth", "discharge", "slope", "id", "from_node", "to_node", "closed", "joint", "rock", "grain", "dam",
     ]  # fmt: skip
     assert "grain" in channels and "drainage_area" not in channels and channels.drainage_area is None
     assert channels["width"] is channels.width and channels.id.tolist() == [0, 1, 2]
@@ -96,7 +96,7 @@ def test_equal_tables_hold_the_same_values():
         (ValueError, {"discharge": [1.0, 2.0, np.nan]}, "channel_discharge of channel 2 is nan"),
         (ValueError, {"drainage_area": [0.0, 2.0, 3.0]}, "channel_drainage_area of channel 0 is 0"),
         (ValueError, {"slope": [1.0, np.inf, 3.0]}, "channel_slope of channel 1 is infinite"),
-        (ValueError, {"width": ["a", "b", "c"]}, "channel_width is not numbers"),
+        (ValueError, {"width": ["a", "b", "c"]}, "channel_width is .*; give one number a channel"),
         (ValueError, {"id": [0.5, 1.0, 2.0]}, "channel_id is float64; give one whole number"),
         (ValueError, {"from_node": [0, 1]}, r"channel_from has shape \(2,\)"),
         (ValueError, {"closed": []}, r"channel_closed has shape \(0,\)"),
@@ -153,7 +153,7 @@ def test_both_parts_of_a_ring_have_its_columns():
 
 
 def test_runs_keep_every_column(tmp_path, device):
-    sim = Simulation(marked_tree(), MeanderParams(spacing=20.0), device=device)
+    sim = Simulation(marked_tree(), MeanderParams(spacing=20.0, reference_width=0.0), device=device)
     history = sim.run(steps=150, record_every=50, store=tmp_path / "run")
     assert len({event.case for event in history.collisions}) > 2
     rock = dict(zip(range(1000), ["clay", "sand", "gravel"] * 333, strict=False))

@@ -41,19 +41,19 @@ def points(run):
 # ---- the ground
 
 
-def test_a_run_finds_its_ground_again(ground_file, tmp_path):
+def test_a_run_finds_its_ground_again(ground_file, tmp_path, device):
     """From its file, to the bits of a run without a stop; on a plain it is another river."""
-    whole = Simulation(river(), terrain=wr.read_terrain(ground_file)).run(years=60)
-    Simulation(river(), terrain=wr.read_terrain(ground_file)).run(years=30, store=tmp_path / "run")
-    again = Simulation.resume(tmp_path / "run")
+    whole = Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(years=60)
+    Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(years=30, store=tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", device=device)
     assert again.terrain is not None and again.history.ground.path == str(ground_file)
     again.run(steps=whole.steps[-1] - again.step_count)
     np.testing.assert_array_equal(whole.networks[-1].points(), again.network.points())
-    plain = Simulation(river()).run(years=60)
+    plain = Simulation(river(), device=device).run(years=60)
     assert plain.networks[-1].point_count != whole.networks[-1].point_count
 
 
-def test_a_terrain_is_read_as_it_was_read_before(tmp_path):
+def test_a_terrain_is_read_as_it_was_read_before(tmp_path, device):
     """With the arguments that were given; they are kept in the run."""
     rng = np.random.default_rng(4)
     steps = (np.cumsum(rng.uniform(0.0, 3.0, (60, 160)), axis=0)[::-1] / 0.3048).round()
@@ -61,18 +61,18 @@ def test_a_terrain_is_read_as_it_was_read_before(tmp_path):
     np.save(tmp_path / "feet.npy", steps)
     told = {"cell_size": 50.0, "origin": np.array([-1000.0, 1500.0]), "z_factor": 0.3048, "nodata": -5.0}
     terrain = wr.read_terrain(tmp_path / "feet.npy", **told)
-    Simulation(river(), terrain=terrain).run(steps=5, store=tmp_path / "run")
+    Simulation(river(), terrain=terrain, device=device).run(steps=5, store=tmp_path / "run")
     header = json.loads((tmp_path / "run" / "run.json").read_text())["ground"]
     assert header["options"] == {**told, "origin": [-1000.0, 1500.0]}
-    again = Simulation.resume(tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", device=device)
     np.testing.assert_array_equal(again.terrain.to_numpy(), terrain.to_numpy())
     assert again.terrain.origin == (-1000.0, 1500.0)
 
 
-def test_the_terrain_of_a_run_may_be_given(ground_file, tmp_path):
+def test_the_terrain_of_a_run_may_be_given(ground_file, tmp_path, device):
     """It is known by its heights and place, not by its name."""
-    Simulation(river(), terrain=bank()).run(years=10, store=tmp_path / "run")
-    again = Simulation.resume(tmp_path / "run", terrain=wr.read_terrain(ground_file))
+    Simulation(river(), terrain=bank(), device=device).run(years=10, store=tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", terrain=wr.read_terrain(ground_file), device=device)
     again.run(years=10)
     assert len(again.history.events.of(GroundChange)) == 0
 
@@ -90,17 +90,17 @@ def moved(by):
         (lambda: bank().resampled(25.0), "is not the one"),
     ],
 )
-def test_other_ground_is_refused(terrain, words, tmp_path):
-    Simulation(river(), terrain=bank()).run(steps=3, store=tmp_path / "run")
+def test_other_ground_is_refused(terrain, words, tmp_path, device):
+    Simulation(river(), terrain=bank(), device=device).run(steps=3, store=tmp_path / "run")
     before = (tmp_path / "run" / "segments.jsonl").read_bytes()
     with pytest.raises(InputError, match=words):
-        Simulation.resume(tmp_path / "run", terrain=terrain and terrain())
+        Simulation.resume(tmp_path / "run", terrain=terrain and terrain(), device=device)
     assert (tmp_path / "run" / "segments.jsonl").read_bytes() == before
 
 
 @pytest.mark.parametrize("fate", ["removed", "changed", "no terrain any more"])
-def test_a_file_that_is_not_what_it_was_is_told(fate, ground_file, tmp_path):
-    Simulation(river(), terrain=wr.read_terrain(ground_file)).run(steps=3, store=tmp_path / "run")
+def test_a_file_that_is_not_what_it_was_is_told(fate, ground_file, tmp_path, device):
+    Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(steps=3, store=tmp_path / "run")
     if fate == "changed":
         wr.write_terrain(bank(0.31), ground_file)
     else:
@@ -108,29 +108,29 @@ def test_a_file_that_is_not_what_it_was_is_told(fate, ground_file, tmp_path):
         if fate != "removed":
             ground_file.write_text("words")
     with pytest.raises(InputError, match=r"ground\.npz, which (cannot be read|has changed since).*terrain=") as told:
-        Simulation.resume(tmp_path / "run")
+        Simulation.resume(tmp_path / "run", device=device)
     assert "\n" not in str(told.value)
-    again = Simulation.resume(tmp_path / "run", terrain=bank())
+    again = Simulation.resume(tmp_path / "run", terrain=bank(), device=device)
     assert again.terrain is not None
 
 
-def test_a_run_on_a_plain_takes_no_terrain_unless_that_is_wanted(tmp_path):
-    Simulation(river()).run(years=5, store=tmp_path / "run")
+def test_a_run_on_a_plain_takes_no_terrain_unless_that_is_wanted(tmp_path, device):
+    Simulation(river(), device=device).run(years=5, store=tmp_path / "run")
     with pytest.raises(InputError, match="it lies on a plain"):
-        Simulation.resume(tmp_path / "run", terrain=bank())
-    changed = Simulation.resume(tmp_path / "run", terrain=bank(), change_terrain=True)
+        Simulation.resume(tmp_path / "run", terrain=bank(), device=device)
+    changed = Simulation.resume(tmp_path / "run", terrain=bank(), change_terrain=True, device=device)
     changed.run(years=5)
     (event,) = wr.read_history(tmp_path / "run").events.of(GroundChange)
     assert event.time == pytest.approx(5.0, abs=0.3) and event.ground == Ground.of(bank())
-    again = Simulation.resume(tmp_path / "run", terrain=bank())
+    again = Simulation.resume(tmp_path / "run", terrain=bank(), device=device)
     np.testing.assert_array_equal(again.network.points(), changed.network.points())
-    plain = Simulation.resume(tmp_path / "run", change_terrain=True)
+    plain = Simulation.resume(tmp_path / "run", change_terrain=True, device=device)
     assert plain.terrain is None and plain.history.last_ground is None
 
 
-def test_an_edit_of_the_ground_is_an_event(tmp_path):
+def test_an_edit_of_the_ground_is_an_event(tmp_path, device):
     """Between two runs, or by a callback: from then on the run needs the edited ground."""
-    sim = Simulation(river(), terrain=bank())
+    sim = Simulation(river(), terrain=bank(), device=device)
     sim.run(steps=10, store=tmp_path / "run")
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     sim.run(steps=10)
@@ -142,24 +142,24 @@ def test_an_edit_of_the_ground_is_an_event(tmp_path):
     assert [event.time for event in changes] == pytest.approx([10 * p, 30 * p, 30 * p])
     for stale in (None, bank()):
         with pytest.raises(InputError, match=r"was edited during the run|is not the one"):
-            Simulation.resume(tmp_path / "run", terrain=stale)
-    again = Simulation.resume(tmp_path / "run", terrain=sim.terrain.copy())
+            Simulation.resume(tmp_path / "run", terrain=stale, device=device)
+    again = Simulation.resume(tmp_path / "run", terrain=sim.terrain.copy(), device=device)
     sim.step(20)
     again.step(20)
     np.testing.assert_array_equal(sim.network.points(), again.network.points())
 
 
-def test_an_edited_terrain_from_a_file_is_not_read_again(ground_file, tmp_path):
-    sim = Simulation(river(), terrain=wr.read_terrain(ground_file))
+def test_an_edited_terrain_from_a_file_is_not_read_again(ground_file, tmp_path, device):
+    sim = Simulation(river(), terrain=wr.read_terrain(ground_file), device=device)
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     sim.run(steps=10, store=tmp_path / "run")
     with pytest.raises(InputError, match="was edited during the run"):
-        Simulation.resume(tmp_path / "run")
+        Simulation.resume(tmp_path / "run", device=device)
 
 
-def test_a_pickled_simulation_knows_its_ground():
+def test_a_pickled_simulation_knows_its_ground(device):
     """Also one that was brushed before it was pickled and before the history knew."""
-    sim = Simulation(river(), terrain=bank())
+    sim = Simulation(river(), terrain=bank(), device=device)
     sim.run(steps=5)
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     copy = pickle.loads(pickle.dumps(sim))
@@ -218,11 +218,11 @@ def test_a_simulation_on_another_device_has_a_terrain_of_its_own(device):
     ],
     ids=lambda changed: ",".join(changed),
 )
-def test_changed_constants_are_taken_and_told(changed, tmp_path):
-    first = Simulation(river(), MeanderParams())
+def test_changed_constants_are_taken_and_told(changed, tmp_path, device):
+    first = Simulation(river(), MeanderParams(), device=device)
     first.run(steps=20, store=tmp_path / "run")
     params = first.params.replace(**changed)
-    again = Simulation.resume(tmp_path / "run", params=params)
+    again = Simulation.resume(tmp_path / "run", params=params, device=device)
     assert again.params == params and again.history.params == MeanderParams()
     again.run(steps=20)
     loaded = wr.read_history(tmp_path / "run")
@@ -230,7 +230,7 @@ def test_changed_constants_are_taken_and_told(changed, tmp_path):
     events = loaded.events.of(ParameterChange)
     assert {event.name: json.loads(event.after) for event in events} == changed
     assert {event.time for event in events} == {20 * params.time_step}
-    third = Simulation.resume(tmp_path / "run")
+    third = Simulation.resume(tmp_path / "run", device=device)
     assert third.params == params
     np.testing.assert_array_equal(third.network.points(), again.network.points())
     for sim in (third, again):
@@ -241,22 +241,22 @@ def test_changed_constants_are_taken_and_told(changed, tmp_path):
         assert gap.max() < 1.1 * min(params.spacing, 24.0)
 
 
-def test_unchanged_constants_are_no_event(tmp_path):
-    whole = Simulation(river()).run(steps=40)
-    Simulation(river()).run(steps=20, store=tmp_path / "run")
-    again = Simulation.resume(tmp_path / "run", params=MeanderParams())
+def test_unchanged_constants_are_no_event(tmp_path, device):
+    whole = Simulation(river(), device=device).run(steps=40)
+    Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", params=MeanderParams(), device=device)
     again.run(steps=20)
     assert len(again.history.events.of(ParameterChange)) == 0
     np.testing.assert_array_equal(whole.networks[-1].points(), again.network.points())
 
 
-def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path):
+def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path, device):
     """A run that is killed right after it was resumed goes on from its last record with the constants of that."""
-    Simulation(river()).run(steps=20, store=tmp_path / "run")
-    lost = Simulation.resume(tmp_path / "run", params=MeanderParams(migration_rate=5.0))
+    Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
+    lost = Simulation.resume(tmp_path / "run", params=MeanderParams(migration_rate=5.0), device=device)
     lost.step(3)
     lost.history.flush()
-    again = Simulation.resume(tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", device=device)
     assert again.params == MeanderParams() and again.step_count == 20
 
 
@@ -270,24 +270,24 @@ def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path):
     ],
     ids=["solver", "time step", "collisions", "spacing"],
 )
-def test_changes_that_a_run_cannot_make_are_refused(params, words, tmp_path):
-    Simulation(river()).run(steps=2, store=tmp_path / "run")
+def test_changes_that_a_run_cannot_make_are_refused(params, words, tmp_path, device):
+    Simulation(river(), device=device).run(steps=2, store=tmp_path / "run")
     with pytest.raises(InputError, match=words):
-        Simulation.resume(tmp_path / "run", params=params)
+        Simulation.resume(tmp_path / "run", params=params, device=device)
 
 
-def test_a_history_in_memory_is_left_as_it_was_when_resuming_is_refused():
+def test_a_history_in_memory_is_left_as_it_was_when_resuming_is_refused(device):
     sim = tree()
     sim.run(steps=60)
     sim.step(40)
     count = len(sim.history.events)
     with pytest.raises(InputError):
-        Simulation.resume(sim.history, params=PathMeander())
+        Simulation.resume(sim.history, params=PathMeander(), device=device)
     assert len(sim.history.events) == count
 
 
-def test_constants_and_columns_of_a_simulation_are_read_only():
-    sim = Simulation(many_channels(3), MeanderParams(spacing=25.0))
+def test_constants_and_columns_of_a_simulation_are_read_only(device):
+    sim = Simulation(many_channels(3), MeanderParams(spacing=25.0), device=device)
     with pytest.raises(AttributeError, match=r"read-only; go on with others by Simulation.resume"):
         sim.params = MeanderParams(migration_rate=1.0)
     for name in ("history", "seed", "network", "terrain", "time", "step_count", "threads", "check", "stepper"):
@@ -323,27 +323,27 @@ class Shake(Phase):
         return [Stage(self.name, run, shared=False)]
 
 
-def test_the_seed_is_that_of_phases_that_draw(tmp_path):
+def test_the_seed_is_that_of_phases_that_draw(tmp_path, device):
     """The same numbers for the same seed, also in a run that goes on; those of the models draw none."""
-    runs = [Simulation(river(), seed=seed, phases=[Shake()]).run(steps=6) for seed in (1, 1, 2)]
+    runs = [Simulation(river(), seed=seed, phases=[Shake()], device=device).run(steps=6) for seed in (1, 1, 2)]
     same, again, other = (run.networks[-1].points() for run in runs)
     np.testing.assert_array_equal(same, again)
     assert np.abs(same - other).max() > 1e-3
-    half = Simulation(river(), seed=np.int64(2), phases=[Shake()])
+    half = Simulation(river(), seed=np.int64(2), phases=[Shake()], device=device)
     half.run(steps=3, store=tmp_path / "run")
-    rest = Simulation.resume(tmp_path / "run", phases=[Shake()])
+    rest = Simulation.resume(tmp_path / "run", phases=[Shake()], device=device)
     assert rest.seed == 2
     rest.step(3)
     np.testing.assert_array_equal(rest.network.points(), other)
     with pytest.raises(InputError, match="seed is -1"):
-        Simulation(river(), seed=-1)
+        Simulation(river(), seed=-1, device=device)
 
 
 # ---- where a history is
 
 
-def test_the_path_of_a_run_is_no_history(tmp_path):
-    Simulation(river()).run(steps=2, store=tmp_path / "run")
+def test_the_path_of_a_run_is_no_history(tmp_path, device):
+    Simulation(river(), device=device).run(steps=2, store=tmp_path / "run")
     for path in (tmp_path / "run", str(tmp_path / "run")):
         with pytest.raises(TypeError, match=r"would be empty; read a stored run with read_history"):
             History(path)

@@ -18,8 +18,8 @@ def test_paper_values_are_table_1():
 
 def test_every_field_states_unit_source_and_meaning():
     for name, default, unit, source, doc in describe(MeanderParams):
-        # What follows from the network has no number.
-        assert (default is not None or name == "reference_width") and unit and source and doc, name
+        # What follows from the network has no number, nor has what is left out.
+        assert (default is not None or name in ("reference_width", "avulsions")) and unit and source and doc, name
 
 
 @pytest.mark.parametrize(

@@ -246,7 +246,7 @@ def test_a_raster_of_heights_becomes_a_terrain_without_a_copy():
         (area(), "raster 'drainage_area' is in 'm2'; a terrain needs float64 heights in m"),
         (area(labels(), unit="m"), "is int32; a terrain needs float64 heights"),
         (area(np.full((3, 3), np.nan), unit=""), "NaN in every cell"),
-        (rough(), "raster is a ndarray; give a Raster"),
+        (rough(), "raster is an ndarray; give a Raster"),
     ):
         with pytest.raises(ValueError, match=text):
             Terrain.from_raster(wrong)
@@ -320,7 +320,7 @@ def test_hydrology_takes_rasters_for_surfaces_areas_and_channels(flow):
         hydrology.hand(flow, elsewhere)
     with pytest.raises(ValueError, match="receiver lies on other cells"):
         hydrology.Flow(flow.terrain, Raster(flow.receiver.numpy(), 31.0))
-    with pytest.raises(ValueError, match="the surface is a ndarray; give a Terrain, or a Raster of heights in m"):
+    with pytest.raises(ValueError, match="terrain is an ndarray; give a Terrain or a Raster"):
         hydrology.fill_depressions(rough())
     with pytest.raises(ValueError, match="is in 'm2'; a terrain needs"):
         hydrology.route(drained)
@@ -560,10 +560,10 @@ BAD = [
     ({"cell_size": math.nan}, "cell_size is nan"),
     ({"cell_size": "wide"}, "cell_size is 'wide'"),
     ({"origin": (1.0, math.inf)}, r"origin is .*2 finite numbers"),
-    ({"origin": 7.0}, r"origin is 7\.0; give 2 numbers"),
+    ({"origin": 7.0}, r"origin is 7; give"),
     ({"crs": "EPSG:4326"}, r'longitude and latitude, not metres.*to_crs="utm"'),
-    ({"unit": None}, 'unit is None; give text, such as "m2"'),
-    ({"name": 3}, 'name is 3; give text, such as "drainage_area"'),
+    ({"unit": None}, "unit is None; give a text"),
+    ({"name": 3}, "name is 3; give a text"),
     ({"device": "cuda:99"}, "'cuda:99' is not on this machine"),
 ]
 
@@ -582,7 +582,7 @@ CALLS = [
     (("crop", (0.0, 0.0, 1.0)), "bounds is"),
     (("crop", (0.0, 0.0, 1.0, 1.0)), "fewer than 2 x 2 cells of the raster, which lies within"),
     (("sample", [1.0, 2.0]), r"xy has shape \(2,\)"),
-    (("sample", [["a", "b"]]), "xy is not an array of numbers"),
+    (("sample", [["a", "b"]]), "xy is .*; give .n, 2. x, y in metres"),
     (("to", "cuda:99"), "'cuda:99' is not on this machine"),
 ]
 
@@ -598,7 +598,7 @@ def test_bad_files_are_told(tmp_path):
         for call in (lambda p: write_raster(area(), p), read_raster):
             with pytest.raises(ValueError, match=text):
                 call(tmp_path / name)
-    with pytest.raises(ValueError, match="raster is a Terrain; give a Raster, or write_terrain a terrain"):
+    with pytest.raises(ValueError, match="raster is a Terrain; give a Raster"):
         write_raster(Terrain(rough(), 1.0), tmp_path / "a.npz")
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         read_raster(tmp_path / "a.npz")

@@ -174,7 +174,7 @@ def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
 @pytest.mark.parametrize("count", [0, -3, 1.5, np.nan, np.inf])
 def test_a_number_of_steps_that_is_none_is_refused(count, device):
     sim = Simulation(wandering(), device=device)
-    with pytest.raises(ValueError, match=r"count is .*; give a whole number of time steps, 1 or more"):
+    with pytest.raises(ValueError, match=r"count is .*; give a whole number"):
         sim.step(count)
     assert sim.step_count == 0
 
@@ -217,7 +217,7 @@ def test_a_time_step_out_of_proportion_is_refused():
 
 def test_spacing_wider_than_a_channel_is_refused():
     with pytest.raises(ValueError, match=r"spacing 50 m is coarser than channel 0 is wide \(20 m\)"):
-        Simulation(wandering(width=20.0))
+        Simulation(wandering(width=20.0), MeanderParams(spacing_in_widths=0.0))
 
 
 def test_a_ring_is_refused():

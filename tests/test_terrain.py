@@ -380,12 +380,12 @@ BAD = [
     ({"cell_size": math.nan}, "cell_size is nan"),
     ({"cell_size": "wide"}, "cell_size is 'wide'"),
     ({"origin": (1.0, math.inf)}, "origin is .*2 finite numbers"),
-    ({"origin": 7.0}, "origin is 7.0; give 2 numbers"),
+    ({"origin": 7.0}, "origin is 7; give"),
     ({"origin": (1.0, 2.0, 3.0)}, "origin is"),
     ({"crs": "EPSG:4326"}, 'longitude and latitude, not metres.*to_crs="utm"'),
     ({"crs": 'GEOGCS["WGS 84",DATUM["WGS_1984"]]'}, "longitude and latitude"),
     ({"crs": "mars"}, "crs: pyproj does not know the CRS 'mars'"),
-    ({"crs": 32619}, "crs is 32619; give it as text"),
+    ({"crs": 32619}, "crs is 32619; give a text"),
     ({"crs": "EPSG:2263"}, "crs: EPSG:2263 is in US survey foot, not metres"),
     ({"device": "cuda:99"}, "'cuda:99' is not on this machine"),
 ]
@@ -418,7 +418,7 @@ EDITS = [
     (("crop", (0.0, 0.0, 1.0, 1.0)), "fewer than 2 x 2 cells of the terrain, which lies within"),
     (("crop", (1700.0, 4940.0, 1200.0, 5300.0)), "fewer than 2 x 2"),
     (("sample", [1.0, 2.0]), r"xy has shape \(2,\)"),
-    (("sample", [["a", "b"]]), "xy is not an array of numbers"),
+    (("sample", [["a", "b"]]), "xy is .*; give .n, 2. x, y in metres"),
 ]
 
 

@@ -11,7 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import erosion, generate, history, hydrology, io, meander, metrics, valley, viz
+    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, valley, viz
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -37,6 +37,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "edits",
     "erode",
     "erosion",
     "extract_network",
@@ -63,11 +64,18 @@ __version__ = "0.1.0"
 
 # Each name is imported when it is first used, so that `warpriver --help` does not wait for Warp.
 _HOMES = {
+    "Attractor": "warpriver.meander.controls",  # controls and their like are listed by their room
+    "AvulsionParams": "warpriver.params",
+    "ControlField": "warpriver.meander.controls",
+    "DampingRegion": "warpriver.meander.controls",
+    "ErodibilityField": "warpriver.meander.controls",
     "Every": "warpriver.history",
+    "Guide": "warpriver.meander.controls",
     "History": "warpriver.history",
     "LehenyParams": "warpriver.params",
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
+    "Repeller": "warpriver.meander.controls",
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
@@ -85,7 +93,7 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
+_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
 
 
 def __getattr__(name: str) -> Any:

@@ -16,7 +16,11 @@ import numpy as np
 from warpriver.errors import InputError, InputTypeError
 from warpriver.validate import numbers, positive_numbers
 
-__all__ = ["ChannelTable"]
+__all__ = ["JOINT_LOCK", "JOINT_NONE", "JOINT_THROUGH", "ChannelTable"]
+
+# What the node at the foot of a channel is to the river: any node; a through node, where one river is two channels; or
+# a locked point of it, which nothing moves.
+JOINT_NONE, JOINT_THROUGH, JOINT_LOCK = 0, 1, 2
 
 
 def _whole(dtype: Any) -> Callable[[Any, str], np.ndarray]:
@@ -60,6 +64,19 @@ def _nowhere(count: int) -> np.ndarray:
     return np.zeros(count, bool)
 
 
+def _joints(values: Any, name: str) -> np.ndarray:
+    array = _whole(np.int32)(values, name)
+    wrong = (array < JOINT_NONE) | (array > JOINT_LOCK)
+    if wrong.any():
+        c = int(wrong.argmax())
+        raise InputError(f"{name} of channel {c} is {array.flat[c]}; it is 0, 1 (a through node) or 2 (a locked point)")
+    return array
+
+
+def _no_joint(count: int) -> np.ndarray:
+    return np.full(count, JOINT_NONE, np.int32)
+
+
 def _free(values: Any, name: str) -> np.ndarray:
     """Return a free column as bool, int64, float64 or text, or raise ``ValueError``."""
     array = np.array(values)
@@ -100,6 +117,7 @@ COLUMNS = {
     "from_node": _Column(_whole(np.int32), _no_node),
     "to_node": _Column(_whole(np.int32), _no_node),
     "closed": _Column(_flags, _nowhere),
+    "joint": _Column(_joints, _no_joint),
 }
 
 
@@ -122,6 +140,9 @@ class ChannelTable:
         from_node: (C,) int32, node at the upstream end; -1 in a table that belongs to no network yet.
         to_node: (C,) int32, node at the downstream end; likewise.
         closed: (C,) bool, True for rings.
+        joint: (C,) int32, what the node at the downstream end is to the river: 0 for any node; 1 for a through node,
+            where a river was split in two channels; 2 for a locked point, whose river is one all the same. It counts
+            where one channel ends and one begins.
         extra: The free columns by name, each (C,) bool, int64, float64 or text.
     """
 
@@ -134,6 +155,7 @@ class ChannelTable:
     from_node: np.ndarray
     to_node: np.ndarray
     closed: np.ndarray
+    joint: np.ndarray
     extra: Mapping[str, np.ndarray]
 
     def __init__(self, *, extra: Mapping[str, Any] | None = None, **columns: Any):

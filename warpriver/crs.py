@@ -8,6 +8,7 @@ import re
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from warpriver.errors import InputError
+from warpriver.validate import shown
 
 __all__ = [
     "CRSLike",
@@ -62,7 +63,7 @@ def crs_text(crs: CRSLike | None, where: str) -> str | None:
     if crs is None:
         return None
     if not isinstance(crs, (str, SupportsWkt)):
-        raise InputError(f"{where} is {crs!r}; give it as text, such as 'EPSG:32619' or WKT, or as a pyproj.CRS")
+        raise InputError(f"{where} is {shown(crs)}; give it as text, such as 'EPSG:32619' or WKT, or as a pyproj.CRS")
     text = " ".join((crs if isinstance(crs, str) else crs.to_wkt()).split())
     if re.match(r'\w+\["Undefined', text, re.IGNORECASE):
         return None

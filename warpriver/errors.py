@@ -32,7 +32,7 @@ class MissingRecordError(InputError, IndexError):
     """A record that a run does not have."""
 
 
-class InputTypeError(WarpriverError, TypeError):
+class InputTypeError(InputError, TypeError):
     """A value of the wrong type."""
 
 

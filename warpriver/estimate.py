@@ -85,6 +85,7 @@ def _seconds_of_a_step(simulation: Simulation) -> float:
         terrain=simulation.terrain,
         check=simulation.check,
         threads=simulation.threads,
+        controls=simulation.controls,
     )
     copy.step()
     begin = time.perf_counter()

@@ -15,6 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpriver.public import public
+from warpriver.validate import floats
+
 __all__ = [
     "DEPTH_BY_WIDTH",
     "DISCHARGE_BY_AREA",
@@ -45,30 +48,33 @@ CALIBRATION_AREA = 100.0 * SQUARE_KILOMETER
 
 def bankfull_depth(width: npt.ArrayLike) -> Any:
     """Bankfull depth in m of a channel ``width`` m wide, from w = 18.8 d^1.41 [Konsoer2013]."""
-    return (np.asarray(width, np.float64) / WIDTH_AT_1_M) ** DEPTH_BY_WIDTH
+    return (floats(width, "width") / WIDTH_AT_1_M) ** DEPTH_BY_WIDTH
 
 
 def bankfull_width(depth: npt.ArrayLike) -> Any:
     """Bankfull width in m of a channel ``depth`` m deep, w = 18.8 d^1.41 [Konsoer2013]."""
-    return WIDTH_AT_1_M * np.asarray(depth, np.float64) ** WIDTH_BY_DEPTH
+    return WIDTH_AT_1_M * floats(depth, "depth") ** WIDTH_BY_DEPTH
 
 
+@public
 def bankfull_discharge(width: npt.ArrayLike) -> Any:
     """Bankfull discharge in m3/s of a channel ``width`` m wide, from w = 7.2 Q^0.5 [Andreadis2013].
 
     It is the discharge of all channels for which none is stated, those of extracted networks among them.
     """
-    return (np.asarray(width, np.float64) / WIDTH_AT_1_M3_S) ** 2
+    return (floats(width, "width") / WIDTH_AT_1_M3_S) ** 2
 
 
+@public
 def width_of_discharge(flow: npt.ArrayLike) -> np.ndarray:
     """Bankfull width in m of a channel with a bankfull discharge in m3/s, w = 7.2 Q^0.5 [Andreadis2013].
 
     Of a mean discharge it makes a width that is too small.
     """
-    return np.sqrt(np.asarray(flow, np.float64) / bankfull_discharge(1.0))
+    return np.sqrt(floats(flow, "flow") / bankfull_discharge(1.0))
 
 
+@public
 def discharge(area: npt.ArrayLike) -> np.ndarray:
     """Discharge in m3/s by drainage area in m2, 0.42 A^0.69 with A in km2 [Peytavie2019].
 
@@ -76,13 +82,14 @@ def discharge(area: npt.ArrayLike) -> np.ndarray:
     sets the coefficient of :func:`channel_width` at 100 km2. It is not the discharge of the channels of a network,
     which follows from their widths by :func:`bankfull_discharge`: it does not add up at junctions.
     """
-    return DISCHARGE_AT_1_KM2 * (np.asarray(area, np.float64) / SQUARE_KILOMETER) ** DISCHARGE_EXPONENT
+    return DISCHARGE_AT_1_KM2 * (floats(area, "area") / SQUARE_KILOMETER) ** DISCHARGE_EXPONENT
 
 
 # 2.29e-3: a channel that drains 100 km2 is as wide as a discharge of 10.1 m3/s makes it, 22.9 m.
 WIDTH_COEFFICIENT = float(width_of_discharge(discharge(CALIBRATION_AREA)) / np.sqrt(CALIBRATION_AREA))
 
 
+@public
 def channel_width(area: npt.ArrayLike, coefficient: float = WIDTH_COEFFICIENT) -> np.ndarray:
     """Bankfull width in m of a channel that drains an area in m2, w = c A^0.5 [Paris2023, Sec. 3.1].
 
@@ -93,4 +100,4 @@ def channel_width(area: npt.ArrayLike, coefficient: float = WIDTH_COEFFICIENT) -
         area: m2.
         coefficient: c, in m per m.
     """
-    return coefficient * np.sqrt(np.asarray(area, np.float64))
+    return coefficient * np.sqrt(floats(area, "area"))

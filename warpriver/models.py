@@ -9,6 +9,7 @@ from typing import Any
 from warpriver.engine.phase import Phase
 from warpriver.engine.state import StepLimits
 from warpriver.errors import InputError
+from warpriver.meander.avulsions import Avulse
 from warpriver.meander.collisions import Collide
 from warpriver.meander.cutoffs import CutOff
 from warpriver.meander.junctions import MoveJunctions
@@ -41,7 +42,8 @@ class Model:
 
 
 def _migration(params: MeanderParams) -> Model:
-    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of, params.upstream_memory == "stem")]
+    follows = "stems" if params.upstream_memory == "stem" else "through nodes"
+    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of, follows)]
     if params.cutoff_distance > 0.0:
         phases.append(CutOff())
     return Model((*phases, Resample(), *_joining(params)), step_limits)
@@ -49,18 +51,21 @@ def _migration(params: MeanderParams) -> Model:
 
 def _shortest_paths(params: PathMeander) -> Model:
     resample = Resample()
-    phases = [Push(), *_shaping(params, push_rate, False), TakeShortcuts(params, resample.arcs)]
+    phases = [Push(), *_shaping(params, push_rate, "nothing"), TakeShortcuts(params, resample.arcs)]
     return Model((*phases, resample, *_joining(params)), push_limits)
 
 
-def _shaping(params: Any, rate: Callable[..., Any], stems: bool) -> list[Phase]:
+def _shaping(params: Any, rate: Callable[..., Any], follows: str) -> list[Phase]:
     drifts = params.junction_drift > 0.0
-    junctions: list[Phase] = [MoveJunctions(rate, follows_stems=stems, drifts=drifts)] if stems or drifts else []
+    junctions: list[Phase] = []
+    if follows != "nothing" or drifts:
+        junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts))
     return [*([Smooth()] if params.taubin_passes > 0 else []), *junctions]
 
 
 def _joining(params: Any) -> list[Phase]:
-    return [Collide()] if params.collision_distance > 0.0 else []
+    leaving: list[Phase] = [Avulse()] if params.avulsions is not None else []
+    return [*leaving, *([Collide()] if params.collision_distance > 0.0 else [])]
 
 
 # A new kind of parameters is a new model here, and nowhere else.

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from warpriver.channel_table import COLUMNS, ChannelTable
-from warpriver.crs import CRSLike, metric_crs, short_name
+from warpriver.crs import metric_crs, short_name
 from warpriver.device import PRECISIONS, resolve_device
 from warpriver.errors import InputError, InputTypeError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
@@ -20,14 +21,16 @@ from warpriver.network_checks import (
     check_rings_apart,
     checked_points,
     find_nodes,
+    offsets,
     per_channel,
     per_point,
     ring_flags,
     ring_marks,
     ring_points,
 )
+from warpriver.public import public
 from warpriver.thumbnail import WATER, card, lines_picture, png_of
-from warpriver.validate import checked_line, one_of
+from warpriver.validate import checked_line, floats, one_of, position
 
 __all__ = ["RiverNetwork"]
 
@@ -58,21 +61,22 @@ class RiverNetwork:
             channel_start[c + 1] - 1.
     """
 
+    @public
     def __init__(
         self,
-        point_xy: np.ndarray,
-        channel_start: np.ndarray,
+        point_xy: npt.ArrayLike,
+        channel_start: npt.ArrayLike,
         channels: ChannelTable | None = None,
         *,
-        node_xy: np.ndarray | None = None,
+        node_xy: npt.ArrayLike | None = None,
         channel_nodes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-        point_section: np.ndarray | None = None,
-        point_z: np.ndarray | None = None,
+        point_section: npt.ArrayLike | None = None,
+        point_z: npt.ArrayLike | None = None,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: CRSLike | None = None,
+        crs: str | None = None,
         dtype: str = "float64",
-        device: Any = "cpu",
-        **columns: Any,
+        device: wp.DeviceLike = "cpu",
+        **columns: npt.ArrayLike | None,
     ):
         """Wrap packed arrays; users call :meth:`from_polylines`, which checks the lines as well as the graph.
 
@@ -93,7 +97,8 @@ class RiverNetwork:
             dtype: "float64" or "float32".
             device: Warp device name.
             columns: ``channel_width``, ``channel_depth``, ``channel_discharge`` and, where it is known,
-                ``channel_drainage_area``, ``channel_slope``, ``channel_id``, ``channel_closed``: see
+                ``channel_drainage_area``, ``channel_slope``, ``channel_id``, ``channel_closed``,
+                ``channel_joint``: see
                 :class:`~warpriver.channel_table.ChannelTable`.
 
         Raises:
@@ -105,15 +110,14 @@ class RiverNetwork:
         _, vec2, real = PRECISIONS[dtype]
         self.dtype = dtype
         self.device = resolve_device(device)
-        self.origin = np.array(origin, np.float64)
-        if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
-            raise InputError(f"origin is {origin!r}; give x and y in metres, both finite")
+        self.origin = position(origin)
         self.crs = metric_crs(crs)
         if channels is None:
             channels, node_xy = _table_of_keywords(columns, channel_nodes)
         elif columns or channel_nodes is not None:
             raise InputTypeError(f"RiverNetwork takes a table of channels, or {', '.join(KEYWORDS)}, but not both")
-        start, xy = np.array(channel_start, np.int32), np.asarray(point_xy)
+        start = offsets(channel_start)
+        xy = floats(point_xy, "point_xy", "(P, 2) x, y in metres")
         check_packed(xy, start, len(channels))
         if node_xy is None:
             tolerance = NODE_TOLERANCE * float(np.min(channels.width))
@@ -124,7 +128,7 @@ class RiverNetwork:
         self.channel_start: wp.array
         self.node_xy: np.ndarray
         self.point_z: np.ndarray | None
-        self.replace_channels(start, channels, node_xy)
+        self.replace_channels(start, channels, np.asarray(node_xy))
         self.point_xy: wp.array = wp.array(np.asarray(xy, real), dtype=vec2, device=self.device)
         self.point_section: wp.array | None = None
         if point_section is not None:
@@ -136,26 +140,27 @@ class RiverNetwork:
             self.point_z = elevations
 
     @classmethod
+    @public
     def from_polylines(
         cls,
-        polylines: Iterable[Any],
-        width: Any,
-        depth: Any = None,
-        discharge: Any = None,
+        polylines: Iterable[npt.ArrayLike],
+        width: npt.ArrayLike | Sequence[npt.ArrayLike],
+        depth: npt.ArrayLike | Sequence[npt.ArrayLike] | None = None,
+        discharge: npt.ArrayLike | None = None,
         *,
-        drainage_area: Any = None,
-        slope: Any = None,
-        z: Any = None,
-        channel_id: Any = None,
+        drainage_area: npt.ArrayLike | None = None,
+        slope: npt.ArrayLike | None = None,
+        z: Sequence[npt.ArrayLike] | None = None,
+        channel_id: npt.ArrayLike | None = None,
         extra: Mapping[str, Any] | None = None,
-        nodes: tuple[Any, Any, Any] | None = None,
-        origin: Any = None,
+        nodes: Sequence[npt.ArrayLike] | None = None,
+        origin: npt.ArrayLike | None = None,
         allow_short: bool = False,
-        closed: Any = False,
-        marks: Any = None,
-        crs: CRSLike | None = None,
+        closed: bool | Sequence[bool] | np.ndarray = False,
+        marks: int | Sequence[int | None] | np.ndarray | None = None,
+        crs: str | None = None,
         dtype: str = "float64",
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
     ) -> RiverNetwork:
         """Build a network from lines that run downstream; ends that meet become one node.
 
@@ -225,6 +230,7 @@ class RiverNetwork:
         # A round origin keeps offsets exact in binary, so that moving a line by whole metres moves the result by them.
         if origin is None:
             origin = np.round(0.5 * (packed.min(axis=0) + packed.max(axis=0)))
+        zero = position(origin)
         channel_width = np.array([_mean(w) for w in point_width])
         varies = any(np.ptp(w) > 0.0 for w in point_width) or any(np.ptp(d) > 0.0 for d in point_depth)
         section = np.stack([np.concatenate(point_width), np.concatenate(point_depth)], axis=1) if varies else None
@@ -246,13 +252,13 @@ class RiverNetwork:
             extra=extra or {},
         )
         return cls(
-            packed - np.asarray(origin, np.float64),
+            packed - zero,
             np.concatenate([[0], np.cumsum(counts)]),
             table,
             node_xy=None if nodes is None else nodes[2],
             point_section=section,
             point_z=np.concatenate(point_z) if point_z else None,
-            origin=origin,
+            origin=zero,
             crs=crs,
             dtype=dtype,
             device=device,
@@ -320,6 +326,11 @@ class RiverNetwork:
         return self._channels.closed
 
     @property
+    def channel_joint(self) -> np.ndarray:
+        """(C,) int32, what the node at the downstream end is to the river: 0, 1 (through node) or 2 (locked point)."""
+        return self._channels.joint
+
+    @property
     def channel_count(self) -> int:
         """Number of channels."""
         return len(self._channels)
@@ -349,6 +360,7 @@ class RiverNetwork:
         self.node_xy = np.array(node_xy, np.float64)
         self.node_xy.flags.writeable = False
 
+    @public
     def with_channels(self, channels: ChannelTable) -> RiverNetwork:
         """Return a copy with another table of the same channels, such as ``network.channels.replace(width=...)``.
 
@@ -356,6 +368,7 @@ class RiverNetwork:
         """
         return self._copied(channels)
 
+    @public
     def with_elevations(self, point_z: Any) -> RiverNetwork:
         """Return a copy whose points have these elevations, (P,) in m, or None for none: ``point_z``."""
         return RiverNetwork(**(self._host_values() | {"point_z": point_z}))
@@ -425,6 +438,7 @@ class RiverNetwork:
         (west, south), (east, north) = xy.min(axis=0), xy.max(axis=0)
         return float(west), float(south), float(east), float(north)
 
+    @public
     def to(self, device: Any = None, dtype: str | None = None) -> RiverNetwork:
         """Return a copy on another device or in another precision."""
         return self._copied(self._channels, device, dtype)

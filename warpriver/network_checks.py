@@ -10,6 +10,7 @@ from warpriver.channel_table import ChannelTable
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.kernels.channels import RING_POINTS
+from warpriver.validate import floats, shown
 
 __all__ = [
     "NODE_TOLERANCE",
@@ -65,7 +66,9 @@ def ring_flags(closed: Any, count: int) -> np.ndarray:
     """Spread ``closed`` over the channels, (C,) bool."""
     flags = np.asarray(closed)
     if flags.dtype != bool or flags.shape not in ((), (count,)):
-        raise InputError(f"closed is {closed!r}; give True or False, or one of them for each of the {count} channels")
+        raise InputError(
+            f"closed is {shown(closed)}; give True or False, or one of them for each of the {count} channels"
+        )
     return np.broadcast_to(flags, (count,)).copy()
 
 
@@ -86,7 +89,7 @@ def ring_marks(marks: Any, rings: np.ndarray, counts: list[int]) -> list[tuple[i
         if not rings[c]:
             raise InputError(f"marks: channel {c} is no ring and has no marked point; give None for it, or close it")
         if isinstance(mark, bool) or not isinstance(mark, (int, np.integer)):
-            raise InputError(f"mark of channel {c} is {mark!r}; give the index of a point, or None")
+            raise InputError(f"mark of channel {c} is {shown(mark)}; give the index of a point, or None")
         if not 0 <= mark < counts[c]:
             raise InputError(f"mark of channel {c} is {mark}; its points are numbered from 0 to {counts[c] - 1}")
         found.append((c, int(mark)))
@@ -137,8 +140,18 @@ def check_rings_apart(lines: list[np.ndarray], rings: np.ndarray, widths: list[n
         )
 
 
+def offsets(start: Any) -> np.ndarray:
+    """Return offsets into the points as int32, or raise ``ValueError``."""
+    array = floats(start, "channel_start", "(C + 1,) offsets into the points")
+    if array.ndim != 1 or not (np.isfinite(array) & (array == np.round(array)) & (np.abs(array) < 2**31)).all():
+        raise InputError(f"channel_start is {shown(start)}; give (C + 1,) offsets into the points, whole numbers")
+    return array.astype(np.int32)
+
+
 def check_packed(xy: np.ndarray, start: np.ndarray, count: int) -> None:
     """Raise ``ValueError`` unless points and offsets are those of so many channels, none of them without length."""
+    if xy.ndim != 2 or xy.shape[1] != 2:
+        raise InputError(f"point_xy has shape {xy.shape}; give (P, 2) x, y in metres")
     if len(start) != count + 1 or count == 0 or start[0] != 0 or start[-1] > len(xy):
         raise InputError(
             f"channel_start is {len(start)} offsets, from {start[0] if len(start) else '-'} to "
@@ -181,7 +194,7 @@ def check_graph(channels: ChannelTable, node_xy: np.ndarray) -> None:
 
 def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return finite values of the points, float64, or raise ``ValueError``; a width and depth must be positive."""
-    array = np.asarray(values, np.float64)
+    array = floats(values, name)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give {shape}, a row for each point")
     wrong = ~np.isfinite(array)
@@ -195,7 +208,7 @@ def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray
 
 def per_channel(name: str, values: Any, count: int) -> np.ndarray:
     """Return one number a channel, NaN where it is not known, or raise ``ValueError``."""
-    array = np.array(values, np.float64)
+    array = floats(values, name).copy()
     if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
         raise InputError(f"{name}: shape {array.shape} for {count} channels; give one number or one a channel")
     array = np.broadcast_to(array, (count,)).copy()
@@ -215,7 +228,7 @@ def per_point(value: Any, counts: list[int], name: str, unit: str, *, positive: 
         raise InputError(f"{name}: {len(values)} values for {len(counts)} channels; give one number or one a channel")
     spread = []
     for c, (v, n) in enumerate(zip(values, counts, strict=True)):
-        array = np.array(v, np.float64)
+        array = floats(v, f"{name} of channel {c}").copy()
         if array.ndim > 1 or (array.ndim == 1 and len(array) != n):
             raise InputError(f"{name} of channel {c}: shape {array.shape} for {n} points; give one number or ({n},)")
         array = np.broadcast_to(array, (n,)).copy()

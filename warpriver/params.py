@@ -9,10 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.validate import real, shown
 
 __all__ = [
     "DAYS_PER_YEAR",
     "SOLVER_PARAMS",
+    "AvulsionParams",
     "LehenyParams",
     "MeanderParams",
     "Params",
@@ -76,10 +78,15 @@ class Params:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value, label = getattr(self, field.name), f"{type(self).__name__}.{field.name}"
+            kind = field.metadata.get("kind")
+            if kind is not None and isinstance(value, dict):
+                # As files hold it.
+                value = kind(**value)
+                object.__setattr__(self, field.name, value)
             if field.metadata:
                 _check_constant(value, label, field)
             elif field.type in ("bool", bool) and not isinstance(value, bool):
-                raise InputError(f"{label} is {value!r}; give true or false")
+                raise InputError(f"{label} is {shown(value)}; give true or false")
 
     def replace(self: P, **changes: Any) -> P:
         """Return a copy with some fields changed (and checked again)."""
@@ -95,19 +102,118 @@ def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
     meta = field.metadata
     if value is None and field.default is None:
         return
+    kind = meta.get("kind")
+    if kind is not None:
+        if not isinstance(value, kind):
+            raise InputError(f"{label} is {value!r}; give {kind.__name__}(...) or None")
+        return
     if meta["choices"]:
         if value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
-            raise InputError(f"{label} is {value!r}; use one of {words}")
+            raise InputError(f"{label} is {shown(value)}; use one of {words}")
         return
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InputError(f"{label} is {value!r}; give a finite number of unit {meta['unit']}")
+    if math.isnan(real(value)):
+        raise InputError(f"{label} is {shown(value)}; give a finite number of unit {meta['unit']}, from 1e-30 to 1e30")
     below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
     if below or value > meta["high"]:
         left = "(" if meta["low_open"] else "["
         raise InputError(f"{label} is {value:g} {meta['unit']}; the range is {left}{meta['low']:g}, {meta['high']:g}]")
     if isinstance(field.default, int) and value != int(value):
         raise InputError(f"{label} is {value:g}; give a whole number")
+
+
+@dataclasses.dataclass(frozen=True)
+class AvulsionParams(Params):
+    """Constants of crevasses and avulsions [Paris2023], Sec. 5.2: ``MeanderParams(avulsions=AvulsionParams())``.
+
+    At the apex of a bend whose curvature, by the mean over one width, is above a threshold, the bank may break: a
+    crevasse. Some of them become avulsions: the channel leaves there along a new course, to a point of its own farther
+    downstream. With the defaults that is one avulsion for 100 km of bends and 100 yr.
+
+    By the paper every point of such a curvature breaks with a probability of 5 % a step, and 5 % of these are avulsions
+    (``crevasse_rule="point"``). The number then depends on the spacing of the points and on the time step: a channel of
+    300 widths gets tens of crevasses and about two avulsions at every step of 106 days.
+    """
+
+    crevasse_rule: str = parameter(
+        "bend",
+        "-",
+        choices=("bend", "point"),
+        source="warpriver",
+        doc="where banks break: at the apexes of bends, by a hazard a year (bend), or at every point that is curved "
+        "enough, with a probability a step, as in [Paris2023] (point)",
+    )
+    crevasse_curvature: float = parameter(
+        0.1, "-", low=0.0, source="Paris2023", doc="t_c: width times curvature above which banks may break"
+    )
+    crevasse_rate: float = parameter(
+        0.002,
+        "1/(km yr)",
+        low=0.0,
+        source="warpriver",
+        doc="hazard by the bend: a bend has that of its length, from inflection to inflection",
+    )
+    crevasse_probability: float = parameter(
+        0.05, "-", low=0.0, high=1.0, source="Paris2023", doc="rho_c: probability by the point and the step"
+    )
+    avulsion_probability: float = parameter(
+        0.05, "-", low=0.0, high=1.0, source="Paris2023", doc="rho_a: probability that a crevasse becomes an avulsion"
+    )
+    first_angle: float = parameter(
+        45.0,
+        "deg",
+        low=0.0,
+        high=90.0,
+        source="Paris2023",
+        doc="alpha_0: greatest angle between the channel and the first step of a new course",
+    )
+    jitter: float = parameter(
+        5.0, "deg", low=0.0, high=45.0, source="Paris2023", doc="greatest turn by chance at each step of a new course"
+    )
+    steepest_rise: float = parameter(
+        0.05,
+        "m/m",
+        low=0.0,
+        source="Paris2023",
+        doc="eps_a: rise of the ground along a new course that is still carved through; a steeper one prevents it",
+    )
+    fall: float = parameter(
+        1e-4, "m/m", low=0.0, low_open=True, source="warpriver", doc="minimum slope of the bed that is carved"
+    )
+    deepest_cut: float = parameter(
+        2.0, "depths", low=0.0, low_open=True, source="warpriver", doc="maximum cut of a new course into the ground"
+    )
+    nearest: float = parameter(
+        10.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="minimum distance along the channel to where a new course ends",
+    )
+    farthest: float = parameter(
+        100.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="maximum distance along the channel to where a new course ends",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.farthest < self.nearest:
+            raise InputError(
+                f"AvulsionParams.farthest is {self.farthest:g} widths, below nearest ({self.nearest:g} widths)"
+            )
+
+
+# A field that holds the constants of a process which may be left out, of the class ``kind``.
+AVULSIONS: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": AvulsionParams,
+    "source": "Paris2023",
+    "doc": "crevasses, where banks break, and avulsions, new courses of channels from there; by default there are none",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,6 +380,25 @@ class MeanderParams(Params):
         "[Paris2023]",
     )
 
+    control_steering: str = parameter(
+        "normal",
+        "-",
+        choices=("normal", "vector", "printed"),
+        source="warpriver",
+        doc="how the gradient of the control field c steers a channel of the rate mu and the normal n: by (|mu| + "
+        "floor) (n . grad c) n (normal), by the whole vector (|mu| + floor) grad c (vector), or by mu grad c, whose "
+        "sign turns with every bend, as in [Paris2023], Eq. 7 (printed)",
+    )
+    control_floor: float = parameter(
+        0.02,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="floor: part of the migration rate k with which controls steer reaches that do not bend",
+    )
+    avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
@@ -283,14 +408,24 @@ class MeanderParams(Params):
             )
 
     @classmethod
-    def paper(cls) -> MeanderParams:
+    def paper(cls, *, events: bool = False) -> MeanderParams:
         """Return Table 1 of [Paris2023]: 106 days, 50 m, k = 0.164 m/day, f = 0.011, omega = -1, gamma = 2.5.
 
-        As there, channels are held at their nodes, and the spacing and the rate are the same for all of them, however
-        wide they are.
+        As there, channels are held at their nodes, the spacing and the rate are the same for all of them, however wide
+        they are, and controls steer by its Eq. 7 as printed: an attractor draws the bends to one side, drives off those
+        to the other, and does nothing to a straight reach.
+
+        Args:
+            events: With crevasses and avulsions by the point and the step, as printed: t_c = 0.1, rho_c = rho_a = 0.05.
+                Their number depends on spacing and time step, and is large; see :class:`AvulsionParams`.
         """
         return cls(
-            migration_rate=0.164 * DAYS_PER_YEAR, spacing_in_widths=0.0, reference_width=0.0, upstream_memory="channel"
+            migration_rate=0.164 * DAYS_PER_YEAR,
+            spacing_in_widths=0.0,
+            reference_width=0.0,
+            upstream_memory="channel",
+            control_steering="printed",
+            avulsions=AvulsionParams(crevasse_rule="point") if events else None,
         )
 
     def for_widths(self, channel_width: np.ndarray) -> MeanderParams:
@@ -449,6 +584,12 @@ class PathMeander(Params):
         "junction_drift",
         doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
     )
+    control_steering: str = shared("control_steering")
+    control_floor: float = shared(
+        "control_floor",
+        doc="floor: part of the displacement rate k with which controls steer reaches that do not bend",
+    )
+    avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,8 +15,9 @@ from warpriver.device import PRECISIONS, launch_kernel, present_device, require_
 from warpriver.errors import InputError
 from warpriver.extras import need
 from warpriver.kernels import raster as kernels
+from warpriver.public import public
 from warpriver.thumbnail import card, png_of, raster_picture
-from warpriver.validate import checked_points, finite_numbers, positive
+from warpriver.validate import checked_points, finite_numbers, positive, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -58,12 +59,13 @@ class Raster:
     unit: str
     name: str
 
+    @public
     def __init__(
         self,
         values: npt.ArrayLike | wp.array,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: CRSLike | None = None,
+        crs: str | None = None,
         unit: str = "",
         name: str = "",
         *,
@@ -153,6 +155,7 @@ class Raster:
             raise InputError("the values of a raster are copied to become a NumPy array; see Raster.numpy")
         return np.asarray(self.numpy(), dtype)
 
+    @public
     def like(self, values: npt.ArrayLike | wp.array, *, unit: str = "", name: str = "") -> Raster:
         """Return a raster of other values on the same cells, on the same device.
 
@@ -186,6 +189,7 @@ class Raster:
         """Return a copy on the same device."""
         return self.to(self.device)
 
+    @public
     def to(self, device: wp.DeviceLike) -> Raster:
         """Return a copy on another device."""
         values = wp.clone(self.values, device=resolve_device(device))
@@ -203,6 +207,7 @@ class Raster:
         grid.cell_size, grid.cells_per_meter = self.cell_size, 1.0 / self.cell_size
         return grid
 
+    @public
     def sample(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the value at points: bilinear between the cells' centres; of whole numbers that of the point's cell.
 
@@ -238,6 +243,7 @@ class Raster:
         value = wp.indexedarray(self.values.flatten(), [cell]).numpy()
         return np.where(inside.numpy(), value.astype(np.float64), np.nan)
 
+    @public
     def crop(self, bounds: Sequence[float] | np.ndarray, *, what: str = "raster") -> Raster:
         """Return the cells whose centres lie within (west, south, east, north) in m; errors call it ``what``."""
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
@@ -262,6 +268,18 @@ class Raster:
         if first_column > last_column or first_row > last_row:
             return None
         return first_row, first_column, last_row - first_row + 1, last_column - first_column + 1
+
+    def cells(self, window: tuple[int, int, int, int]) -> np.ndarray:
+        """Return a copy of the values in (first row, first column, rows, columns), on the host."""
+        return self._cut(window).numpy().copy()
+
+    def put_cells(self, window: tuple[int, int, int, int], values: np.ndarray) -> None:
+        """Put values of its type into (first row, first column, rows, columns), in place."""
+        self._cut(window).assign(values)
+
+    def _cut(self, window: tuple[int, int, int, int]) -> wp.array:
+        row, column, rows, columns = window
+        return self.values[row : row + rows, column : column + columns]
 
     def to_xarray(self) -> xarray.DataArray:
         """Return an ``xarray.DataArray`` of dimensions (y, x), row 0 in the north (``warpriver[gis]``).
@@ -417,5 +435,7 @@ def _cell_type(source: Any, integers: bool) -> np.dtype:
 def _text(value: Any, name: str) -> str:
     """Return a word, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise InputError(f'{name} is {value!r}; give text, such as "{"m2" if name == "unit" else "drainage_area"}"')
+        raise InputError(
+            f'{name} is {shown(value)}; give text, such as "{"m2" if name == "unit" else "drainage_area"}"'
+        )
     return value

@@ -15,20 +15,26 @@ from typing import Any
 import numpy as np
 
 from warpriver import progress as progress_bar
+from warpriver.editing import EditStack, untold
+from warpriver.edits.session import session_of
+from warpriver.edits.values import Edit, LockPoint, Place, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import Ground, History, Record, StopReason
+from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
+from warpriver.meander.controls import Control
+from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams, PathMeander
-from warpriver.resume import continued, ground_again, ground_changes, parameter_changes
+from warpriver.public import public
+from warpriver.resume import continued, edits_after, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
-from warpriver.validate import not_negative, whole
+from warpriver.validate import MOST_SEED, not_negative, shown, whole
 
 __all__ = ["Simulation"]
 
@@ -39,7 +45,8 @@ MAX_STEPS = 2**31 - 1
 class Simulation:
     """A river network that migrates and cuts off its loops, step by step.
 
-    All attributes are read-only. A simulation goes on with other constants, or over other ground, by :meth:`resume`.
+    All attributes but ``controls`` are read-only. A simulation goes on with other constants, or over other ground, by
+    :meth:`resume`.
 
     Attributes:
         network: The network as it is now; the one given to the constructor is left as it was.
@@ -50,6 +57,7 @@ class Simulation:
             width, its depth and its maximum speed in the step before require, spread evenly, and is inactive in the
             others; where the ground is too steep for it to move, in all.
         terrain: The ground, or None for a plain.
+        controls: What attracts, repels or damps the channels; others may be set between two steps, and fields painted.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
         threads: Maximum number of threads of a step; the results do not depend on it.
         seed: Seed of the random numbers that phases draw; those of the two models draw none.
@@ -57,6 +65,7 @@ class Simulation:
         stepper: Does the steps; most programs need not look at it.
     """
 
+    @public
     def __init__(
         self,
         network: RiverNetwork,
@@ -70,6 +79,7 @@ class Simulation:
         capture: bool = True,
         threads: int | None = None,
         phases: Sequence[Phase] = (),
+        controls: Control | Sequence[Control] = (),
     ):
         """Prepare a run; the network's channels are resampled to the spacing, their ends kept.
 
@@ -79,7 +89,7 @@ class Simulation:
             params: Constants, of migration (by default those of [Paris2023]) or of meandering by shortest paths.
             terrain: Ground under the network, in the same CRS: migration fades with its slope and stops beyond its edge
                 and where it has no data. A terrain on the network's device is shared, not copied: brush it between
-                steps, and the channels feel it. From another device it is copied once; then brush
+                steps, and the channels feel it; avulsions carve it. From another device it is copied once; then brush
                 ``simulation.terrain``, which is the copy.
             seed: Seed of the random numbers that ``phases`` draw.
             device: Warp device, by default the network's.
@@ -89,11 +99,12 @@ class Simulation:
             threads: Maximum number of threads on the CPU, by default one for each core that the process may use.
             phases: Processes beyond those of the model, see :class:`warpriver.engine.phase.Phase`; they work on the
                 points of every sub-step right after these have moved.
+            controls: What attracts, repels or damps the channels, see :mod:`warpriver.meander.controls`.
 
         Raises:
             ValueError: The spacing exceeds a channel's width, a channel that is no ring ends where it begins, channels
                 part or flow in a circle, the terrain lies elsewhere or in another CRS, or the time step is out of all
-                proportion.
+                proportion; or a control is none, or in another CRS.
         """
         params = params if params is not None else MeanderParams()
         self._added = tuple(phases)
@@ -103,15 +114,20 @@ class Simulation:
         check_ground(network, terrain)
         own = network.to(device, dtype)
         own.point_z = None  # of the line as given, whose points are about to move
-        seed = whole(seed, "seed")
+        seed = whole(seed, "seed", most=MOST_SEED)
         ground = None if terrain is None else Ground.of(terrain)
-        options = {"seed": seed, "check": check, "capture": capture, "threads": threads}
+        self._steering = Steering(own, terrain, controls)
+        options: dict[str, Any] = {"seed": seed, "check": check, "capture": capture, "threads": threads}
+        options["controls"] = self._steering.map
         self._stepper = Stepper(own, params, terrain, model.phases, model.limits, **options)
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
+        self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
+        self._edits = EditStack(self._check)
         self._record()
 
     @classmethod
+    @public
     def resume(
         cls,
         history: History | str | os.PathLike,
@@ -157,15 +173,110 @@ class Simulation:
         changes = parameter_changes(record.time, old_params, params)
         if changes:
             _check_network(history.network_of(record), params, model_of(params))
-        terrain = ground_again(old_ground, terrain, change_terrain, device)
+        terrain = ground_again(history.ground, before, terrain, change_terrain, device)
         ground = None if terrain is None else Ground.of(terrain)
         changes += ground_changes(record.time, old_ground, ground)
         self = cls.__new__(cls)
         options = {"check": check, "capture": capture, "threads": threads}
         self._take_up(history, record, params, terrain, device, phases, **options)
         self._ground = ground
+        # What was done after the record, before the next step.
+        again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
+        self._edits = EditStack(self._check)
+        for edit in again:
+            self.apply(edit)
+        self._edits = EditStack(self._check)
+        return self
+
+    @classmethod
+    def replay(
+        cls,
+        start: Simulation | History | str | os.PathLike,
+        edits: Any,
+        *,
+        steps: int | None = None,
+        terrain: Terrain | None = None,
+        device: Any = "cpu",
+        record_every: int | Every = 10,
+        check: bool = False,
+        capture: bool = True,
+        threads: int | None = None,
+        phases: Sequence[Phase] = (),
+    ) -> Simulation:
+        """Do a session again: the steps of a run, and between them its edits, to the same bits.
+
+        Args:
+            start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
+                first record is taken up in a history of its own.
+            edits: A :class:`warpriver.edits.Session` or the file of one, a history, or (step, edit) pairs.
+            steps: Steps done at the end, by default as many as the session did.
+            terrain: The ground at the beginning of the history; by default it is read again from the file that it came
+                from. A simulation has its own.
+            device: Warp device, unless a simulation is given; so are the following.
+            record_every: As in :meth:`run`.
+            check: As in the constructor.
+            capture: As in the constructor.
+            threads: As in the constructor.
+            phases: As in the constructor.
+
+        Raises:
+            ValueError: An edit cannot be done, or comes before the simulation's present step; the seeds differ; or the
+                ground is not the one of the run, or its constants or its ground changed by other means than edits.
+        """
+        if isinstance(start, Simulation):
+            self = start
+        else:
+            options = {"check": check, "capture": capture, "threads": threads}
+            self = cls._from_start(start, terrain, device, phases, **options)
+        session = session_of(edits, self.seed)
+        if session.seed != self.seed:
+            raise InputError(f"the session has the seed {session.seed}, the run {self.seed}; start it with that one")
+        for step, edit in session.edits:
+            if step < self.step_count:
+                raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
+            if step > self.step_count:
+                self.run(steps=step - self.step_count, record_every=record_every)
+            self.apply(edit)
+        left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
+        if left > 0:
+            self.run(steps=left, record_every=record_every)
+        return self
+
+    @classmethod
+    def _from_start(
+        cls,
+        history: History | str | os.PathLike,
+        terrain: Terrain | None,
+        device: Any,
+        phases: Sequence[Phase],
+        **options: Any,
+    ) -> Simulation:
+        """Take up the first record of a history in a new one."""
+        if not isinstance(history, History):
+            history = History.load(history)
+        record = history.record(0)
+        before = history.events[: record.events_before]
+        if any(isinstance(event, ParameterChange) for event in history.events):
+            raise InputError(
+                "the constants of the run changed on its way, which is no edit; replay it from a simulation"
+            )
+        terrain = ground_again(history.ground, before, terrain, False, device)
+        fresh = History(
+            history.params,
+            seed=history.seed,
+            origin=history.origin,
+            crs=history.crs,
+            dtype=history.dtype,
+            ground=history.ground,
+        )
+        fresh.events.extend(event for event in before if isinstance(event, (ControlChange, ControlStroke)))
+        self = cls.__new__(cls)
+        self._take_up(fresh, record, history.params, terrain, device, phases, **options)
+        self._ground = history.ground
+        self._edits = EditStack(self._check)
+        self._record()
         return self
 
     def _take_up(
@@ -188,7 +299,8 @@ class Simulation:
         network = network.to(device)
         check_ground(network, terrain)
         model = model_of(params).with_phases(self._added)
-        options |= {"seed": history.seed, "saved": dict(record.resume)}
+        self._steering = Steering(network, terrain, events=history.events[: record.events_before])
+        options |= {"seed": history.seed, "saved": dict(record.resume), "controls": self._steering.map}
         self._stepper = Stepper(network, params, terrain, model.phases, model.limits, **options)
         self._stepper.step_count = record.step
         self._history, self._ground_sum = history, _sum_of(terrain)
@@ -197,6 +309,7 @@ class Simulation:
         """Pickle and copy between two steps: the copy goes on to the same bits, and its history is stored nowhere."""
         stepper = self.stepper
         stepper.state.place_nodes()
+        self._note_strokes()
         return {
             "history": self.history,
             "record": self._as_record(),
@@ -213,6 +326,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
+        self._edits = EditStack(self._check)
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -254,6 +368,19 @@ class Simulation:
     def terrain(self) -> Terrain | None:
         """The ground on the network's device, or None."""
         return self.stepper.state.terrain
+
+    @property
+    def controls(self) -> tuple[Control, ...]:
+        """What attracts, repels or damps the channels.
+
+        Set others between two steps, and the next one goes by them; it is recorded, and a resumed run has them. A
+        :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
+        """
+        return self._steering.controls
+
+    @controls.setter
+    def controls(self, controls: Control | Sequence[Control]) -> None:
+        self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
 
     @property
     def device(self) -> Any:
@@ -302,6 +429,7 @@ class Simulation:
 
     # ---- running
 
+    @public
     def step(self, count: int = 1) -> None:
         """Advance by that many time steps: migrate, cut off, resample, join, in sub-steps as stability asks for.
 
@@ -317,8 +445,9 @@ class Simulation:
             FloatingPointError: A point is no longer finite; the state before that step is kept.
             AssertionError: ``check`` is on and a phase broke its promise.
         """
-        self._advance(whole(count, "count", 1, "time steps"))
+        self._advance(self._count_steps(None, whole(count, "count", 1, "time steps")))
 
+    @public
     def run(
         self,
         years: float | None = None,
@@ -356,6 +485,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
+            self._edits = EditStack(self._check)
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -375,6 +505,50 @@ class Simulation:
                         self.history.flush()
                     raise
         return self.history
+
+    # ---- edits
+
+    def apply(self, edit: Edit) -> None:
+        """Do an edit between two steps; it is recorded in the history with its time.
+
+        All that it does not name stays as it is, to the bit. An edit of the ground changes ``terrain`` in place.
+
+        Args:
+            edit: One of :mod:`warpriver.edits`.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        if not isinstance(edit, Edit):
+            raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
+        self._edits.apply(self.stepper, self.history, edit)
+
+    def lock(self, channel: int, at: Place) -> None:
+        """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
+        self.apply(LockPoint(channel, at))
+
+    def unlock(self, channel: int, at: Place) -> None:
+        """Let a locked point of a channel go; see :class:`warpriver.edits.UnlockPoint`."""
+        self.apply(UnlockPoint(channel, at))
+
+    def undo(self) -> Edit:
+        """Take the last edit back, to the bit, and return it.
+
+        That goes as far back as the last step, or the last :meth:`run`: what the river has done with an edit cannot be
+        taken from it. Replay the session without the edit for that: ``Simulation.replay(start, edits)``.
+
+        Raises:
+            ValueError: No edit was done since the last step.
+        """
+        return self._edits.undo(self.stepper, self.history)
+
+    def redo(self) -> Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back since the last edit or step.
+        """
+        return self._edits.redo(self.stepper, self.history)
 
     # ---- inside
 
@@ -413,11 +587,20 @@ class Simulation:
 
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
+        self._note_strokes()
+        self._edits = EditStack(self._check)
         try:
             self.stepper.step(steps)
         finally:
-            if events := self.stepper.take_events():
-                self.history.events.extend(events)
+            self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
+
+    def _check(self, network: RiverNetwork) -> None:
+        _check_network(network, self.params, model_of(self.params).with_phases(self._added))
+
+    def _note_strokes(self) -> None:
+        """Take up, and note in the history, what was painted since the last step."""
+        if strokes := self._steering.take_strokes(self.stepper.state, self.time):
+            self.history.events.extend(strokes)
 
     def _note_ground(self) -> None:
         """Note in the history that the ground has been edited since the last look at it."""
@@ -432,6 +615,7 @@ class Simulation:
 
     def _record(self) -> None:
         self._note_ground()
+        self._note_strokes()
         self.stepper.state.place_nodes()
         with _storing():
             self.history.append(self._as_record())
@@ -485,6 +669,8 @@ def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, m
     if looped.any():
         raise InputError(f"channel {int(looped.argmax())}: its ends coincide; make it a ring, closed=True, or open it")
     for phase in model.phases:
+        if Phase not in type(phase).__mro__:
+            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
         phase.check_network(network)
     if params.spacing_in_widths > 0.0:
         return
@@ -503,7 +689,7 @@ def _hook(callback: Any) -> tuple[Every, Callable[[Simulation], Any]]:
     every, call = callback if isinstance(callback, tuple) and len(callback) == 2 else (Every(steps=1), callback)
     if not isinstance(every, Every) or not callable(call):
         raise InputTypeError(
-            f"a callback is {callback!r}; give a function of the simulation, or a pair (Every(...), function)"
+            f"a callback is {shown(callback)}; give a function of the simulation, or a pair (Every(...), function)"
         )
     return every, call
 

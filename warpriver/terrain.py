@@ -17,6 +17,7 @@ from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import launch_kernel, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import terrain as kernels
+from warpriver.public import public
 from warpriver.raster import (
     Raster,
     checked_grid,
@@ -25,7 +26,7 @@ from warpriver.raster import (
 )
 from warpriver.sentinels import find_sentinels, listed
 from warpriver.thumbnail import card, png_of, raster_picture
-from warpriver.validate import checked_points, finite_numbers, positive
+from warpriver.validate import checked_points, finite_numbers, floats, positive, shown
 
 __all__ = ["NAME", "UNIT", "Terrain", "TerrainFile", "square_cells", "surface_of"]
 
@@ -71,12 +72,13 @@ class Terrain:
     raster: Raster
     file: TerrainFile | None = None
 
+    @public
     def __init__(
         self,
         height: npt.ArrayLike | wp.array,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
-        crs: CRSLike | None = None,
+        crs: str | None = None,
         *,
         device: wp.DeviceLike = "cpu",
     ):
@@ -122,6 +124,7 @@ class Terrain:
         return Terrain.wrap_raster(Raster.wrap(height, cell_size, origin, crs, UNIT, NAME))
 
     @classmethod
+    @public
     def from_raster(cls, raster: Raster) -> Terrain:
         """Return a terrain of the heights that a raster holds, in the same memory: edits show in both.
 
@@ -188,6 +191,7 @@ class Terrain:
         """Return a copy on the same device."""
         return self._same_file(Terrain.wrap_raster(self.raster.copy()))
 
+    @public
     def to(self, device: wp.DeviceLike) -> Terrain:
         """Return a copy on another device."""
         return self._same_file(Terrain.wrap_raster(self.raster.to(device)))
@@ -211,6 +215,7 @@ class Terrain:
         """Return the ``RasterGrid`` that ``kernels/raster.py`` reads beside ``height``, as :meth:`Raster.grid`."""
         return self.raster.grid(dtype, origin)
 
+    @public
     def sample(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the height in m at points, bilinear between the cells' centres.
 
@@ -222,6 +227,7 @@ class Terrain:
         """
         return self.raster.sample(xy)
 
+    @public
     def gradient(self, xy: npt.ArrayLike) -> np.ndarray:
         """Return the gradient (dh/dx towards east, dh/dy towards north) at points.
 
@@ -245,6 +251,7 @@ class Terrain:
         self._launch("compute_slope", self.shape, [self.height, wp.float64(1.0 / self.cell_size)], [out])
         return out.numpy().copy()
 
+    @public
     def brush(
         self,
         kind: Literal["raise", "lower", "smooth", "flatten"],
@@ -271,7 +278,7 @@ class Terrain:
             ValueError: Another kind, a number out of range, or no height at the centre to flatten to.
         """
         if kind not in BRUSHES:
-            raise InputError(f"brush kind is {kind!r}; use one of {', '.join(BRUSHES)}")
+            raise InputError(f"brush kind is {shown(kind)}; use one of {', '.join(BRUSHES)}")
         x, y = finite_numbers(center, 2, "center")
         radius = positive(radius, "radius", "m")
         blends = kind in ("smooth", "flatten")
@@ -308,6 +315,7 @@ class Terrain:
         inputs = [self.grid(), brush, wp.vec4i(*window), first, weight, blurred]
         self._launch("blend_columns", (rows, columns), inputs, [self.height])
 
+    @public
     def add_ridge(self, line: npt.ArrayLike, height: float | Sequence[float] | np.ndarray, width: float) -> None:
         """Add a ridge along a line in place, or cut a valley if its height is below 0.
 
@@ -322,7 +330,8 @@ class Terrain:
         crest = checked_points(line, "line")
         if len(crest) < 2 or (np.diff(crest, axis=0) == 0.0).all(axis=1).any():
             raise InputError(f"line has {len(crest)} points; give at least 2, none of them twice in a row")
-        heights = np.broadcast_to(np.asarray(height, np.float64), len(crest)) if np.ndim(height) == 0 else height
+        heights = floats(height, "height")
+        heights = np.full(len(crest), heights) if heights.ndim == 0 else heights
         rise = np.array(finite_numbers(heights, len(crest), "height"))
         half = 0.5 * positive(width, "width", "m")
         (west, south), (east, north) = crest.min(axis=0) - half, crest.max(axis=0) + half
@@ -334,6 +343,7 @@ class Terrain:
         inputs = [self.grid(), wp.float64(half), wp.vec4i(*window), crest_xy, crest_height]
         self._launch("raise_ridge", window[2:], inputs, [self.height])
 
+    @public
     def resampled(self, cell_size: float) -> Terrain:
         """Return the terrain on another cell size, from the same north-west corner: bilinear up, area mean down.
 
@@ -347,6 +357,7 @@ class Terrain:
         height = _resample(self.height, (step, step))
         return Terrain.wrap(height, size, self.origin, self.crs)
 
+    @public
     def crop(self, bounds: Sequence[float] | np.ndarray) -> Terrain:
         """Return the cells whose centres lie within (west, south, east, north) in m."""
         return Terrain.wrap_raster(self.raster.crop(bounds, what="terrain"))

@@ -13,45 +13,93 @@ from warpriver.errors import InputError
 __all__ = [
     "checked_line",
     "checked_points",
+    "finite",
     "finite_numbers",
+    "floats",
     "freeze_numbers",
+    "grid_shape",
     "not_negative",
     "numbers",
     "one_of",
+    "position",
     "positive",
     "positive_numbers",
+    "real",
+    "seeded",
+    "shown",
     "whole",
 ]
 
 T = TypeVar("T")
 
+# Numbers beyond these stand for no quantity of a river, and their squares overflow or vanish.
+SMALLEST, LARGEST = 1e-30, 1e30
+# Counts beyond this are mistakes: they fit no index of the kernels.
+MOST = 2**31 - 1
+MOST_SEED = 2**63 - 1
+# Characters of a value in a message.
+LONGEST = 80
 
-def whole(value: Any, name: str, least: int = 0, unit: str = "") -> int:
-    """Return a whole number, such as 3 or 3.0, of ``least`` or more."""
+
+def real(value: Any) -> float:
+    """Return a number as a float; NaN for words, flags, infinities, and numbers beyond all reckoning."""
+    if isinstance(value, (bool, np.bool_, str, bytes)):
+        return math.nan
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+    return number if number == 0.0 or SMALLEST <= abs(number) <= LARGEST else math.nan
+
+
+def whole(value: Any, name: str, least: int = 0, unit: str = "", most: int = MOST) -> int:
+    """Return a whole number, such as 3 or 3.0, from ``least`` to ``most``."""
     try:
         number = int(value)
-        good = not isinstance(value, (bool, np.bool_)) and number == value and number >= least
+        good = not isinstance(value, (bool, np.bool_, str, bytes)) and bool(number == value and least <= number <= most)
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
-        raise InputError(f"{name} is {_shown(value)}; give a whole number{_of(unit)}, {least} or more")
+        limit = f" and {most} or less" if isinstance(value, (int, float)) and value > most else ""
+        raise InputError(f"{name} is {shown(value)}; give a whole number{_of(unit)}, {least} or more{limit}")
     return number
+
+
+def seeded(seed: Any, name: str = "seed") -> np.random.Generator:
+    """Return random numbers that follow from a seed, a whole number of 0 or more."""
+    return np.random.default_rng(whole(seed, name, most=MOST_SEED))
 
 
 def positive(value: Any, name: str, unit: str = "", hint: str = "") -> float:
     """Return a finite number above 0; ``hint`` ends the message."""
-    number = _number(value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{name} is {_shown(value)}; give a positive number{_of(unit)}{hint}")
+    number = real(value)
+    if not number > 0.0:
+        raise InputError(f"{name} is {shown(value)}; give a positive number{_of(unit)}{hint}")
     return number
 
 
 def not_negative(value: Any, name: str, unit: str = "", hint: str = "") -> float:
     """Return a finite number of 0 or more; ``hint`` ends the message."""
-    number = _number(value)
-    if not (math.isfinite(number) and number >= 0.0):
-        raise InputError(f"{name} is {_shown(value)}; give a finite number{_of(unit)}, 0 or more{hint}")
+    number = real(value)
+    if not number >= 0.0:
+        raise InputError(f"{name} is {shown(value)}; give a finite number{_of(unit)}, 0 or more{hint}")
     return number
+
+
+def finite(value: Any, name: str, unit: str = "") -> float:
+    """Return a finite number of either sign."""
+    number = real(value)
+    if math.isnan(number):
+        raise InputError(f"{name} is {shown(value)}; give a finite number{_of(unit)}")
+    return number
+
+
+def position(xy: Any, name: str = "origin") -> np.ndarray:
+    """Return a place, x and y in m, both finite, as (2,) float64."""
+    array = floats(xy, name, "x and y in m").copy()
+    if array.shape != (2,) or not np.isfinite(array).all():
+        raise InputError(f"{name} is {shown(xy)}; give x and y in m, both finite")
+    return array
 
 
 def one_of(value: T, name: str, choices: Sequence[T]) -> T:
@@ -62,23 +110,37 @@ def one_of(value: T, name: str, choices: Sequence[T]) -> T:
     return value
 
 
+def floats(values: Any, name: str, give: str = "numbers") -> np.ndarray:
+    """Return an array as float64, of any shape, with NaN where it holds them; ``give`` says what was expected."""
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} is {shown(values)}; give {give}") from error
+
+
+def grid_shape(shape: Any, name: str = "shape", least: int = 2) -> tuple[int, int]:
+    """Return rows and columns, ``least`` or more of each."""
+    try:
+        rows, columns = (whole(count, name, least) for count in shape)
+    except ValueError as error:
+        given = shown(tuple(shape))
+        raise InputError(
+            f"{name} is {given}; give rows and columns, whole numbers, at least {least} of each"
+        ) from error
+    return rows, columns
+
+
 def finite_numbers(values: Any, count: int, name: str) -> list[float]:
     """Return that many finite numbers."""
-    try:
-        found = [float(v) for v in values]
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is {values!r}; give {count} numbers") from error
-    if len(found) != count or not all(math.isfinite(v) for v in found):
-        raise InputError(f"{name} is {found}; give {count} finite numbers")
-    return found
+    found = floats(values, name, f"{count} numbers")
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise InputError(f"{name} is {shown(values)}; give {count} finite numbers")
+    return [float(v) for v in found]
 
 
 def numbers(values: Any, name: str) -> np.ndarray:
     """Return one number a channel as float64, none of them infinite; NaN stands for what is not known."""
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not numbers ({error}); give one number a channel") from error
+    array = floats(values, name, "one number a channel").copy()
     if np.isinf(array).any():
         c = int(np.isinf(array).argmax())
         raise InputError(f"{name} of channel {c} is infinite; use NaN where it is not known")
@@ -97,10 +159,7 @@ def positive_numbers(values: Any, name: str) -> np.ndarray:
 
 def checked_line(xy: Any, label: str) -> np.ndarray:
     """Return a line as (n, 2) float64: three points or more, finite, no two of them alike in a row."""
-    try:
-        line = np.array(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{label}: not an array of numbers ({error}); give (n, 2) x, y in metres") from error
+    line = floats(xy, label, "(n, 2) x, y in metres").copy()
     if line.ndim != 2 or line.shape[1] != 2:
         raise InputError(f"{label}: shape {line.shape}; give (n, 2) x, y in metres")
     if len(line) < 3:
@@ -120,10 +179,7 @@ def checked_line(xy: Any, label: str) -> np.ndarray:
 
 def checked_points(xy: Any, name: str, finite: bool = True) -> np.ndarray:
     """Return points as (n, 2) float64."""
-    try:
-        points = np.ascontiguousarray(xy, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not an array of numbers ({error}); give (n, 2) in m") from error
+    points = np.ascontiguousarray(floats(xy, name, "(n, 2) x, y in metres"))
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{name} has shape {points.shape}; give (n, 2) points in m")
     if finite and not np.isfinite(points).all():
@@ -136,7 +192,7 @@ def freeze_numbers(params: Any, *names: str) -> None:
     for name in names:
         try:
             value = np.array(getattr(params, name), np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             value = np.array(np.nan)
         if value.ndim != 1 or len(value) == 0:
             raise InputError(f"{type(params).__name__}.{name} must be a list of numbers")
@@ -146,20 +202,15 @@ def freeze_numbers(params: Any, *names: str) -> None:
         object.__setattr__(params, name, tuple(float(v) for v in value))
 
 
-def _number(value: Any) -> float:
-    """A number, NaN for what is none: words and flags are not taken for numbers."""
-    if isinstance(value, (bool, np.bool_, str, bytes)):
-        return math.nan
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
-
-
-def _shown(value: Any) -> str:
-    """A value for a message: numbers without the decoration of their type."""
-    number = isinstance(value, (float, int, np.integer, np.floating)) and not isinstance(value, bool)
-    return f"{value:g}" if number else repr(value)
+def shown(value: Any) -> str:
+    """Return a value for a message: numbers without the decoration of their type, nothing longer than a line."""
+    if isinstance(value, (float, int, np.integer, np.floating)) and not isinstance(value, bool):
+        try:
+            return f"{float(value):g}"
+        except OverflowError:
+            return f"about {'-' if value < 0 else ''}1e{math.log10(abs(value)):.0f}"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
 
 
 def _of(unit: str) -> str:

@@ -350,16 +350,17 @@ def test_values_are_compared_with_those_that_are_missing():
 
 
 def test_launches_are_dealt_out_in_chunks_and_blocks(monkeypatch):
-    given = []
+    given, gpu = [], SimpleNamespace(is_cpu=False)
+    monkeypatch.setattr(stages, "load_kernel", lambda *arguments: None)
     monkeypatch.setattr(wp, "launch", lambda *arguments, **options: given.append(options.get("block_dim")))
     chunks, usual = (buffers.CPU_CHUNK, buffers.CUDA_CHUNK), stages.BLOCK_DIM
     with gpu_speed.dealt_out(False, 16, 256):
         assert (buffers.CPU_CHUNK, buffers.CUDA_CHUNK) == (chunks[0], 16)
-        stages.launch("kernel", 1, [], [], "cpu")
+        stages.launch("kernel", 1, [], [], gpu)
     with gpu_speed.dealt_out(True, 8, 128):
         assert buffers.CPU_CHUNK == 8
-        stages.launch("kernel", 1, [], [], "cpu")
-    stages.launch("kernel", 1, [], [], "cpu")
+        stages.launch("kernel", 1, [], [], gpu)
+    stages.launch("kernel", 1, [], [], gpu)
     assert given == [256, 128, usual]
     assert (buffers.CPU_CHUNK, buffers.CUDA_CHUNK) == chunks
 

@@ -4,6 +4,8 @@ import numpy as np
 from trees import random_tree
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
+from warpriver.params import AvulsionParams
 
 
 def many_channels(count=14, width=30.0, spacing=25.0, apart=2500.0, **options):
@@ -43,13 +45,13 @@ def on_hills(**options):
 
 def tree(**options):
     network = random_tree(14, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0), **options)
+    return Simulation(network, MeanderParams(spacing=20.0, reference_width=0.0), **options)
 
 
 def tree_in_parts(**options):
     """Channels of very different widths, steps of many parts, and ground: some rest while others join."""
     network = random_tree(11, sources=8, size=6000.0, width=12.0)
-    params = MeanderParams(spacing_in_widths=0.8, time_step=1.0)
+    params = MeanderParams(spacing_in_widths=0.8, reference_width=0.0, time_step=1.0)
     return Simulation(network, params, terrain=hills(network, 0.16), **options)
 
 
@@ -65,9 +67,47 @@ def paths_in_parts(**options):
     return Simulation(network, params, terrain=hills(network, 0.16), **options)
 
 
+def some_controls(network):
+    """Controls of every kind, here and there along a network, some of them on top of each other."""
+    west, south, east, north = network.bounds()
+    rng = np.random.default_rng(8)
+    place = rng.uniform((west, south), (east, north), (16, 2)).tolist()
+    found = [(Attractor, Repeller)[k % 2](tuple(p), rng.uniform(400.0, 1200.0)) for k, p in enumerate(place)]
+    middle = 0.5 * (west + east)
+    painted = ControlField.blank((west, south, middle, north), 40.0, device=network.device.alias)
+    for x, y in place[:6]:
+        painted.paint((0.5 * (x + west), y), 600.0, 200.0)
+    square = np.array([[-700.0, -700.0], [700.0, -700.0], [700.0, 700.0], [-700.0, 700.0]])
+    return [
+        *found,
+        painted,
+        Guide(place[6:9], 500.0, -0.5),
+        DampingRegion(square + place[9], 0.1, blend=300.0),
+        ErodibilityField(square + place[10], 2.5, blend=200.0),
+    ]
+
+
+def steered(**options):
+    """Channels under controls of every kind, over ground."""
+    network = many_channels(varied=True)
+    params, ground = MeanderParams(spacing=25.0, time_step=1.0), hills(network)
+    return Simulation(network, params, terrain=ground, controls=some_controls(network), **options)
+
+
+def avulsing(**options):
+    """Channels that often leave their courses, over ground that falls gently and is carved."""
+    network = many_channels()
+    west, south, east, north = network.bounds()
+    x = np.arange(west - 1500.0, east + 1500.0, 30.0)
+    rough = np.random.default_rng(3).normal(0.0, 0.1, (int((north - south + 3000.0) / 30.0), len(x)))
+    terrain = Terrain(60.0 - 5e-4 * (x - west) + rough, 30.0, (west - 1500.0, north + 1500.0))
+    avulsions = AvulsionParams(crevasse_rate=0.03, avulsion_probability=0.8)
+    return Simulation(network, MeanderParams(spacing=25.0, avulsions=avulsions), terrain=terrain, **options)
+
+
 def single_precision(**options):
-    return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), MeanderParams(spacing=20.0), dtype="float32",
-                      **options)  # fmt: skip
+    params = MeanderParams(spacing=20.0, reference_width=0.0)
+    return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), params, dtype="float32", **options)
 
 
 def rings(**options):
@@ -107,6 +147,8 @@ MODELS = {
     "plain": (plain, 250),
     "varied": (varied, 80),
     "on hills": (on_hills, 80),
+    "steered": (steered, 80),
+    "avulsing": (avulsing, 250),
     "tree": (tree, 130),
     "tree in parts": (tree_in_parts, 40),
     "single precision": (single_precision, 100),
@@ -131,7 +173,10 @@ def assert_same(a, b):
     for name in ("channel_id", "channel_width", "channel_depth", "channel_discharge", "channel_from", "channel_to"):
         np.testing.assert_array_equal(getattr(a.network, name), getattr(b.network, name))
     np.testing.assert_array_equal(a.network.node_xy, b.network.node_xy)
-    for kind in ("cutoffs", "collisions", "splits"):
+    assert list(a.history.crevasses) == list(b.history.crevasses)
+    if a.terrain is not None and b.terrain is not None:
+        np.testing.assert_array_equal(a.terrain.to_numpy(), b.terrain.to_numpy())
+    for kind in ("cutoffs", "collisions", "splits", "avulsions"):
         events = [getattr(sim.history, kind) for sim in (a, b)]
         assert [(e.time, e.channel, e.width, e.xy.tobytes()) for e in events[0]] == [
             (e.time, e.channel, e.width, e.xy.tobytes()) for e in events[1]

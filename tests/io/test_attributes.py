@@ -37,7 +37,7 @@ def extracted():
 
 def simulated(dtype="float64"):
     """An extracted network after collisions: identities with gaps, nodes made anew, widths apart from their points'."""
-    params = MeanderParams(spacing_in_widths=1.0)
+    params = MeanderParams(reference_width=0.0)
     simulation = Simulation(extracted(), params, dtype=dtype)
     simulation.run(years=30)
     assert len(simulation.history.collisions) > 3
@@ -346,9 +346,9 @@ def test_info_warns_in_one_line_and_takes_short_lines(tmp_path, capsys):
     ]
     lines = [Y[0], [*Y[1][:-1], [1500.0, 1500.0]], Y[2]]
     path = str(foreign(tmp_path / "a.geojson", *rows, lines=lines))
-    assert main(["info", path]) == 2
+    assert main(["info", path, "--short", "error"]) == 2
     assert "--short narrow, 'drop' or 'keep'" in capsys.readouterr().err
-    assert main(["info", path, "--short", "narrow"]) == 0
+    assert main(["info", path]) == 0
     said = capsys.readouterr()
     assert "2 outlets, Strahler order 1 to 1" in said.out and "slope" not in said.out
     warned = [line for line in said.err.splitlines() if line.startswith("warpriver info: warning: ")]

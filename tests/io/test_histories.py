@@ -86,7 +86,7 @@ def test_tables_of_a_run_without_events(history):
         empty.to_geopandas()
     with pytest.raises(ValueError, match=r"layer is 'lakes'; use one of 'courses', 'oxbows', 'abandoned'"):
         history.to_geopandas("lakes")
-    with pytest.raises(ValueError, match=r"every is 0; give 1 or more"):
+    with pytest.raises(ValueError, match=r"every is 0; give a whole number of records, 1 or more"):
         features_of(history, "courses", 0)
 
 

@@ -243,7 +243,7 @@ def test_arguments_that_do_not_fit(tmp_path):
         ({"short": "merge"}, "short is 'merge'"),
         ({"layer": "b"}, r"\.csv has no layers"),
         ({"width": [1.0, 2.0]}, "width: 2 values for 1 channels"),
-        ({"width": "wide"}, "width of channel 0 is 'wide', not a number"),
+        ({"width": "wide"}, "width is 'wide'; give a number"),
         ({"width": [[1.0, 2.0]]}, r"shape \(2,\) for 3 points"),
         ({"discharge": [[1.0, 2.0, 3.0]]}, "discharge of channel 0"),
         ({"dtype": "float16"}, "float16"),

@@ -141,7 +141,7 @@ def test_what_is_no_mesh_is_refused(tmp_path):
     lonely[0, 0] = lonely[3, 3] = 1.0
     with pytest.raises(ValueError, match=r"no three cells with data that meet"):
         wr.write_mesh(wr.Terrain(lonely, 1.0), tmp_path / "a.ply")
-    with pytest.raises(ValueError, match=r"a str; give a Terrain"):
+    with pytest.raises(ValueError, match=r"surface is .*; give a Terrain"):
         wr.write_mesh("dem.tif", tmp_path / "a.ply")
     with pytest.raises(ValueError, match=r"origin"):
         wr.write_mesh(hilly(), tmp_path / "a.ply", origin=(1.0, np.nan))

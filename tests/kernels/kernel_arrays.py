@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.kernels import channels, polyline, raster
+from warpriver.kernels import channels, polyline
+from warpriver.kernels import ground as grounds
 from warpriver.kernels.channels import Stems, Work
 from warpriver.kernels.cuts import Marks
 from warpriver.kernels.status import HALT, STATUS_SIZE
@@ -237,7 +238,7 @@ def points_of(scalar, xy, section=None):
 
 def ground_of(scalar, height, grid, device):
     """The ground of a launch: heights, or None for a plain, and (west, north, cell size)."""
-    kernel = raster.build(scalar)
+    kernel = grounds.build(scalar)
     west, north, cell_size = grid
     place = struct_of(kernel.RasterGrid, west=west, north=north, cell_size=cell_size, cells_per_meter=1.0 / cell_size)
     return struct_of(kernel.Ground, height=to_device(height, wp.float64, device), grid=place)

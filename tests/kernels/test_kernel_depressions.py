@@ -56,10 +56,13 @@ def carved(case, max_depth=math.inf, max_length=math.inf):
         return case.inside(case.height), 0
     cell = cell[np.argsort(case.height.numpy()[cell], kind="stable")]
     count, height = wp.zeros(1, dtype=int, device=case.device), wp.clone(case.height)
-    outputs = [count, height, pit, case.scratch(int), case.scratch(case.scalar), case.scratch(int)]
-    outputs += [case.scratch(case.scalar), case.scratch(int)]
-    inputs = [case.rows, case.stride, max_depth, max_length, to_device(cell, wp.int32, case.device), case.state]
-    case.launch(kernel.carve_pits, inputs, outputs)
+    carving = kernel.Carving()
+    carving.rows, carving.stride, carving.max_depth, carving.max_length = case.rows, case.stride, max_depth, max_length
+    for field in ("cell_from", "cell_mark", "heap_cell"):
+        setattr(carving, field, case.scratch(int))
+    for field in ("cell_length", "heap_key"):
+        setattr(carving, field, case.scratch(case.scalar))
+    case.launch(kernel.carve_pits, [to_device(cell, wp.int32, case.device), case.state], [count, height, pit, carving])
     return case.inside(height), int(count.numpy()[0])
 
 

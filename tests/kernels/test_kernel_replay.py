@@ -67,8 +67,8 @@ def test_run_launches_runs_but_the_first(device):
         ctypes.addressof(command.params[0]),
         ctypes.addressof(arguments),
     ]
-    table = wp.array(np.array(addresses * 5, np.uint64), dtype=wp.uint64, device="cpu")
-    wp.launch(replay.build(wp.float64).run_launches, 1, [table, 3], device="cpu")
+    table = np.array(addresses * 5, np.uint64)
+    wp.launch(replay.build(wp.float64).run_launches, 1, [wp.uint64(table.ctypes.data), 3], device="cpu")
     assert value.numpy().tolist() == [[3.0, 6.0]]
 
 

@@ -155,7 +155,7 @@ def test_other_kinds_of_arguments_are_named(device):
         wr.meander.migration_rate(network, wr.PathMeander())
     with pytest.raises(TypeError, match="network is a list; give a RiverNetwork"):
         wr.meander.migration_rate(network.polylines(), wr.MeanderParams())
-    with pytest.raises(TypeError, match="terrain is a ndarray; give a Terrain, or None"):
+    with pytest.raises(TypeError, match="terrain is an ndarray; give a Terrain or None"):
         wr.meander.migration_rate(network, wr.MeanderParams(), np.zeros((5, 5)))
     far = wr.Terrain(np.zeros((5, 5)), 10.0, origin=(1e6, 1e6), device=device)
     with pytest.raises(ValueError, match="does not lie under the network"):

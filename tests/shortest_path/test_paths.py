@@ -474,7 +474,7 @@ def test_command_line(tmp_path, capsys):
     capsys.readouterr()
     for more, words in (
         (["--friction", "0.01"], "--friction means nothing to --solver path"),
-        (["--cone-angle", "95"], "cone_angle is 95"),
+        (["--cone-angle", "95"], "--cone-angle is 95"),
         (["--search-radius", "200", "--cutoff-min-arc", "300"], "exceeds the length of channel 0"),
     ):
         assert main([*begin, *more, "-o", str(tmp_path / "bad")]) == 2
@@ -506,7 +506,7 @@ def test_a_radius_beyond_the_length_and_strange_params_are_refused():
     network = wr.RiverNetwork.from_polylines([[[0.0, 0.0], [150.0, 0.0], [300.0, 0.0]]], width=100.0)
     with pytest.raises(ValueError, match="exceeds the length of channel 0"):
         wr.Simulation(network, wr.PathMeander(search_radius=4.0))
-    with pytest.raises(ValueError, match="MeanderParams or PathMeander"):
+    with pytest.raises(ValueError, match="MeanderParams, a PathMeander or None"):
         wr.Simulation(network, {"search_radius": 1.0})
     with pytest.raises(TypeError, match="upstream_memory"):
         wr.PathMeander(upstream_memory="stem")

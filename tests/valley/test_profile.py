@@ -118,7 +118,7 @@ def test_bad_profiles_and_windows_are_refused():
     for make, message in (
         (lambda: g.LongProfile("cubic"), "LongProfile.form is 'cubic'"),
         (lambda: g.LongProfile("power", 0.0), "LongProfile.slope_ratio is 0"),
-        (lambda: wr.synthetic_valley("S1", bank_window=0.0), "bank_window is 0.0; give a finite number above 0"),
+        (lambda: wr.synthetic_valley("S1", bank_window=0.0), "bank_window is 0; give a finite number above 0"),
         (lambda: wr.synthetic_valley("S1", floor_window=math.nan), "floor_window is nan"),
     ):
         with pytest.raises(ValueError, match=message):

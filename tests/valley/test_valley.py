@@ -536,7 +536,7 @@ def test_what_is_held_beside_the_heights_does_not_grow_with_the_raster(examples)
         ({"grain_size": 0.0}, "ValleyParams.grain_size is 0 m"),
         ({"slope": 0.0}, "slope is 0, where the Shields depth of eq. 4 is infinite"),
         ({"slope": -0.1}, "ValleyParams.slope is -0.1"),
-        ({"depth": 0.0}, "ValleyParams.depth is 0.0"),
+        ({"depth": 0.0}, "ValleyParams.depth is 0;"),
         ({"floor_width": -1.0}, "ValleyParams.floor_width is -1"),
         ({"increments": 100.5}, "increments is 100.5; give a whole number"),
         ({"stationing": "x"}, "stationing is 'x'; use one of 'channel', 'valley'"),

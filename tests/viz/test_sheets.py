@@ -4,6 +4,7 @@ import types
 
 import numpy as np
 import pytest
+from histories import History
 
 import warpriver as wr
 from warpriver import hydrology
@@ -82,7 +83,7 @@ def test_what_needs_several_axes(land):
     five = Figure().subplots(5, 1)
     assert wr.viz.draw_valley_sections(land.valley, ax=five, positions=(0.2, 0.4, 0.6, 0.8)) is five
     assert [bool(ax.lines) for ax in five] == [True] * 5
-    with pytest.raises(ValueError, match=r"ax is Axes; give a sequence of 2 matplotlib axes"):
+    with pytest.raises(ValueError, match=r"ax is an Axes; give a list or None"):
         wr.viz.draw_before_after(land.history, ax=one)
     with pytest.raises(ValueError, match=r"ax is str; give matplotlib axes"):
         wr.viz.draw_elevation(land.terrain, ax="here")
@@ -157,7 +158,7 @@ def bend(amplitude):
 
 def run_of(*amplitudes):
     networks = [wr.RiverNetwork.from_polylines([bend(a)], 50.0) for a in amplitudes]
-    return types.SimpleNamespace(times=10.0 * np.arange(len(networks)), networks=networks, cutoffs=[])
+    return History(times=10.0 * np.arange(len(networks)), networks=networks, cutoffs=[])
 
 
 @pytest.mark.parametrize("amplitudes", [(0.0, 60.0), (0.0, 150.0), (0.0, 400.0), (400.0, 0.0), (100.0, 250.0, 520.0)])

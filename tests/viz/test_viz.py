@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from histories import History
 
 pytest.importorskip("matplotlib")
 
@@ -36,7 +37,7 @@ def make_history(records=8, offset=(0.0, 0.0)):
     networks = [RiverNetwork.from_polylines([sine(30.0 * k, 12.0 * k) + offset], WIDTH) for k in range(records)]
     # In the north-east, away from all courses.
     lake = types.SimpleNamespace(time=35.0, channel=0, width=WIDTH, xy=loop(3000.0, 700.0) + offset)
-    return types.SimpleNamespace(times=times, networks=networks, cutoffs=[lake], stop_reason=None)
+    return History(times=times, networks=networks, cutoffs=[lake], stop_reason=None)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,7 @@ def test_a_filled_band_is_the_buffer_of_its_line(line):
     shape = (int((high[1] - low[1]) / cell), int((high[0] - low[0]) / cell))
     window = (low[0], low[1], low[0] + cell * shape[1], low[1] + cell * shape[0])
     network = RiverNetwork.from_polylines([line], width)
-    one = types.SimpleNamespace(times=np.zeros(1), networks=[network], cutoffs=[])
+    one = History(times=np.zeros(1), networks=[network], cutoffs=[])
     painter = belt.BeltPainter(one, window, shape, supersample=1)
     painter.advance(0)
     covered = painter.cover() > 0
@@ -161,7 +162,7 @@ def test_event_numbers_survive_the_picture():
     count, apart = 700, 13
     lines = [np.array([[0.0, k], [5.0, k], [10.0, k]]) + 0.5 for k in range(0, apart * count, apart)]
     networks = [RiverNetwork.from_polylines([xy], 1.0) for xy in lines]
-    strips = types.SimpleNamespace(times=np.arange(float(count)), networks=networks, cutoffs=[])
+    strips = History(times=np.arange(float(count)), networks=networks, cutoffs=[])
     high = apart * count
     painter = belt.BeltPainter(strips, (2.0, 0.0, 8.0, float(high)), (2 * high, 12), supersample=1)
     painter.advance(count - 1)
@@ -359,12 +360,12 @@ def test_painting_step_by_step_gives_the_same_picture_at_the_cost_of_one(history
 def test_belt_fits_long_rivers_and_crops(history):
     line = sine(3000.0, length=500e3, wavelength=12e3, spacing=150.0)
     networks = [RiverNetwork.from_polylines([line + np.array((0.0, 50.0 * k))], 300.0) for k in range(3)]
-    long = types.SimpleNamespace(times=np.arange(3.0), networks=networks, cutoffs=[])
+    long = History(times=np.arange(3.0), networks=networks, cutoffs=[])
     figure = draw_belt(long, dpi=60)
     width, height = figure.get_size_inches()
     assert 10.0 < width < 18.0 and 2.0 < height < 6.0
     upright = [RiverNetwork.from_polylines([line[:, ::-1]], 300.0) for _ in range(3)]
-    figure = draw_belt(types.SimpleNamespace(times=np.arange(3.0), networks=upright, cutoffs=[]), dpi=60)
+    figure = draw_belt(History(times=np.arange(3.0), networks=upright, cutoffs=[]), dpi=60)
     width, height = figure.get_size_inches()
     assert 4.0 < width < height < 16.0
     view = draw_belt(history, window=(1000.0, -300.0, 1800.0, 300.0), size=(600, 500), dpi=60).axes[0]
@@ -386,7 +387,7 @@ def test_belt_refuses_records_that_are_not_there(history):
     with pytest.raises(ValueError, match="must be positive"):
         draw_belt(history, age_span=0.0)
     with pytest.raises(ValueError, match="holds no record"):
-        draw_belt(types.SimpleNamespace(times=np.zeros(0), networks=[], cutoffs=[]))
+        draw_belt(History(times=np.zeros(0), networks=[], cutoffs=[]))
 
 
 # ---- movies
@@ -446,7 +447,7 @@ def test_movie_says_what_is_wrong(history, tmp_path, monkeypatch):
 def test_probe_survives_what_would_kill_this_process():
     packages = "libegl1 libgl1-mesa-dri"
     crash = gl.probe([sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"])
-    assert not crash.ok and "SIGSEGV" in crash.message and packages in crash.message
+    assert not crash.ok and "crashed" in crash.message and "SIG" not in crash.message and packages in crash.message
     error = gl.probe([sys.executable, "-c", "raise SystemExit('no display')"])
     assert not error.ok and "no display" in error.message and packages in error.message
     silent = gl.probe([sys.executable, "-c", "pass"])

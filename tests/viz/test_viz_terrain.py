@@ -1,7 +1,6 @@
-import types
-
 import numpy as np
 import pytest
+from histories import History
 
 pytest.importorskip("matplotlib")
 
@@ -52,7 +51,7 @@ def make_history(collide=True):
     networks = [tree(), tree()]
     course = line((2500, 3500), (2600, 2200))
     event = Collision(5.0, "downstream", 1, 2, 120.0, course, np.array([0, 30, 60]))
-    return types.SimpleNamespace(
+    return History(
         times=np.array([0.0, 10.0]), networks=networks, cutoffs=[], collisions=[event] if collide else [], crs=None
     )
 

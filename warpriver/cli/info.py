@@ -147,7 +147,7 @@ def _attempts(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         systems.append({"to_crs": "utm"})
         if options.crs is None:
             systems.append({"crs": "EPSG:4326", "to_crs": "utm"})
-    for width in ({}, {"width": 1.0}) if options.width is None else ({},):
+    for width in ({}, {"missing_width": 1.0}) if options.width is None else ({},):
         for system in systems:
             yield {**width, **system}
 
@@ -178,8 +178,11 @@ def _told(added: dict[str, Any], crs: str | None) -> list[str]:
         notes.append(
             f"note: the file {stated}; what follows is in {crs}: give --to-crs utm, or another system, to use it"
         )
-    if "width" in added:
-        notes.append("note: the file states no width, and nothing that it follows from: give --width to use it")
+    if "missing_width" in added:
+        notes.append(
+            "note: the file has lines without a width, or anything that it follows from, here as if 1 m wide: give "
+            "--width or --missing-width to use it"
+        )
     return notes
 
 
@@ -210,8 +213,8 @@ def _tell_lines(source: Path, options: argparse.Namespace) -> list[str]:
     from warpriver.cli.shared import read_lines
 
     options.short = options.short or "keep"
-    network, added = _look(lambda given: read_lines(source, given), options, ("width", "crs", "to_crs"))
-    return _told(added, network.crs) + _tell_network(network, wide="width" not in added)
+    network, added = _look(lambda given: read_lines(source, given), options, ("missing_width", "crs", "to_crs"))
+    return _told(added, network.crs) + _tell_network(network, wide="missing_width" not in added)
 
 
 def _tell_cells(source: Path, options: argparse.Namespace) -> list[str]:

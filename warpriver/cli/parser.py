@@ -71,6 +71,10 @@ def _wanted(low: float, high: float, above: float | None, unit: str) -> str:
     return kind
 
 
+# Counts beyond this are mistakes: they fit no index of the kernels.
+MOST = 2**31 - 1
+
+
 def whole_number(low: int = 0) -> Callable[[str], int]:
     """Return a type of flag: a whole number, ``low`` or more."""
 
@@ -79,8 +83,9 @@ def whole_number(low: int = 0) -> Callable[[str], int]:
             value = int(text)
         except ValueError:
             value = low - 1
-        if value < low:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, {low} or more")
+        if not low <= value <= MOST:
+            limit = f" and {MOST} or less" if value > MOST else ""
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, {low} or more{limit}")
         return value
 
     return parse

@@ -94,6 +94,9 @@ def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
     unit = "" if meta["unit"] == "-" else f"{meta['unit']}; "
     with naming(**{name: _flag(name) for kind in SOLVER_PARAMS.values() for name in kind.__dataclass_fields__}):
         doc = in_flags(meta["doc"])
+    if "kind" in meta:
+        group.add_argument(_flag(field.name), action="store_const", const=meta["kind"](), help=doc)
+        return
     group.add_argument(
         _flag(field.name),
         type=str if meta["choices"] else float,
@@ -199,7 +202,8 @@ def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) 
     free = shutil.disk_usage(above).free
     if free < large:
         complain(f"warpriver {options.name}: warning: {_size(free)} are free on the disk of {store}")
-    limit, told = OUTGROWN * max(grown, now), []
+    limit = OUTGROWN * max(grown, now)
+    told: list[bool] = []
 
     def watch(running: Simulation) -> None:
         if running.network.point_count > limit and not told:

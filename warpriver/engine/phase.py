@@ -9,7 +9,7 @@ import numpy as np
 from warpriver.engine.stages import Stage
 from warpriver.engine.state import Member, State
 from warpriver.history.events import Event
-from warpriver.kernels.status import DONE, HALT, STATUS_SIZE, TOUCH
+from warpriver.kernels.status import DONE, HALT, STATUS_SIZE, STEPS, TOUCH
 from warpriver.network import RiverNetwork
 
 __all__ = ["Phase", "Row"]
@@ -21,13 +21,14 @@ class Row:
     Attributes:
         status: Numbers of ``kernels/polyline.py``.
         edited: Whether a phase before has edited the network on the host.
+        steps_after: Steps done in all, those of the row included.
     """
 
-    __slots__ = ("_steps", "_time_step", "edited", "status")
+    __slots__ = ("_steps", "_time_step", "edited", "status", "steps_after")
 
     def __init__(self, status: list[int], steps: int, time_step: float):
         """Take the status, the steps done before the row, and the time step in yr."""
-        self.status, self.edited = status, False
+        self.status, self.edited, self.steps_after = status, False, steps + status[STEPS]
         self._steps, self._time_step = steps, time_step
 
     @property
@@ -57,11 +58,13 @@ class Phase(Member, Protocol):
         moves_nodes: Whether the ends of channels, and the nodes with them, may move.
         follows_stems: Whether channels that go on from each other at a junction move as one river; they then take the
             same sub-steps.
+        follows_through: Whether they do at through nodes, at which nothing joins.
     """
 
     name: str
     moves_nodes: bool = False
     follows_stems: bool = False
+    follows_through: bool = False
 
     def check_network(self, network: RiverNetwork) -> None:
         """Raise ``ValueError`` for a network that the process cannot deal with."""

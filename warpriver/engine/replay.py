@@ -47,10 +47,17 @@ class LaunchList:
                 )
                 for command, arguments in zip(launches, self._arguments, strict=True)
             ]
-            table: wp.array = wp.array(np.array(addresses, np.uint64).ravel(), dtype=wp.uint64, device="cpu")
+            self._table = np.array(addresses, np.uint64)
             kernel, device = kernels.build(wp.float64).run_launches, wp.get_device("cpu")
             load_kernel(kernel, device, 1)
-            self._call = wp.launch(kernel, 1, [table, len(launches)], device=device, block_dim=1, record_cmd=True)
+            self._call = wp.launch(
+                kernel,
+                1,
+                [wp.uint64(self._table.ctypes.data), len(launches)],
+                device=device,
+                block_dim=1,
+                record_cmd=True,
+            )
 
     def run(self) -> None:
         """Do the launches."""

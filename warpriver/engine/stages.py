@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from warpriver.device import load_kernel
@@ -18,7 +19,7 @@ from warpriver.kernels import replay as kernels
 from warpriver.kernels.channels import Work
 from warpriver.kernels.status import STATUS_SIZE
 
-__all__ = ["CUDA_CHUNK", "Share", "Stage", "clear", "launch", "noted_launches", "run_stages", "whole_share"]
+__all__ = ["CUDA_CHUNK", "Share", "Stage", "clear", "launch", "noted_launches", "put", "run_stages", "whole_share"]
 
 # Threads of a block on a GPU. The kernels of a step need up to 150 registers a thread: in blocks of 64 more of them fit
 # on a multiprocessor (65,536 registers) than in Warp's usual 256, and those that need few are not worse off.
@@ -67,6 +68,15 @@ def clear(array: wp.array) -> None:
     inputs = [wp.uint64(array.ptr or 0), wp.uint64(array.size * wp.types.type_size_in_bytes(array.dtype))]
     launch(kernels.build(wp.float64).zero_memory, 1, inputs, [], array.device)
     noted[-1].cleared = array  # lives as long as the launch, which knows but its address
+
+
+def put(array: wp.array, values: np.ndarray) -> None:
+    """Copy all values of an array from the host, outside of any stage; on the CPU without a call that costs."""
+    device: Any = array.device
+    if device.is_cpu:
+        np.copyto(array.numpy(), values, casting="unsafe")
+    else:
+        array.assign(values)
 
 
 @contextlib.contextmanager

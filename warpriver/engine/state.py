@@ -11,17 +11,20 @@ import warp as wp
 
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
-from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, run_stages
+from warpriver.engine.replay import Replay
+from warpriver.engine.snapshot import Snapshot
+from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
 from warpriver.engine.stems import StemArrays
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
-from warpriver.kernels import channels, raster, runs, schedule
+from warpriver.kernels import channels, runs, schedule
+from warpriver.kernels import ground as grounds
 from warpriver.kernels.channels import COARSEST_SPACING, Work
-from warpriver.kernels.status import GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
+from warpriver.kernels.status import BEGUN, GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
 
 # Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
@@ -64,15 +67,20 @@ class Status:
         self._view = self._host.numpy()
         self._sent = False
 
-    def begin(self, steps: int) -> None:
-        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host."""
+    def begin(self, steps: int, begun: int = 0) -> None:
+        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before.
+        """
         if self._sent:
             # The copy to the device may still be on its way.
             wp.synchronize_device(self.array.device)
             self._sent = False
         points = self._view[POINTS]
         self._view.fill(0)
-        self._view[GOAL], self._view[POINTS] = steps, points
+        self._view[GOAL], self._view[POINTS], self._view[BEGUN] = steps, points, begun
 
     def send(self) -> None:
         """Copy the host's block to the device."""
@@ -100,12 +108,21 @@ class Status:
         return self._view
 
 
+class Controls(Protocol):
+    """What the state asks of the controls that steer points; see :class:`warpriver.meander.control_map.ControlMap`."""
+
+    def steering(self, params: Any, dtype: str, origin: Sequence[float] | np.ndarray) -> Any:
+        """Return the struct ``Steering`` of ``kernels/ground.py``."""
+        ...
+
+
 class Member(Protocol):
     """What the state asks of each phase that shares it; see :class:`warpriver.engine.phase.Phase`."""
 
     name: str
     moves_nodes: bool
     follows_stems: bool
+    follows_through: bool
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -135,9 +152,11 @@ class State:
         network: The network as it is now.
         params: Constants of the model.
         terrain: The ground on the network's device, or None for a plain.
+        controls: What steers points beside the ground, or None; others are set by ``steer``.
         phases: All phases of a step, in order.
         seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
+        step_count: Whole steps done, up to the last row.
         edits: Edits of the network so far.
         next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
@@ -158,7 +177,8 @@ class State:
         closed: (C,) int32, 1 for a ring; None where the network has none, as it never gets one then.
         area: (C,) int64, what each ring encloses, see the kernel ``measure_rings``; None without rings.
         stems: Which channels go on from each other as one river; None where no phase follows stems.
-        mobility: (C,) greatest factor by which the ground lets a point of the channel move, or None on a plain.
+        mobility: (C,) greatest factor by which ground and controls let a point of the channel move, or None on a plain
+            without controls.
         pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
             as ``mobility_bits`` is that of ``mobility``.
         parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
@@ -184,6 +204,9 @@ class State:
         phases: Sequence[Member],
         limits: StepLimits,
         seed: int = 0,
+        controls: Controls | None = None,
+        *,
+        capture: bool = True,
     ):
         """Allocate for a network, and take its channels.
 
@@ -194,12 +217,19 @@ class State:
             phases: All phases of a step, in order; one of them resamples, see ``resample``.
             limits: (width, depth, params) -> the two limits of a sub-step, yr.
             seed: Seed of random numbers.
+            controls: What steers points beside the ground, or None.
+            capture: Record what is done again and again, and replay it.
         """
         self.seed = seed
         self.network, self.params, self.terrain, self.phases = network, params, terrain, tuple(phases)
+        self.controls = controls
+        self.step_count = 0
         self._limits = limits
         self.edition = self.edits = self.substeps = self.point_capacity = self.channel_capacity = 0
         self.keep_plan, self.nodes_placed = False, True
+        self.capture = capture
+        # The edition in which lines were sampled anew last, and the record of that once it is made.
+        self._resampling: tuple[int, Replay | None] | None = None
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
         self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
@@ -304,13 +334,42 @@ class State:
         self.limits = zeros(count, schedule.build(scalar).Limits)
         self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
         self.parts = zeros(count)
-        self.mobility = None if self.terrain is None else zeros(count, scalar)
+        self._allocate_mobility()
         ringed = network.channel_closed.any()
         follows = any(phase.follows_stems for phase in self.phases)
-        self.stems = StemArrays(count, self.device) if follows else None
+        through = any(phase.follows_through for phase in self.phases)
+        self.stems = StemArrays(count, self.device, through_only=not follows) if follows or through else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.pace_bits = _bits(self.pace)
+
+    def _allocate_mobility(self) -> None:
+        """Make room for the mobilities, where any point may be less or more free than others."""
+        self.mobility = self.zeros(self.channel_capacity, self.scalar) if self.is_uneven else None
         self.mobility_bits = None if self.mobility is None else _bits(self.mobility)
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether there is ground, or are controls, by which points differ in how they may move."""
+        return self.terrain is not None or self.controls is not None
+
+    def steer(self, controls: Controls | None) -> None:
+        """Let other controls steer the points from the next step on; None: none do.
+
+        Stages have to be made anew only for this: what is stamped into the arrays of the same controls is read as it
+        is.
+        """
+        self.controls = controls
+        self._allocate_mobility()
+        self._keep_plan()
+        self.plan_anew()
+        self.changed()
+
+    def hasten_by(self, factor: np.ndarray) -> None:
+        """Plan the next step for points that move faster than in the last one, by a factor for each channel, (C,)."""
+        if (factor != 1.0).any():
+            pace = self.pace.numpy()
+            pace[: len(factor)] *= factor
+            self.pace.assign(pace)
 
     def _make_shares(self) -> None:
         """Divide the work in slabs of whole channels on the CPU, in chunks of points on a GPU."""
@@ -330,7 +389,7 @@ class State:
             first = np.unique(start[:-1] * threads // start[-1], return_index=True)[1]
             table = np.full(threads + 1, self.network.channel_count, np.int32)
             table[: len(first)] = first
-            self._slab_channel.assign(table)
+            put(self._slab_channel, table)
 
     # ---- channels
 
@@ -378,7 +437,7 @@ class State:
                 phase.allocate(self)
             self.changed()
         start = network.starts()
-        self.start.assign(np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
+        put(self.start, np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
         if self.stems is not None:
             if self.stems.take(network, self.terrain):
@@ -395,10 +454,13 @@ class State:
         self._deal_out()
         for phase in self.phases:
             phase.install(self)
-        # On a plain a step that is stable for any bend needs no plan but the first.
-        keep_plan = self.terrain is None and self.params.time_step <= self.stable_dt
         if self.keep_plan:
             self.plan_anew()
+        self._keep_plan()
+
+    def _keep_plan(self) -> None:
+        """Note whether a plan lasts: on a plain a step that is stable for any bend needs none but the first."""
+        keep_plan = not self.is_uneven and self.params.time_step <= self.stable_dt
         if self.keep_plan != keep_plan:
             self.keep_plan = keep_plan
             self.changed()
@@ -411,7 +473,7 @@ class State:
 
     def plan_anew(self) -> None:
         """Let the next sub-step begin a step, and the step be planned."""
-        self.substep.assign(np.array([0, 1, 0], np.int32))
+        put(self.substep, np.array([0, 1, 0], np.int32))
 
     def assign(self, array: wp.array, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
@@ -420,7 +482,7 @@ class State:
             array.shape + values.shape[1:], kind.numpy_dtype() if hasattr(kind, "numpy_dtype") else values.dtype
         )
         host[: len(values)] = values
-        array.assign(host)
+        put(array, host)
 
     # ---- as kernels take it, of the arrays as they are now: not to be kept beyond ``edition``
 
@@ -450,8 +512,10 @@ class State:
         return struct
 
     def ground(self) -> Any:
-        """Return the ground; without heights where there is no terrain."""
-        struct = raster.build(self.scalar).Ground()
+        """Return the ground with what steers points on it; without heights where there is no terrain."""
+        struct = grounds.build(self.scalar).Ground()
+        if self.controls is not None:
+            struct.steering = self.controls.steering(self.params, self.network.dtype, self.network.origin)
         if self.terrain is not None:
             struct.height = self.terrain.height
             struct.grid = self.terrain.grid(self.network.dtype, self.network.origin)
@@ -463,9 +527,14 @@ class State:
         """Run stages."""
         run_stages(stages, self.whole, self.slabs)
 
-    def begin_row(self, steps: int = 1) -> None:
-        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew."""
-        self.status.begin(steps)
+    def begin_row(self, steps: int = 1, begun: int | None = None) -> None:
+        """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew.
+
+        Args:
+            steps: Steps to do.
+            begun: Steps done before, by default ``step_count``.
+        """
+        self.status.begin(steps, self.step_count if begun is None else begun)
         self.status.send()
 
     def read_status(self) -> list[int]:
@@ -493,12 +562,27 @@ class State:
         """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
         while True:
             self.begin_row(steps=0)
-            self.run([stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)])
+            self._run_resampling()
             needed = self.read_status()[POINTS_NEEDED]
             if needed <= self.point_capacity:
                 self.network.point_count = needed
                 return
             self.make_room(needed)
+
+    def _run_resampling(self) -> None:
+        """Run the stages that resample; those of many edits are recorded once, where the device allows."""
+        if self._resampling is not None and self._resampling[0] == self.edition:
+            replay = self._resampling[1]
+            if replay is None:
+                replay = Replay(self._resampling_stages(), self.whole, self.slabs, self.device)
+                self._resampling = self.edition, replay
+            replay.run()
+            return
+        self.run(self._resampling_stages())
+        self._resampling = (self.edition, None) if self.capture else None
+
+    def _resampling_stages(self) -> list[Stage]:
+        return [stage for phase in self.phases if phase.name == "resample" for stage in phase.stages(self)]
 
     def resample_start(self) -> None:
         """Bring the network's lines as given to the even spacing."""
@@ -509,7 +593,12 @@ class State:
         self.resample()
 
     def adopt(
-        self, edited: EditedChannels, loops: wp.array | None = None, loop_sections: wp.array | None = None
+        self,
+        edited: EditedChannels,
+        loops: wp.array | None = None,
+        loop_sections: wp.array | None = None,
+        *,
+        between: bool = False,
     ) -> None:
         """Go on with edited channels: their points are taken over and brought to the even spacing.
 
@@ -517,12 +606,15 @@ class State:
             edited: The channels after an edit of the network.
             loops: Points that ``edited.loops`` are cut from, where it has any.
             loop_sections: Widths and depths that go with them, where they vary.
+            between: Whether this is between two steps: the next one is planned anew.
         """
         network = self.network
         self.edits += 1
-        needed = int(edited.channel_start[-1])
+        drawn = 0 if edited.drawn_xy is None else len(edited.drawn_xy)
+        needed = max(int(edited.channel_start[-1]), network.point_count + drawn)
         if needed > self.point_capacity:
             self.allocate_points(int(HEADROOM * needed))
+        self._take_drawn(edited)
         self._gather(edited, loops, loop_sections)
         network.replace_channels(edited.channel_start, edited.channels, edited.node_xy)
         self.next_identity = max(self.next_identity, int(edited.channels.id.max()) + 1)
@@ -540,10 +632,22 @@ class State:
         # A channel that has become narrower may have to be sampled more finely.
         self.assign(self.step, edited.channel_changed | (spacing > COARSEST_SPACING * fixed[:, WANTED]))
         self.resample()
+        if between:
+            self.plan_anew()
+            return
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_row()
         go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
+
+    def _take_drawn(self, edited: EditedChannels) -> None:
+        """Put points that were drawn behind those of the network, from where the runs take them."""
+        network, real = self.network, PRECISIONS[self.network.dtype][2]
+        relative = None if edited.drawn_xy is None else edited.drawn_xy - network.origin
+        for array, values in ((network.point_xy, relative), (network.point_section, edited.drawn_section)):
+            if array is not None and values is not None and len(values):
+                new: wp.array = wp.array(values.astype(real), dtype=self.vec2, device=self.device)
+                wp.copy(array, new, network.point_count, 0, len(values))
 
     def _gather(self, edited: EditedChannels, loops: wp.array | None, loop_sections: wp.array | None) -> None:
         """Bring the points of the network into the order of its edited channels, in ``point_moved``."""
@@ -586,6 +690,53 @@ class State:
         node_xy[nodes] = xy.astype(np.float64) + network.origin
         network.place_nodes(node_xy)
         self.nodes_placed = True
+
+    def snapshot(self) -> Snapshot:
+        """Return the network as it is between two steps, to be put back by :meth:`put_back`."""
+        self.place_nodes()
+        network, count = self.network, self.network.point_count
+        section = None if network.point_section is None else network.point_section[:count].numpy().copy()
+        return Snapshot(
+            point_xy=network.point_xy[:count].numpy().copy(),
+            point_section=section,
+            channel_start=network.starts(),
+            channels=network.channels,
+            node_xy=network.node_xy,
+            channel_length=self.channel_length,
+            saved=self.saved(),
+        )
+
+    def put_back(self, snapshot: Snapshot) -> None:
+        """Go on from a network as it was between two steps, to the bit; there is room for it."""
+        network, saved = self.network, snapshot.saved
+        network.replace_channels(snapshot.channel_start, snapshot.channels, snapshot.node_xy)
+        for array, values in (
+            (network.point_xy, snapshot.point_xy),
+            (network.point_section, snapshot.point_section),
+        ):
+            if array is not None and values is not None:
+                old: wp.array = wp.array(values, dtype=self.vec2, device=self.device)
+                wp.copy(array, old, 0, 0, len(values))
+        self.next_identity, self.channel_length = int(saved["next_identity"][0]), snapshot.channel_length
+        self.nodes_placed = True
+        for phase in self.phases:
+            phase.restore(self, saved)
+        self._install(saved["channel_spacing"], saved["channel_fixed"])
+        self.assign(self.pace, saved["channel_pace"])
+        self.plan_anew()
+
+    def hasten(self, channels: np.ndarray) -> None:
+        """Let the next step of channels be done in as many parts as their tightest bends may need.
+
+        How fast they move was measured before they had the course that they have now.
+
+        Args:
+            channels: (C,) bool.
+        """
+        pace, fixed = self.pace.numpy().copy(), self._fixed[channels]
+        travel, _ = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
+        pace[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(pace.dtype).max)
+        put(self.pace, pace)
 
     # ---- records and checks
 

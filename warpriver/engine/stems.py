@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.channel_table import JOINT_LOCK
+from warpriver.engine.stages import put
 from warpriver.graph.stems import Stems, find_stems
 from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST
 from warpriver.network import RiverNetwork
@@ -20,40 +22,48 @@ class StemArrays:
 
     Attributes:
         links: The stems of the network.
-        joined: Whether any channel goes on in another one; ``slides``: whether any leaves the map.
+        joined: Whether any channel has gone on in another one; ``locked``: whether any has ended at a locked point;
+            ``slides``: whether any leaves the map.
         length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
         parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
     """
 
     links: Stems
 
-    def __init__(self, count: int, device: Any):
-        """Allocate for so many channels."""
+    def __init__(self, count: int, device: Any, *, through_only: bool = False):
+        """Allocate for so many channels; ``through_only``: junctions and the edge of the map hold all channels."""
+        self._through_only = through_only
         self._arrays = {
             name: wp.zeros(count, dtype=wp.int32, device=device) for name in ("upper", "lower", "top", "bottom")
         }
-        self._edge = wp.zeros(count, dtype=wp.int32, device=device)
+        self._edge, self._held = (wp.zeros(count, dtype=wp.int32, device=device) for _ in range(2))
         self.length = wp.zeros(count, dtype=wp.int64, device=device)
         self.parts = wp.zeros(count, dtype=wp.int32, device=device)
-        self.joined = self.slides = False
+        self.joined = self.slides = self.locked = False
 
     def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
         """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
-        before = self.joined, self.slides
-        self.links, capacity = find_stems(network, alone), len(self._edge)
+        before = self.joined, self.slides, self.locked
+        capacity = len(self._edge)
+        self.links = find_stems(network, alone, through_only=self._through_only)
         for name, array in self._arrays.items():
             # Beyond the channels nothing goes on.
             values = (
                 np.arange(capacity, dtype=np.int32) if name in ("top", "bottom") else np.full(capacity, -1, np.int32)
             )
             values[: network.channel_count] = getattr(self.links, name)
-            array.assign(values)
+            put(array, values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
-        if terrain is not None:
+        if terrain is not None and not self._through_only:
             edge[: network.channel_count] = find_edges(network, terrain)
-        self._edge.assign(edge)
-        self.joined, self.slides = bool((self.links.upper >= 0).any()), bool((edge != EDGE_NONE).any())
-        return before != (self.joined, self.slides)
+        put(self._edge, edge)
+        held = np.zeros(capacity, np.int32)
+        held[: network.channel_count] = network.channel_joint == JOINT_LOCK
+        put(self._held, held)
+        # What there was once is looked for ever after, to the same bits: edits that come and go outdate nothing.
+        self.joined, self.locked = self.joined or bool((self.links.upper >= 0).any()), self.locked or bool(held.any())
+        self.slides = bool((edge != EDGE_NONE).any())
+        return before != (self.joined, self.slides, self.locked)
 
     def give(self, channels: Any) -> None:
         """Set the arrays in the channels as kernels take them; they stay missing where there is nothing to tell."""
@@ -61,12 +71,16 @@ class StemArrays:
             for name, array in self._arrays.items():
                 setattr(channels.stems, name, array)
             channels.stems.length = self.length
+            if self.locked:
+                channels.stems.held = self._held
         if self.slides:
             channels.edge = self._edge
 
     def holds_feet(self) -> np.ndarray:
         """Return whether the last point of each channel stays in place, (C,) bool."""
-        return (self.links.lower < 0) & (self._edge.numpy()[: len(self.links.lower)] == EDGE_NONE)
+        count = len(self.links.lower)
+        ends = (self.links.lower < 0) & (self._edge.numpy()[:count] == EDGE_NONE)
+        return ends | (self._held.numpy()[:count] != 0)
 
     def level(self, parts: np.ndarray) -> np.ndarray:
         """Return the maximum over the links of each channel's stem, (C,); 0 where that of the channel itself is 0."""

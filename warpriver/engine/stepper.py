@@ -17,10 +17,12 @@ import warp as wp
 from warpriver.crs import same_crs, short_name
 from warpriver.engine.phase import Phase, Row
 from warpriver.engine.replay import GPU_LOCK, Replay
+from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, State, StepLimits
+from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError
+from warpriver.graph.edits import EditedChannels
 from warpriver.history.events import Event
 from warpriver.kernels.status import (
     CONTACTS,
@@ -35,6 +37,7 @@ from warpriver.kernels.status import (
 )
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
+from warpriver.validate import whole
 
 __all__ = ["Stepper", "check_ground"]
 
@@ -51,7 +54,6 @@ class Stepper:
     Attributes:
         state: The network on its device, with what all phases share.
         phases: The phases of a step, in order.
-        step_count: Steps done.
         row_limit: Sub-steps at most before the host looks at them.
         threads: Greatest number of threads that a step is dealt out to.
         check: True: every phase of every step is checked.
@@ -73,6 +75,7 @@ class Stepper:
         threads: int | None = None,
         seed: int = 0,
         saved: dict[str, np.ndarray] | None = None,
+        controls: Controls | None = None,
     ):
         """Take a network, which the steps change.
 
@@ -87,6 +90,7 @@ class Stepper:
             threads: Greatest number of threads on the CPU, by default one for each core that the process may use.
             seed: Seed of random numbers.
             saved: What ``State.saved`` returned at the end of a run that is resumed.
+            controls: What steers points beside the ground, or None.
 
         Raises:
             ValueError: The network is none that the phases can deal with, or the time step is out of proportion.
@@ -94,7 +98,6 @@ class Stepper:
         self.check, self.capture = check, capture and not check
         self.threads = _thread_count(threads) if network.device.is_cpu else 1
         self._pool = ThreadPoolExecutor(self.threads - 1, "warpriver") if self.threads > 1 else None
-        self.step_count = 0
         self.seconds: dict[str, float] | None = None
         if terrain is not None and terrain.device != network.device:
             terrain = terrain.to(network.device)
@@ -102,7 +105,7 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
-        self.state = State(network, params, terrain, self.phases, limits, seed)
+        self.state = State(network, params, terrain, self.phases, limits, seed, controls, capture=self.capture)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
@@ -128,6 +131,15 @@ class Stepper:
         state.run([*begin_substep(state), *self.phases[0].stages(state)])
         state.plan_anew()
 
+    @property
+    def step_count(self) -> int:
+        """Steps done."""
+        return self.state.step_count
+
+    @step_count.setter
+    def step_count(self, count: int) -> None:
+        self.state.step_count = count
+
     def stages(self) -> list[Stage]:
         """Return the stages of one sub-step, in order."""
         state = self.state
@@ -137,6 +149,31 @@ class Stepper:
         """Return what happened since the last call, in the order of time."""
         events, self._events = self._events, []
         return events
+
+    def adopt(self, edited: EditedChannels, hastened: np.ndarray | None = None) -> None:
+        """Go on with edited channels from the next step on.
+
+        Args:
+            edited: The channels after an edit of the network between two steps.
+            hastened: (C,) bool, channels of which it is not known how fast they will move; none by default.
+        """
+        with self._turn:
+            self.state.place_nodes()
+            self.state.adopt(edited, between=True)
+            if hastened is not None and hastened.any():
+                self.state.hasten(hastened)
+            self._calm = 0
+
+    def snapshot(self) -> Snapshot:
+        """Return the network as it is between two steps."""
+        with self._turn:
+            return self.state.snapshot()
+
+    def put_back(self, snapshot: Snapshot) -> None:
+        """Go on from the network as it was, between the same two steps."""
+        with self._turn:
+            self.state.put_back(snapshot)
+            self._calm = 0
 
     def step(self, count: int = 1) -> None:
         """Do so many steps; a sub-step that did not fit into its room changed nothing and is repeated.
@@ -196,7 +233,7 @@ class Stepper:
             if count not in self._replays:
                 stages = state.status.stages(self.stages() * count)
                 self._replays[count] = self._record(stages)
-            state.status.begin(steps)
+            state.status.begin(steps, state.step_count)
             for name, replay in self._replays[count]:
                 begin = 0.0 if self.seconds is None else time.perf_counter()
                 replay.run()
@@ -255,9 +292,7 @@ def _thread_count(threads: int | None) -> int:
     """Return the number of threads asked for, or that of the cores that the process may use."""
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads != int(threads) or threads < 1:
-        raise InputError(f"threads is {threads!r}; give a whole number, 1 or more")
-    return int(threads)
+    return whole(threads, "threads", 1)
 
 
 def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:

@@ -12,8 +12,8 @@ __all__ = ["begin_substep"]
 def begin_substep(state: State) -> list[Stage]:
     """Return the stages that begin a sub-step of any model: planned, if it is the first of a step, and dealt out.
 
-    Where the ground is so steep that no point of a channel moves by more than a part g of its rate, its steps are
-    longer by 1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
+    Where ground and controls let no point of a channel move by more than a part g of its rate, its steps are longer by
+    1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
     go to ``state.most``. The links of a stem take the same sub-steps. Nothing changes while ``state.substep`` says that
     the step is planned.
     """
@@ -60,7 +60,7 @@ def begin_substep(state: State) -> list[Stage]:
         state.schedule(state.substep, state.most, state.pace)
 
     joined = state.stems is not None and state.stems.joined
-    felt = [] if state.terrain is None else [Stage("migrate", measure)]
+    felt = [] if not state.is_uneven else [Stage("migrate", measure)]
     return [
         Stage("migrate", begin, shared=False),
         *felt,

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
 from warpriver.params import LehenyParams
+from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import positive
+from warpriver.validate import grid_shape, positive
 
 __all__ = ["ErodedTerrain", "erosion_peak", "erosion_plane"]
 
@@ -113,6 +113,7 @@ class ErodedTerrain(Terrain):
         )
 
 
+@public
 def erosion_plane(
     shape: Sequence[int] = (200, 300), cell_size: float = 1.0, slope: float = 1.0, *, device: Any = "cpu"
 ) -> ErodedTerrain:
@@ -132,6 +133,7 @@ def erosion_plane(
     return ErodedTerrain.with_account(terrain, terrain.height, PLANE_EDGES, "outlet", LehenyParams())
 
 
+@public
 def erosion_peak(
     shape: Sequence[int] = (201, 201), cell_size: float = 1.0, slope: float = 1.0, *, device: Any = "cpu"
 ) -> ErodedTerrain:
@@ -154,9 +156,7 @@ def erosion_peak(
 
 def _checked_start(shape: Sequence[int], slope: float) -> tuple[int, int]:
     """Rows and columns; raises ``ValueError`` unless there are two of each and the ground slopes."""
-    rows, columns = (int(n) for n in shape)
-    if min(rows, columns) < 2:
-        raise InputError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each")
+    rows, columns = grid_shape(shape)
     positive(slope, "slope", hint=": on level ground water goes nowhere")
     require_memory((rows, columns), START_BYTES)
     return rows, columns

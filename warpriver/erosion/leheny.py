@@ -23,8 +23,9 @@ from warpriver.extras import IMPORTING
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, pad_terrain, side_rules
 from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
+from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import finite_numbers, one_of, whole
+from warpriver.validate import MOST_SEED, finite_numbers, one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
@@ -46,6 +47,7 @@ PAIR_NEIGHBORS = (2, 3, 4, 5)
 STEPS = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 
 
+@public
 def erode(
     terrain: Terrain,
     params: LehenyParams | None = None,
@@ -136,6 +138,7 @@ def erode(
     return eroded
 
 
+@public
 def erode_ensemble(
     terrain: Terrain | Sequence[Terrain],
     params: LehenyParams | None = None,
@@ -210,7 +213,7 @@ class _Run:
         device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
-        self.seeds = [whole(seed, "seed", 0) for seed in seeds]
+        self.seeds = [whole(seed, "seed", most=MOST_SEED) for seed in seeds]
         self.events = whole(events, "events", 0)
         self.cell_state = np.zeros(0, np.uint8)
         self.first_height = np.zeros(0)

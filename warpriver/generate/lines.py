@@ -5,14 +5,14 @@ Pure functions that return (n, 2) float64 arrays of points in metres, running fr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
-from warpriver.validate import positive
+from warpriver.public import public
+from warpriver.validate import finite, not_negative, positive, seeded
 
 __all__ = ["kinoshita", "noisy_line", "sine_generated", "straight_line", "valley_line"]
 
@@ -28,6 +28,7 @@ _LARGEST_ANGLE = 2.404825557695773
 _VALLEY_SINES, _VALLEY_SPREAD = 5, 2.0
 
 
+@public
 def sine_generated(wavelength: float, angle: float, wavelengths: float, spacing: float) -> FloatArray:
     """Sine-generated curve: the meander whose direction is a sine of arc length [Langbein1966].
 
@@ -53,6 +54,7 @@ def sine_generated(wavelength: float, angle: float, wavelengths: float, spacing:
     return kinoshita(wavelength, angle, wavelengths, spacing, skewness=0.0, flatness=0.0)
 
 
+@public
 def kinoshita(
     wavelength: float,
     angle: float,
@@ -87,10 +89,9 @@ def kinoshita(
     positive(wavelength, "wavelength")
     positive(wavelengths, "wavelengths")
     _spacing(spacing, wavelength, "wavelength")
-    if not (math.isfinite(angle) and angle >= 0.0 and math.isfinite(skewness) and math.isfinite(flatness)):
-        raise InputError(
-            f"angle is {angle}, skewness {skewness}, flatness {flatness}; give finite numbers, the angle 0 or more."
-        )
+    not_negative(angle, "angle", "rad")
+    finite(skewness, "skewness")
+    finite(flatness, "flatness")
 
     def direction(phase: FloatArray) -> FloatArray:
         third = skewness * np.cos(3.0 * phase) - flatness * np.sin(3.0 * phase)
@@ -103,6 +104,7 @@ def kinoshita(
     return _walk(lambda s: direction(2.0 * np.pi * s / arc), wavelengths * arc, spacing)
 
 
+@public
 def straight_line(length: float, spacing: float) -> FloatArray:
     """Evenly spaced points on a straight line along +x.
 
@@ -123,6 +125,7 @@ def straight_line(length: float, spacing: float) -> FloatArray:
     return np.column_stack([x, np.zeros_like(x)])
 
 
+@public
 def noisy_line(
     length: float,
     spacing: float,
@@ -158,7 +161,7 @@ def noisy_line(
     scale = 4.0 * spacing if correlation is None else positive(correlation, "correlation")
     fade = _fade(line[:, 0] / length, taper)
     # Twice as long as the line, because the filter wraps around.
-    white = np.random.default_rng(seed).standard_normal(2 * len(line))
+    white = seeded(seed).standard_normal(2 * len(line))
     frequency = 2.0 * np.pi * np.fft.rfftfreq(len(white), line[1, 0])
     kept = np.fft.rfft(white) * np.exp(-0.5 * (frequency * scale) ** 2)
     offset = np.fft.irfft(kept, len(white))[: len(line)] * fade
@@ -166,6 +169,7 @@ def noisy_line(
     return line
 
 
+@public
 def valley_line(length: float, spacing: float, amplitude: float, wavelength: float, seed: int) -> FloatArray:
     """Gently wandering line along +x, for example the axis of a valley.
 
@@ -191,7 +195,7 @@ def valley_line(length: float, spacing: float, amplitude: float, wavelength: flo
     positive(wavelength, "wavelength")
     _spacing(spacing, min(wavelength, length), "the smaller of wavelength and length")
     fine = straight_line(length, spacing / 8.0)
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     period = wavelength * np.geomspace(1.0 / _VALLEY_SPREAD, _VALLEY_SPREAD, _VALLEY_SINES)
     phase = rng.uniform(0.0, 2.0 * np.pi, _VALLEY_SINES)
     offset = (period * np.sin(2.0 * np.pi * fine[:, :1] / period + phase)).sum(axis=1)

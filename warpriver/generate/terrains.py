@@ -17,8 +17,9 @@ from warpriver.device import launch_kernel, require_memory, start_warp
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.extras import IMPORTING
 from warpriver.kernels import terrains as kernels
+from warpriver.public import public
 from warpriver.terrain import Terrain, square_cells
-from warpriver.validate import not_negative, positive, whole
+from warpriver.validate import MOST_SEED, finite, grid_shape, not_negative, positive, seeded, whole
 
 __all__ = [
     "cone",
@@ -71,6 +72,7 @@ BASIN_COARSEST = 400.0
 EQUATOR, FLATNESS = 6378137.0, 0.0066943799901413165
 
 
+@public
 def tilted_plain(
     shape: Sequence[int], cell_size: float, slope: float, direction: float = 0.0, *, device: Any = "cpu"
 ) -> Terrain:
@@ -84,10 +86,12 @@ def tilted_plain(
         device: Warp device name.
     """
     x, y = _centers(shape, cell_size)
-    height = -not_negative(slope, "slope") * (math.cos(direction) * x + math.sin(direction) * y)
+    angle = finite(direction, "direction", "rad")
+    height = -not_negative(slope, "slope") * (math.cos(angle) * x + math.sin(angle) * y)
     return _terrain(height - height.min(), cell_size, device)
 
 
+@public
 def cone(shape: Sequence[int], cell_size: float, slope: float, *, device: Any = "cpu") -> Terrain:
     """Cone with its apex in the middle of the raster; the corners of the raster are at 0 m.
 
@@ -103,6 +107,7 @@ def cone(shape: Sequence[int], cell_size: float, slope: float, *, device: Any = 
     return _terrain(not_negative(slope, "slope") * height, cell_size, device)
 
 
+@public
 def fractal_terrain(
     shape: Sequence[int],
     cell_size: float,
@@ -136,6 +141,7 @@ def fractal_terrain(
     return _terrain(height, cell_size, device)
 
 
+@public
 def fluvial_terrain(
     shape: Sequence[int],
     cell_size: float,
@@ -170,6 +176,7 @@ def fluvial_terrain(
     return _terrain(height * (relief / height.max()), cell_size, device)
 
 
+@public
 def intermontane_basin(
     cell_size: float = 100.0, seed: int = 0, *, relief: float = 1200.0, device: Any = "cpu"
 ) -> Terrain:
@@ -191,7 +198,7 @@ def intermontane_basin(
     if positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
     not_negative(relief, "relief")
-    whole(seed, "seed")
+    whole(seed, "seed", most=MOST_SEED)
     size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -207,6 +214,7 @@ def intermontane_basin(
     return _terrain(rise * (relief / rise.max()) + floor, cell_size, device)
 
 
+@public
 def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu") -> Terrain:
     """Scene of 35 x 20 km for a river in three stages, after [Paris2023, Fig. 27]; it flows west.
 
@@ -228,7 +236,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
     """
     if positive(cell_size, "cell_size") > COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
-    whole(seed, "seed")
+    whole(seed, "seed", most=MOST_SEED)
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -237,6 +245,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu
     return _terrain(height, cell_size, device)
 
 
+@public
 def mountain_front_line(spacing: float = 50.0, seed: int = 0) -> FloatArray:
     """River for :func:`mountain_front` of the same seed: (n, 2) points from the valley's head to the plain's west edge.
 
@@ -266,6 +275,7 @@ def mountain_front_zones() -> dict[str, tuple[float, float]]:
     }
 
 
+@public
 def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
     """Real mountains that need no download: the Jacksboro fault, Tennessee, 30 x 32 km, from the SRTM at 3 arc seconds.
 
@@ -297,7 +307,7 @@ def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
 
 def _basin_axis(x: FloatArray, seed: int) -> FloatArray:
     """Line to which the plain of the basin falls from both sides: y at x."""
-    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 2)
+    phase = seeded(seed).uniform(0.0, 2.0 * np.pi, 2)
     return 0.5 * BASIN_SIZE[1] + 1500.0 * np.sin(x / 4500.0 + phase[0]) + 800.0 * np.sin(x / 1900.0 + phase[1])
 
 
@@ -317,7 +327,7 @@ def _front_base(x: FloatArray, y: FloatArray, cell_size: float, seed: int) -> tu
 
 def _river_y(x: FloatArray, seed: int) -> FloatArray:
     """Where the river of the mountain front lies: winding in the valley, straight in the canyon, wandering after."""
-    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 4)
+    phase = seeded(seed).uniform(0.0, 2.0 * np.pi, 4)
     valley = _smoothstep((x - FRONT_TOP) / 4000.0)
     plain = _smoothstep((FRONT_FOOT - 1000.0 - x) / 3000.0)
     winding = 900.0 * np.sin(x / 1300.0 + phase[0]) + 1200.0 * np.sin(x / 2700.0 + phase[1])
@@ -375,7 +385,7 @@ def _cheapest_heights(
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import dijkstra
 
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     cost = 0.15 * cell_size * np.exp(SCATTER * rng.standard_normal(base.shape) + STRETCHES * patches).ravel()
     index = np.arange(base.size, dtype=np.int32).reshape(base.shape)
     flat, is_base = floor.ravel(), base.ravel()
@@ -404,7 +414,7 @@ def _noise(
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise InputError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
-    whole(seed, "seed")
+    whole(seed, "seed", most=MOST_SEED)
     start_warp()
     kernel = kernels.build(wp.float64)
     noise = kernel.Octaves()
@@ -430,9 +440,7 @@ def _centers(shape: Sequence[int], cell_size: float) -> tuple[FloatArray, FloatA
 
 def _checked(shape: Sequence[int], cell_size: float, bytes_per_cell: int = 34) -> tuple[int, int]:
     """Rows and columns; raises ValueError or MemoryError before anything is made of them."""
-    rows, columns = (int(n) for n in shape)
-    if min(rows, columns) < 2:
-        raise InputError(f"shape is {tuple(shape)}; give rows and columns, at least 2 of each.")
+    rows, columns = grid_shape(shape)
     positive(cell_size, "cell_size")
     require_memory((rows, columns), bytes_per_cell)
     return rows, columns

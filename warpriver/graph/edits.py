@@ -21,11 +21,11 @@ import math
 
 import numpy as np
 
-from warpriver.channel_table import ChannelTable
+from warpriver.channel_table import JOINT_LOCK, JOINT_NONE, JOINT_THROUGH, ChannelTable
 from warpriver.hydraulic_geometry import DEPTH_BY_WIDTH, DISCHARGE_BY_AREA, WIDTH_BY_FLOW
 from warpriver.network import RiverNetwork
 
-__all__ = ["EditedChannels", "NetworkEdit", "Rejoin"]
+__all__ = ["EditedChannels", "NetworkEdit", "Refusal", "Rejoin", "valid_joints"]
 
 # A new junction keeps this many points from both ends of the main channel, so that its pieces are channels themselves.
 JUNCTION_CLEARANCE = 2
@@ -37,6 +37,7 @@ class Rejoin:
 
     Attributes:
         kind: "upstream", "downstream", "neck" or "disconnected"; see :class:`~warpriver.history.events.Collision`.
+            "cutoff": a neck across nodes that are nothing but through nodes of one river.
         minor: Identity of the channel that gave way.
         main: Identity of the channel that kept its course.
         junction: Index of the point, in the old order, where they now meet; -1 if the minor one vanished whole.
@@ -49,6 +50,23 @@ class Rejoin:
     main: int
     junction: int
     abandoned: tuple[tuple[int, int, int], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Refusal:
+    """An edit that was not done, because a locked point would have gone with it.
+
+    Attributes:
+        kind: As in :class:`Rejoin`.
+        minor: Identity of the channel that would have given way.
+        main: Identity of the other one.
+        node: Node of the locked point.
+    """
+
+    kind: str
+    minor: int
+    main: int
+    node: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +83,9 @@ class EditedChannels:
         run_start: (R + 1,) offsets of the runs in the new order.
         run_scale: (R, 2) factors of width and depth, or None where they are constant along each channel.
         loops: (first point, number of points) of loops among the step's oxbows that follow the runs as new channels.
+        drawn_xy: (M, 2) points that were not there before, m, absolute, or None; in the runs they are numbered from the
+            number of points before on.
+        drawn_section: (M, 2) their widths and depths, or None where these are constant along each channel.
     """
 
     channel_old: np.ndarray
@@ -76,6 +97,8 @@ class EditedChannels:
     run_start: np.ndarray
     run_scale: np.ndarray | None
     loops: tuple[tuple[int, int], ...] = ()
+    drawn_xy: np.ndarray | None = None
+    drawn_section: np.ndarray | None = None
 
 
 @dataclasses.dataclass
@@ -141,6 +164,8 @@ class NetworkEdit:
         self._piece_count = network.channel_count
         self._touched: set[int] = set()
         self._abandoned: list[tuple[int, int, int]] = []
+        # Edits that would have dropped a locked point.
+        self.refused: list[Refusal] = []
 
     # ---- the graph as it is now
 
@@ -207,6 +232,10 @@ class NetworkEdit:
         neighbours |= {self._leaving(n) for n in (other.end, whole.end)} - {-1}
         if neighbours & self._touched:
             return None
+        if (held := self._dropped_lock(minor, main)) >= 0:
+            identity = self.network.channel_id
+            self.refused.append(Refusal(kind, int(identity[minor]), int(identity[main]), held))
+            return None
         self._touched |= neighbours | {main, minor}
         self._abandoned = []
         at_main, at_minor = (point_a, point_b) if main == a else (point_b, point_a)
@@ -231,10 +260,23 @@ class NetworkEdit:
         for minor, main in ((a, b), (b, a)):
             if way := self._way(minor, main):
                 stem = all(self._largest_arriving(self._end(c)) == c for c in way)
-                return "neck" if stem else "downstream", main, minor, way
+                through = all(self.network.channel_joint[self._source(c)] == JOINT_THROUGH for c in way)
+                return "cutoff" if through else "neck" if stem else "downstream", main, minor, way
         kind = "upstream" if self._end(a) == self._end(b) else "disconnected"
         minor, main = sorted((a, b), key=self._rank)
         return kind, main, minor, []
+
+    def _dropped_lock(self, minor: int, main: int) -> int:
+        """Node of the locked point that would go if a channel ended on the main one; -1 if none would."""
+        joint, dry = self.network.channel_joint, minor
+        while dry >= 0 and dry != main:
+            node = self._end(dry)
+            if joint[self._source(dry)] == JOINT_LOCK:
+                return node
+            if any(c != dry for c in self._arriving(node)):
+                return -1
+            dry = self._leaving(node)
+        return -1
 
     def _rank(self, c: int) -> tuple[float, int]:
         """Order of channels that meet: by flow, and the first of equal ones."""
@@ -324,6 +366,7 @@ class NetworkEdit:
                 if area is None
                 else area[model] * gain ** (1.0 if by_area else 1.0 / DISCHARGE_BY_AREA),
                 slope=self._slopes(source, edited, groups),
+                joint=valid_joints(old.channel_joint[self._sources(last)], head, end),
                 from_node=head,
                 to_node=end,
             ),
@@ -473,6 +516,19 @@ class NetworkEdit:
     def _was_junction(self, node: int) -> bool:
         """Tell whether more than one channel reached a node before the edits, or an edit let two meet there."""
         return bool(self._arrivals[node] > 1) if node < self.network.node_count else node not in self._plain_nodes
+
+
+def valid_joints(joint: np.ndarray, head: np.ndarray, foot: np.ndarray) -> np.ndarray:
+    """Return joints at the feet of channels where one channel ends and one begins, 0 elsewhere.
+
+    Args:
+        joint: (C,) what they would be.
+        head: (C,) nodes at the heads of the channels.
+        foot: (C,) those at their feet.
+    """
+    count = int(max(head.max(), foot.max())) + 1
+    one = (np.bincount(foot, minlength=count) == 1) & (np.bincount(head, minlength=count) == 1)
+    return np.where(one[foot], joint, JOINT_NONE)
 
 
 def _section_gain(flow_gain: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from warpriver.channel_table import JOINT_NONE
 from warpriver.network import RiverNetwork
 
 __all__ = ["Stems", "find_stems"]
@@ -28,7 +29,7 @@ class Stems:
     bottom: np.ndarray
 
 
-def find_stems(network: RiverNetwork, alone: np.ndarray | None = None) -> Stems:
+def find_stems(network: RiverNetwork, alone: np.ndarray | None = None, *, through_only: bool = False) -> Stems:
     """Return the stems of a network: at a junction the tributary with the most discharge, of equal ones the first.
 
     Rings are stems of their own. A stem ends where channels part, and where they flow in a circle.
@@ -36,6 +37,7 @@ def find_stems(network: RiverNetwork, alone: np.ndarray | None = None) -> Stems:
     Args:
         network: The network.
         alone: (C,) bool, further channels that are stems of their own; none by default.
+        through_only: Stems go on at through nodes and locked points alone, and end at junctions.
     """
     count, nodes = network.channel_count, network.node_count
     lines = np.flatnonzero(~network.channel_closed)
@@ -46,6 +48,8 @@ def find_stems(network: RiverNetwork, alone: np.ndarray | None = None) -> Stems:
     largest[np.bincount(network.channel_from[lines], minlength=nodes) != 1] = -1
     upper, lower = np.full(count, -1), np.full(count, -1)
     upper[lines] = largest[network.channel_from[lines]]
+    if through_only:
+        upper[network.channel_joint[upper] == JOINT_NONE] = -1
     if alone is not None:
         upper[alone | alone[upper]] = -1
     joined = np.flatnonzero(upper >= 0)

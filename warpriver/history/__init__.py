@@ -1,19 +1,32 @@
 """History: the networks, events and times that a run records; kept in memory or streamed to a folder."""
 
-from warpriver.history.changes import Ground, GroundChange, ParameterChange
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.changes import (
+    AppliedEdit,
+    ControlChange,
+    ControlStroke,
+    Ground,
+    GroundChange,
+    ParameterChange,
+)
+from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, HeldLock, Split
 from warpriver.history.history import History, StopReason, read_history
 from warpriver.history.record import Record
 from warpriver.history.schedule import Every
 
 __all__ = [
+    "AppliedEdit",
+    "Avulsion",
     "Collision",
+    "ControlChange",
+    "ControlStroke",
+    "Crevasse",
     "Cutoff",
     "Event",
     "EventLog",
     "Every",
     "Ground",
     "GroundChange",
+    "HeldLock",
     "History",
     "ParameterChange",
     "Record",

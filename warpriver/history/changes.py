@@ -1,4 +1,4 @@
-"""What may change while a run goes on: constants and the ground. Each change is an event of the run."""
+"""What may change while a run goes on: constants, the ground, the network. Each change is an event of the run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.edits.values import Edit, edit_of
 from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["Ground", "GroundChange", "ParameterChange", "ground_after", "params_after"]
+__all__ = [
+    "AppliedEdit",
+    "ControlChange",
+    "ControlStroke",
+    "Ground",
+    "GroundChange",
+    "ParameterChange",
+    "ground_after",
+    "params_after",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +63,35 @@ def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
         return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
     return json.loads(json.dumps(dict(options), default=plain))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class AppliedEdit(Event):
+    """An edit that was done between two steps, after so many of them.
+
+    Attributes:
+        time: yr.
+        step: Steps done before it.
+        name: Name of its kind, such as "MovePoint".
+        told: uint8, its kind and fields as JSON in UTF-8.
+    """
+
+    step: int
+    name: str
+    told: np.ndarray
+
+    @classmethod
+    def of(cls, time: float, step: int, edit: Edit) -> AppliedEdit:
+        """Make the event of an edit."""
+        return cls(time, step, edit.name, np.frombuffer(json.dumps(edit.as_json()).encode(), np.uint8))
+
+    @property
+    def edit(self) -> Edit:
+        """The edit, to be done again."""
+        return edit_of(json.loads(self.told.tobytes()))
+
+    def __repr__(self) -> str:
+        return f"AppliedEdit(time={self.time!r}, step={self.step!r}, {self.edit!r})"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,6 +140,53 @@ class GroundChange(Event):
         if not self.digest:
             return None
         return Ground(self.digest, self.about, self.path or None, json.loads(self.options))
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlChange(Event):
+    """Other controls steer the channels; :func:`warpriver.meander.controls_after` makes them again.
+
+    Attributes:
+        time: yr; the controls hold from there on.
+        controls: What they are, as JSON: an object for each, with its kind and how many of the numbers are its own, or
+            the place that it had among the controls before.
+        numbers: Their numbers, those of rasters among them, end to end.
+        cell_size: Cell size of the raster that they are stamped into, m.
+        west: Its west edge, m.
+        north: Its north edge, m.
+        rows: Its rows; 0 where there are no controls.
+        columns: Its columns.
+    """
+
+    controls: str
+    numbers: np.ndarray
+    cell_size: float
+    west: float
+    north: float
+    rows: int
+    columns: int
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlStroke(Event):
+    """A control field was painted.
+
+    Attributes:
+        time: yr; the field holds the values from there on.
+        control: Place of the field among the controls.
+        row: First row of the cells that were painted.
+        column: First column.
+        rows: Rows of them.
+        columns: Columns of them.
+        values: (rows * columns,) their values afterwards, m, row by row.
+    """
+
+    control: int
+    row: int
+    column: int
+    rows: int
+    columns: int
+    values: np.ndarray
 
 
 def params_after(params: MeanderParams | PathMeander, events: Iterable[Event]) -> MeanderParams | PathMeander:

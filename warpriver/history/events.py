@@ -17,8 +17,21 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from warpriver.errors import InputTypeError
+from warpriver.validate import shown
 
-__all__ = ["Collision", "Cutoff", "Event", "EventField", "EventLog", "Split", "event_class", "event_fields"]
+__all__ = [
+    "Avulsion",
+    "Collision",
+    "Crevasse",
+    "Cutoff",
+    "Event",
+    "EventField",
+    "EventLog",
+    "HeldLock",
+    "Split",
+    "event_class",
+    "event_fields",
+]
 
 # Classes by the name of their kind.
 _CLASSES: dict[str, type[Event]] = {}
@@ -111,6 +124,28 @@ class Collision(Event):
 
 
 @dataclasses.dataclass(frozen=True)
+class HeldLock(Event):
+    """A cutoff or a collision that did not happen, because a locked point would have gone with it.
+
+    It is told once of two channels; for as long as they touch, they lie over each other.
+
+    Attributes:
+        time: yr, when it was first refused.
+        case: "cutoff", or as in :class:`Collision`.
+        channel: Identity of the channel that would have given way.
+        other: Identity of the other one.
+        x: Place of the locked point, m.
+        y: Place of the locked point, m.
+    """
+
+    case: str
+    channel: int
+    other: int
+    x: float
+    y: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Split(Event):
     """A ring that a neck divided in two rings which both go on, ``ring_policy="both"``.
 
@@ -127,6 +162,48 @@ class Split(Event):
     other: int
     width: float
     xy: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Crevasse(Event):
+    """A bank that broke at the apex of a bend [Paris2023], Sec. 5.2.
+
+    Attributes:
+        time: yr.
+        channel: Identity of the channel.
+        width: Bankfull width there, m.
+        curvature: Width times curvature, above 0 where the channel turns left.
+        x: Where, m.
+        y: Where, m.
+        outcome: "" where that was all, "avulsion" where the channel left there; else what kept it from leaving.
+    """
+
+    channel: int
+    width: float
+    curvature: float
+    x: float
+    y: float
+    outcome: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Avulsion(Event):
+    """A channel that left its course for a new one, to a point of its own farther downstream [Paris2023], Sec. 5.2.
+
+    Attributes:
+        time: yr.
+        channel: Identity of the channel.
+        width: Bankfull width where it left, m.
+        xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order, both ends included.
+        course: (m, 2) float64 new course, likewise.
+        bed: (m,) float64 bed that was carved along it, m; empty on a plain.
+    """
+
+    channel: int
+    width: float
+    xy: np.ndarray
+    course: np.ndarray
+    bed: np.ndarray
 
 
 # ---- what a kind holds
@@ -264,7 +341,9 @@ class EventLog(Sequence):
             if kind is np.ndarray and isinstance(value, np.ndarray):
                 self._check_array(event, name, value)
             elif not isinstance(value, _ALLOWED[kind]) and not (value is None and optional):
-                raise InputTypeError(f"{name} of the event {type(event).__name__} is {value!r}, not {kind.__name__}")
+                raise InputTypeError(
+                    f"{name} of the event {type(event).__name__} is {shown(value)}, not {kind.__name__}"
+                )
 
     def _check_array(self, event: Event, name: str, array: np.ndarray) -> None:
         # Those of all events are stored end to end.

@@ -24,8 +24,8 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
 from warpriver.extras import need
-from warpriver.history.changes import Ground, ground_after, params_after
-from warpriver.history.events import Collision, Cutoff, Event, EventLog, Split
+from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
+from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -41,8 +41,9 @@ from warpriver.history.segments import (
 from warpriver.history.tables import event_columns, features_of, geometry_of, summary_columns
 from warpriver.network import RiverNetwork
 from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
+from warpriver.public import public
 from warpriver.thumbnail import LAKE, SAND, WATER, card, lines_picture, png_of
-from warpriver.validate import whole
+from warpriver.validate import position, shown, whole
 
 if TYPE_CHECKING:
     import geopandas
@@ -138,10 +139,10 @@ class History:
         if isinstance(params, (str, os.PathLike)):
             raise InputTypeError(f"History({str(params)!r}) would be empty; read a stored run with read_history(...)")
         if not isinstance(params, tuple(SOLVER_PARAMS.values())):
-            raise InputTypeError(f"params is {params!r}; give MeanderParams or PathMeander")
+            raise InputTypeError(f"params is {shown(params)}; give MeanderParams or PathMeander")
         self.params = params
         self.seed = seed
-        self.origin = np.array(origin, np.float64)
+        self.origin = position(origin)
         self.crs = crs
         self.dtype = dtype
         self.ground = ground
@@ -215,9 +216,24 @@ class History:
         return self.events.of(Collision)
 
     @property
+    def crevasses(self) -> Sequence[Crevasse]:
+        """The events that are banks that broke."""
+        return self.events.of(Crevasse)
+
+    @property
+    def avulsions(self) -> Sequence[Avulsion]:
+        """The events that are channels that left their courses."""
+        return self.events.of(Avulsion)
+
+    @property
     def splits(self) -> Sequence[Split]:
         """The events that are splits of rings."""
         return self.events.of(Split)
+
+    @property
+    def edits(self) -> Sequence[AppliedEdit]:
+        """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
+        return self.events.of(AppliedEdit)
 
     def __len__(self) -> int:
         return len(self._records)
@@ -243,6 +259,7 @@ class History:
         assert self._folder is not None
         return self._folder.record(*held)
 
+    @public
     def network(self, index: int) -> RiverNetwork:
         """Return the network of one record, on the CPU device."""
         return self.network_of(self.record(index))
@@ -264,6 +281,7 @@ class History:
 
     # ---- as tables
 
+    @public
     def to_geopandas(self, layer: str = "courses", *, every: int = 1) -> geopandas.GeoDataFrame:
         """Return a layer of the run as ``geopandas.GeoDataFrame`` (``warpriver[gis]``).
 
@@ -272,7 +290,7 @@ class History:
 
         Args:
             layer: "courses": the line of each channel at each record. "oxbows": the loops that were cut off, as areas
-                as wide as the channel. "abandoned": the courses that were given up where channels met.
+                as wide as the channel. "abandoned": the courses that were given up where channels met, or left theirs.
             every: Take every so many records; the last one always.
 
         Raises:
@@ -367,7 +385,10 @@ class History:
 
     def rewind(self) -> None:
         """Forget the events after the last record: a run that goes on from there meets them again."""
-        count = self.record(-1).events_before if self._records else 0
+        self.forget_events(self.record(-1).events_before if self._records else 0)
+
+    def forget_events(self, count: int) -> None:
+        """Keep the first ``count`` events only."""
         self.events.truncate(count)
         self._events_stored = min(self._events_stored, count)
 
@@ -477,6 +498,7 @@ class History:
             with self._folder.writing():
                 self._folder.write_header(self._header())
 
+    @public
     def save(self, path: str | os.PathLike) -> None:
         """Write everything to one ``.npz`` file, or to a new folder for any other name.
 
@@ -489,7 +511,13 @@ class History:
             records = [self.record(k) for k in range(len(self))]
             write_archive(target, {**encode(records, self.events, 0), "header": np.array(self._header())})
             return
-        told = {"seed": self.seed, "origin": self.origin, "crs": self.crs, "dtype": self.dtype, "ground": self.ground}
+        told: dict[str, Any] = {
+            "seed": self.seed,
+            "origin": self.origin,
+            "crs": self.crs,
+            "dtype": self.dtype,
+            "ground": self.ground,
+        }
         copy = History(self.params, **told)
         copy.events.extend(self.events)
         copy.stop_reason = self.stop_reason
@@ -501,6 +529,7 @@ class History:
     # ---- reopening
 
     @classmethod
+    @public
     def load(cls, path: str | os.PathLike, *, salvage: bool = False) -> History:
         """Reopen a run that was saved or streamed; records and events of a folder are read when asked for.
 
@@ -612,6 +641,7 @@ class History:
         self._events = EventLog(state["_events"])
 
 
+@public
 def read_history(path: str | os.PathLike, *, salvage: bool = False) -> History:
     """Read a run that was stored; its records and events are loaded when they are used.
 

@@ -37,6 +37,8 @@ __all__ = [
 ]
 
 INDEX = "segments.jsonl"
+# How the names of the arrays of an archive begin.
+NAMES = ("record/", "node/", "point/", "channel/", "column", "resume/", "event", "header")
 
 
 class DamageError(InputError):
@@ -287,7 +289,11 @@ def decode_records(arrays: Any) -> list[Record]:
     sections = _split(arrays["point/section"], points) if "point/section" in arrays else [None] * len(steps)
     starts = _split(arrays["channel/start"], _offsets(np.diff(channels) + 1))
     tables = _split_tables(arrays, channels)
-    keys = [name for name in arrays if name.startswith("resume/") and not name.endswith("/start")]
+    stray = [name for name in arrays if not name.startswith(NAMES)]
+    if stray:
+        raise InputError(f"it has an array {stray[0]!r}")
+    # An array or its offsets alone is one of which a name was changed.
+    keys = dict.fromkeys(name.removesuffix("/start") for name in arrays if name.startswith("resume/"))
     resume = {key.removeprefix("resume/"): _split(arrays[key], arrays[f"{key}/start"]) for key in keys}
     records = [
         Record(

@@ -10,7 +10,8 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.history.events import Collision, Cutoff, Event, event_fields
+from warpriver.history.events import Avulsion, Collision, Cutoff, Event, event_fields
+from warpriver.validate import shown, whole
 
 if TYPE_CHECKING:
     from warpriver.history.history import History
@@ -52,16 +53,15 @@ def features_of(history: History, layer: str, every: int = 1) -> Features:
     Args:
         history: The history.
         layer: "courses": the lines of the channels at each record. "oxbows": the loops that were cut off. "abandoned":
-            the courses that were given up where channels met.
+            the courses that were given up where channels met, or where one left its own.
         every: Take every so many records; the last one always.
 
     Raises:
         ValueError: Another layer, an interval below 1, or a history without a record.
     """
     if layer not in FEATURES:
-        raise InputError(f"layer is {layer!r}; use one of {', '.join(map(repr, FEATURES))}")
-    if every < 1:
-        raise InputError(f"every is {every}; give 1 or more")
+        raise InputError(f"layer is {shown(layer)}; use one of {', '.join(map(repr, FEATURES))}")
+    every = whole(every, "every", 1, "records")
     if not len(history.times):
         raise InputError("the history holds no record; run the simulation first")
     if layer == "courses":
@@ -188,15 +188,19 @@ def _loops(history: History) -> Features:
 
 
 def _abandoned(history: History) -> Features:
-    """Return the courses that channels gave up where they met others."""
-    pieces = [[xy for xy in collision.pieces() if len(xy) > 1] for collision in history.collisions]
-    kept = [(c, p) for c, p in zip(history.collisions, pieces, strict=True) if p]
-    collisions = [collision for collision, _ in kept]
-    columns = _told(history, collisions) | {
-        "case": np.array([collision.case for collision in collisions], object),
-        "channel_id": np.array([collision.channel for collision in collisions], np.int64),
-        "other_id": np.array([collision.other for collision in collisions], np.int64),
-        "width_m": np.array([collision.width for collision in collisions], np.float64),
+    """Return the courses that channels gave up where they met others, or where they left them for new ones."""
+    events: list[Any] = [event for event in history.events if isinstance(event, (Collision, Avulsion))]
+    pieces = [
+        [xy for xy in (event.pieces() if isinstance(event, Collision) else [event.xy]) if len(xy) > 1]
+        for event in events
+    ]
+    kept = [(c, p) for c, p in zip(events, pieces, strict=True) if p]
+    gone = [event for event, _ in kept]
+    columns = _told(history, gone) | {
+        "case": np.array([getattr(event, "case", Avulsion.kind) for event in gone], object),
+        "channel_id": np.array([event.channel for event in gone], np.int64),
+        "other_id": np.array([getattr(event, "other", event.channel) for event in gone], np.int64),
+        "width_m": np.array([event.width for event in gone], np.float64),
     }
     owner = np.repeat(np.arange(len(kept)), [len(p) for _, p in kept]).astype(np.int64)
     return _packed("MultiLineString", columns, [xy for _, p in kept for xy in p], owner)

@@ -15,7 +15,7 @@ from warpriver.device import launch_kernel, require_memory
 from warpriver.errors import InputError
 from warpriver.kernels import cells as kernels
 from warpriver.terrain import Terrain
-from warpriver.validate import one_of
+from warpriver.validate import one_of, shown
 
 __all__ = ["Edges", "NoData", "PaddedCells", "flat", "pad_terrain", "side_rules", "table"]
 
@@ -136,9 +136,9 @@ def side_rules(edges: Edges) -> dict[str, str]:
     elif isinstance(edges, (tuple, list)) and len(edges) == len(SIDES):
         rules = dict(zip(SIDES, edges, strict=True))
     else:
-        raise InputError(f"edges is {edges!r}; {hint}")
+        raise InputError(f"edges is {shown(edges)}; {hint}")
     if set(rules) != set(SIDES) or not all(rule in RULES for rule in rules.values()):
-        raise InputError(f"edges is {edges!r}; {hint}")
+        raise InputError(f"edges is {shown(edges)}; {hint}")
     for a, b in (("north", "south"), ("east", "west")):
         if (rules[a] == "periodic") != (rules[b] == "periodic"):
             raise InputError(f"edges: {a} is {rules[a]!r} and {b} is {rules[b]!r}; periodic sides come in pairs")

@@ -13,6 +13,7 @@ from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
 from warpriver.kernels import depressions as kernels
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import NAME, UNIT, Terrain, surface_of
 
@@ -30,12 +31,15 @@ Surface = TypeVar("Surface", Terrain, Raster)
 
 # Scratch and result in bytes a cell, besides the padded copy.
 FILL_BYTES, CARVE_BYTES = 29, 49
+# What a search for courses notes by cell, and its heap.
+CARVE_NOTES = {"cell_from": int, "cell_length": wp.float64, "cell_mark": int, "heap_key": wp.float64, "heap_cell": int}
 # Rims of depressions wait in as many buckets by height; about every second cell of rough ground is one for a time.
 CELLS_PER_BUCKET = 4
 # In m: terrain with less relief has a single bucket.
 MIN_RELIEF = 1e-200
 
 
+@public
 def fill_depressions(
     terrain: Surface, *, epsilon: bool = True, edges: Edges = "open", nodata: NoData = "outlet"
 ) -> Surface:
@@ -68,6 +72,7 @@ def fill_depressions(
     return with_heights(terrain, cells)
 
 
+@public
 def carve_depressions(
     terrain: Surface,
     *,
@@ -150,20 +155,20 @@ def carve_cells(cells: PaddedCells, max_depth: float, max_length: float) -> None
     if not len(pit_cell):
         return
     pit_cell = pit_cell[np.argsort(cells.height.reshape(-1)[pit_cell], kind="stable")]
+    carving = kernel.Carving()
+    carving.rows, carving.stride, carving.max_depth, carving.max_length = (
+        cells.rows,
+        cells.stride,
+        max_depth,
+        max_length,
+    )
+    for field, kind in CARVE_NOTES.items():
+        setattr(carving, field, wp.empty(count, dtype=kind, device="cpu"))
     launch_kernel(
         kernel.carve_pits,
         dim=1,
-        inputs=[cells.rows, cells.stride, max_depth, max_length, flat(pit_cell), state],
-        outputs=[
-            wp.empty(1, dtype=int, device="cpu"),
-            height,
-            flat(pit),
-            wp.empty(count, dtype=int, device="cpu"),
-            wp.empty(count, dtype=wp.float64, device="cpu"),
-            wp.empty(count, dtype=int, device="cpu"),
-            wp.empty(count, dtype=wp.float64, device="cpu"),
-            wp.empty(count, dtype=int, device="cpu"),
-        ],
+        inputs=[flat(pit_cell), state],
+        outputs=[wp.empty(1, dtype=int, device="cpu"), height, flat(pit), carving],
         device="cpu",
     )
 

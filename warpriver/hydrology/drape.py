@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 
@@ -15,6 +16,7 @@ __all__ = ["drape"]
 FloatArray = NDArray[np.float64]
 
 
+@public
 def drape(network: RiverNetwork, terrain: Terrain | Raster) -> RiverNetwork:
     """Give the points of a network their elevations on a terrain, as ``point_z``, such that no channel rises.
 

@@ -17,6 +17,7 @@ from warpriver.hydrology.routing import Depressions, Flow, checked_areas, host_a
 from warpriver.hydrology.side_by_side import join_side_by_side
 from warpriver.hydrology.stems import drop_dead, place_junctions, space_junctions, split_into_stems
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive, whole
@@ -29,6 +30,7 @@ FloatArray = NDArray[np.float64]
 WHOLE = 1e-6
 
 
+@public
 def extract_network(
     terrain: Terrain | Raster,
     *,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from warpriver.errors import InputError
 from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
 from warpriver.hydrology.routing import Flow, host_areas, host_lengths
+from warpriver.public import public
 from warpriver.validate import positive
 
 __all__ = ["NetworkLaws", "network_laws"]
@@ -45,6 +46,7 @@ class NetworkLaws(NamedTuple):
     area_exponent: float
 
 
+@public
 def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
     """Measure Horton's and Hack's laws and the distribution of areas on a terrain's flow.
 

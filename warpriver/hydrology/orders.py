@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
-from warpriver.validate import positive_numbers
+from warpriver.public import public
+from warpriver.validate import floats, positive_numbers
 
 __all__ = [
     "Exceedance",
@@ -107,6 +108,7 @@ class Tokunaga(NamedTuple):
     ratio: float
 
 
+@public
 def strahler_order(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArray:
     """Strahler order: 1 at sources; where the highest order arrives twice or more, one higher, else the highest.
 
@@ -123,6 +125,7 @@ def strahler_order(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArray
     return _strahler(_Graph(channel_from, channel_to))
 
 
+@public
 def shreve_magnitude(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArray:
     """Shreve magnitude: the number of sources above each channel, (C,) int64.
 
@@ -138,6 +141,7 @@ def shreve_magnitude(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArr
     return magnitude
 
 
+@public
 def main_stem(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike) -> IndexArray:
     """Stem that each channel belongs to, named by its lowest channel: (C,) int64.
 
@@ -152,6 +156,7 @@ def main_stem(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike) -
     return _stems(graph, _per_channel(area, graph, "area"))
 
 
+@public
 def main_stem_length(
     channel_from: ArrayLike, channel_to: ArrayLike, length: ArrayLike, area: ArrayLike, *, longest: bool = False
 ) -> FloatArray:
@@ -177,6 +182,7 @@ def main_stem_length(
     return total
 
 
+@public
 def horton_order(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike | None = None) -> IndexArray:
     """Horton order: every stem, up to its source, has the Strahler order of its lowest channel.
 
@@ -199,6 +205,7 @@ def horton_order(channel_from: ArrayLike, channel_to: ArrayLike, area: ArrayLike
     return order[_stems(graph, rank)]
 
 
+@public
 def horton_ratios(channel_from: ArrayLike, channel_to: ArrayLike, length: ArrayLike, area: ArrayLike) -> HortonRatios:
     """Count, mean length and mean area of the streams of each Strahler order, and the ratios of their laws.
 
@@ -228,6 +235,7 @@ def horton_ratios(channel_from: ArrayLike, channel_to: ArrayLike, length: ArrayL
     )
 
 
+@public
 def hack_exponent(length: ArrayLike, area: ArrayLike) -> PowerLaw:
     """Hack's law, length of the main stem = coefficient area^exponent, fitted to the logarithms by least squares.
 
@@ -247,6 +255,7 @@ def hack_exponent(length: ArrayLike, area: ArrayLike) -> PowerLaw:
     return PowerLaw(exponent, math.exp(y.mean() - exponent * x.mean()), correlation)
 
 
+@public
 def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None = None) -> Exceedance:
     """Distribution P(A > a) of drainage areas, and the exponent beta of a^-beta that fits it.
 
@@ -262,7 +271,7 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
     Raises:
         ValueError: Fewer than two distinct areas, or one that is not positive.
     """
-    values = np.asarray(area, np.float64).reshape(-1)
+    values = floats(area, "area").reshape(-1)
     values = values[~np.isnan(values)]
     _logarithms(values, "area")
     distinct, count = np.unique(values, return_counts=True)
@@ -285,6 +294,7 @@ def exceedance(area: ArrayLike, *, low: float | None = None, high: float | None 
     return Exceedance(distinct, probability, -_slope(np.log(sample[seen]), np.log(fraction[seen])))
 
 
+@public
 def tokunaga(channel_from: ArrayLike, channel_to: ArrayLike) -> Tokunaga:
     """Count the side tributaries of streams, order by order, and fit T_k = a c^(k - 1) to them.
 
@@ -416,7 +426,7 @@ def _per_channel(values: ArrayLike, graph: _Graph, name: str) -> FloatArray:
 
 def _logarithms(values: ArrayLike, name: str) -> FloatArray:
     """Return the logarithms of at least two positive numbers, or raise ``ValueError``."""
-    array = np.asarray(values, np.float64).reshape(-1)
+    array = floats(values, name).reshape(-1)
     if len(array) < 2 or not (np.isfinite(array) & (array > 0.0)).all():
         raise InputError(f"{name}: give at least two values, all positive and finite; got {len(array)}")
     return np.log(array)

@@ -17,9 +17,10 @@ from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terr
 from warpriver.hydrology.depressions import carve_cells, fill_cells, limit_in_m, with_heights
 from warpriver.hydrology.lakes import SEA, lead_over_flats
 from warpriver.kernels import routing as kernels
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
-from warpriver.validate import one_of, positive, whole
+from warpriver.validate import MOST_SEED, finite, one_of, positive, whole
 
 __all__ = [
     "Flow",
@@ -134,6 +135,7 @@ class Flow:
         return f"Flow({rows} x {columns} cells, edges={self.edges!r}, nodata={self.nodata!r})"
 
 
+@public
 def route(
     terrain: Surface,
     *,
@@ -180,7 +182,7 @@ def route(
     one_of(depressions, "depressions", ("keep", "fill", "carve"))
     one_of(neighbors, "neighbors", (8, 4))
     one_of(ties, "ties", ("first", "hash"))
-    seed = whole(seed, "seed")
+    seed = whole(seed, "seed", most=MOST_SEED)
     ground = surface_of(terrain)
     if max_cut is not None:
         if depressions != "carve":
@@ -226,11 +228,13 @@ def _receivers(cells: PaddedCells, neighbors: int, ties: str, seed: int) -> np.n
     return receiver
 
 
+@public
 def flow_directions(terrain: Surface, *, edges: Edges = "open", nodata: NoData = "outlet") -> Raster:
     """Return ``route(...).receiver``: the cell that each cell's water goes to next, as in :class:`Flow`."""
     return route(terrain, edges=edges, nodata=nodata).receiver
 
 
+@public
 def drainage_area(
     surface: Surface | Flow,
     *,
@@ -302,6 +306,7 @@ def order_cells(receiver: NDArray[np.int32]) -> NDArray[np.int32]:
     return cells[: int(count.numpy()[0])]
 
 
+@public
 def stream_power(
     surface: Surface | Flow,
     area: Raster | ArrayLike | None = None,
@@ -334,10 +339,12 @@ def stream_power(
         outputs=[table(slope)],
         device="cpu",
     )
+    m, n = finite(m, "m"), finite(n, "n")
     power = drained**m * (slope / flow.terrain.cell_size) ** n
     return flow.terrain.raster.like(table(power), unit=_power_of_metres(2.0 * m), name="stream_power")
 
 
+@public
 def flow_length(
     surface: Surface | Flow,
     downstream: bool = True,
@@ -373,6 +380,7 @@ def host_lengths(flow: Flow, downstream: bool = True) -> np.ndarray:
     return length
 
 
+@public
 def hand(
     surface: Surface | Flow, channels: Raster | ArrayLike, *, edges: Edges | None = None, nodata: NoData | None = None
 ) -> Raster:

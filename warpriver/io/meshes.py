@@ -20,6 +20,7 @@ from warpriver.device import require_memory
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.files import beside
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import finite_numbers
@@ -58,6 +59,7 @@ class Mesh:
     crs: str | None
 
 
+@public
 def write_mesh(
     surface: Terrain | Raster | Valley | ValleyGrid | Structure | RiverNetwork,
     path: str | os.PathLike[str],
@@ -115,6 +117,7 @@ def write_mesh(
             temporary.with_suffix(side).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
 
+@public
 def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Read a mesh of triangles, for :class:`~warpriver.valley.MeshStamp`.
 

@@ -33,10 +33,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, PathError
 from warpriver.files import beside
 from warpriver.io.files import is_number
 from warpriver.io.meshes import read_mesh
+from warpriver.public import public
 from warpriver.valley.params import (
     ELEMENTS,
     CovarianceTarget,
@@ -74,6 +75,7 @@ POINTS = (".xyz", ".csv", ".npz")
 # ---- parameters
 
 
+@public
 def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     """Read the parameters of a synthetic valley from a TOML file.
 
@@ -90,6 +92,8 @@ def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     path = Path(path)
     try:
         data = _toml().loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PathError.of(error, f"cannot read {path}") from error
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text, so no TOML") from None
     except RecursionError:
@@ -124,6 +128,7 @@ def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     return _raising(path, lambda: ValleyParams(**fields), {"ValleyParams.": ""})
 
 
+@public
 def write_valley(params: ValleyParams, path: str | os.PathLike[str]) -> None:
     """Write the parameters of a valley as TOML, so that :func:`read_valley` gives the same back.
 
@@ -232,6 +237,8 @@ def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
     source = _neighbour(path, name, where, "a CSV")
     try:
         rows = source.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise PathError.of(error, f"cannot read {source}") from error
     except UnicodeDecodeError:
         raise InputError(f"{path}: {where}.file = {_shown(name)}: not UTF-8 text, so no CSV") from None
     names = [word.strip() for word in rows[0].split(",")] if rows else []
@@ -388,6 +395,7 @@ def _inline(term: Any) -> str:
 # ---- surfaces
 
 
+@public
 def write_points(grid: ValleyGrid, path: str | os.PathLike[str]) -> None:
     """Write the points of a curvilinear grid: x, y and z in m, a section after the other, from left to right.
 
@@ -409,6 +417,7 @@ def write_points(grid: ValleyGrid, path: str | os.PathLike[str]) -> None:
             np.savetxt(temporary, grid.points(), fmt="%.4f")
 
 
+@public
 def write_breaklines(lines: Mapping[str, ArrayLike], path: str | os.PathLike[str], *, crs: str | None = None) -> None:
     """Write breaklines with their heights.
 

@@ -2,16 +2,38 @@
 
 :func:`migration_rate` tells how fast each point of a network migrates, :func:`step_limits` and :func:`stable_dt` how
 long a step may be. :func:`shape_junctions` gives tributaries the angle that fits their flows, and
-:func:`taubin_smooth` takes short waves out of lines.
+:func:`taubin_smooth` takes short waves out of lines. :class:`Attractor`, :class:`Repeller`, :class:`Guide`,
+:class:`ControlField`, :class:`DampingRegion` and :class:`ErodibilityField` are the controls that a simulation takes,
+:class:`AvulsionParams` lets channels leave their courses.
 """
 
+from warpriver.meander.control_record import controls_after
+from warpriver.meander.controls import (
+    Attractor,
+    Control,
+    ControlField,
+    DampingRegion,
+    ErodibilityField,
+    Guide,
+    Repeller,
+)
 from warpriver.meander.junctions import JunctionParams, junction_angles, shape_junctions
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
+from warpriver.params import AvulsionParams
 
 __all__ = [
+    "Attractor",
+    "AvulsionParams",
+    "Control",
+    "ControlField",
+    "DampingRegion",
+    "ErodibilityField",
+    "Guide",
     "JunctionParams",
+    "Repeller",
+    "controls_after",
     "junction_angles",
     "migration_rate",
     "shape_junctions",

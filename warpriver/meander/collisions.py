@@ -15,9 +15,9 @@ from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.extras import IMPORTING
-from warpriver.graph.edits import EditedChannels, NetworkEdit, Rejoin
+from warpriver.graph.edits import EditedChannels, NetworkEdit, Refusal, Rejoin
 from warpriver.graph.forest import check_forest
-from warpriver.history.events import Collision, Event
+from warpriver.history.events import Collision, Cutoff, Event, HeldLock
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
 from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
@@ -87,6 +87,8 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
         from scipy.sparse.csgraph import connected_components
 
     short = length < 0.5 * params.junction_reach * network.channel_width
+    if not short.any():
+        return np.stack([network.channel_from, network.channel_to], axis=1)
     ends = network.channel_from[short], network.channel_to[short]
     graph = coo_array((np.ones(int(short.sum())), ends), shape=(network.node_count, network.node_count))
     label = connected_components(graph, directed=False)[1]
@@ -222,7 +224,9 @@ class Collide(Phase):
                 break
             contacts = self.contacts(state)
             state.place_nodes()
-            joined = join_channels(state.network, contacts, state.next_identity)
+            refused: list[Refusal] = []
+            joined = join_channels(state.network, contacts, state.next_identity, refused)
+            events += _held(state.network, row.times[-1], refused)
             if joined is None:
                 break
             edited, done = joined
@@ -234,21 +238,35 @@ class Collide(Phase):
         return events
 
 
+def _held(network: RiverNetwork, time: float, refused: list[Refusal]) -> list[Event]:
+    """Return what was not done because a locked point would have gone with it."""
+    places = [network.node_xy[edit.node].tolist() for edit in refused]
+    return [
+        HeldLock(time, "cutoff" if edit.kind == "neck" else edit.kind, edit.minor, edit.main, x, y)
+        for edit, (x, y) in zip(refused, places, strict=True)
+    ]
+
+
 def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[Event]:
-    """Return what was joined, with the courses that were abandoned."""
+    """Return what was joined, with the courses that were abandoned; necks across through nodes are cutoffs."""
     order = np.argsort(network.channel_id)
     minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
     events: list[Event] = []
     for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
         ranges = [(first, stop) for first, stop, _ in edit.abandoned]
         pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
+        if edit.kind == "cutoff":
+            # A piece begins where the one before it ends.
+            loop = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+            events.append(Cutoff(time, edit.minor, width, loop))
+            continue
         start = np.cumsum([0] + [len(p) for p in pieces])
         events.append(Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start))
     return events
 
 
 def join_channels(
-    network: RiverNetwork, contacts: np.ndarray, next_identity: int = 0
+    network: RiverNetwork, contacts: np.ndarray, next_identity: int = 0, refused: list[Refusal] | None = None
 ) -> tuple[EditedChannels, list[Rejoin]] | None:
     """Join the channels that touch, each pair at its uppermost contact on the channel that gives way.
 
@@ -256,6 +274,7 @@ def join_channels(
         network: The network.
         contacts: (K, 2) pairs of points of different channels.
         next_identity: Least identity that a new channel may get.
+        refused: Where what would have dropped a locked point is added.
 
     Returns:
         The channels afterwards and what was done; None when no contact could be acted on.
@@ -273,6 +292,8 @@ def join_channels(
         result = edit.rejoin(a, point_a, b, point_b)
         if result is not None:
             done.append(result)
+    if refused is not None:
+        refused += edit.refused
     if not done:
         return None
     return edit.build(), done

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.channel_table import JOINT_NONE
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
@@ -22,6 +23,7 @@ from warpriver.graph.forest import check_forest
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
+from warpriver.public import public
 
 __all__ = ["JunctionParams", "MoveJunctions", "junction_angles", "shape_junctions"]
 
@@ -70,6 +72,7 @@ class JunctionParams(Params):
             )
 
 
+@public
 def junction_angles(network: RiverNetwork, params: JunctionParams | None = None) -> np.ndarray:
     """Angle at which each channel arrives at a junction, against the direction of the channel below it.
 
@@ -97,6 +100,7 @@ def junction_angles(network: RiverNetwork, params: JunctionParams | None = None)
     return np.where(meets[network.channel_to], angle, np.nan)
 
 
+@public
 def shape_junctions(network: RiverNetwork, params: JunctionParams | None = None) -> RiverNetwork:
     """Return a network whose tributaries arrive at the template's angles; nodes and everything upstream stay.
 
@@ -173,9 +177,9 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 class MoveJunctions(Phase):
-    """Moves junctions with the stem that goes on through them, and lets them wander downstream; tributaries follow.
+    """Moves nodes with the river that goes on through them, and lets junctions wander downstream; tributaries follow.
 
-    It works on ``state.point_moved``, and is not part of a step where every channel is held at its nodes.
+    It works on ``state.point_moved``. Where junctions are held it moves through nodes alone.
 
     Attributes:
         downstream: (C,) int32, the channel that each flows into, -1 if none; ``tributaries``: how many flow into it.
@@ -183,11 +187,18 @@ class MoveJunctions(Phase):
     """
 
     name = "junctions"
-    moves_nodes = True
 
-    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows_stems: bool, drifts: bool):
-        """Say what moves junctions: the stem, or a drift at a fraction of the rate k, m/yr, from (width, params)."""
-        self._rate, self.follows_stems, self._drifts = rate, follows_stems, drifts
+    def __init__(self, rate: Callable[[np.ndarray, Any], np.ndarray], *, follows: str, drifts: bool):
+        """Say what moves nodes.
+
+        Args:
+            rate: (width, params) -> the rate k, m/yr, at a fraction of which junctions drift.
+            follows: "stems", "through nodes" or "nothing": where rivers go on through nodes.
+            drifts: Whether junctions drift.
+        """
+        self._rate, self._drifts = rate, drifts
+        self.follows_stems, self.follows_through = follows == "stems", follows == "through nodes"
+        self.moves_nodes = self.follows_stems or drifts
         self._capacity = 0
 
     def check_network(self, network: RiverNetwork) -> None:
@@ -207,13 +218,18 @@ class MoveJunctions(Phase):
     def install(self, state: State) -> None:
         """Take what flows into what, and the speeds."""
         network, count = state.network, state.network.channel_count
+        if state.stems is not None and state.stems.joined:
+            self.moves_nodes = True
         leaving = np.full(network.node_count, -1)
         leaving[network.channel_from] = np.arange(count)
         downstream = np.where(network.channel_closed, -1, leaving[network.channel_to])
         # Beyond the channels nothing flows on.
         state.assign(self.downstream, np.concatenate([downstream, np.full(state.channel_capacity - count, -1)]))
         state.assign(self.tributaries, np.bincount(downstream[downstream >= 0], minlength=count))
-        state.assign(self.drift, state.params.junction_drift * self._rate(network.channel_width, state.params))
+        # Through nodes and locked points are no junctions.
+        wanders = ~np.isin(network.channel_from, network.channel_to[network.channel_joint != JOINT_NONE])
+        drift = state.params.junction_drift * self._rate(network.channel_width, state.params)
+        state.assign(self.drift, np.where(wanders, drift, 0.0))
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stage: heads of channels at junctions move, and the ends of their tributaries follow."""

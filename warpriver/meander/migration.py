@@ -13,6 +13,8 @@ from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
 from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.params import MeanderParams
+from warpriver.public import public
+from warpriver.validate import floats
 
 __all__ = [
     "Migrate",
@@ -24,6 +26,7 @@ __all__ = [
 ]
 
 
+@public
 def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any]:
     """Longest time steps in yr that follow a channel truly, (travel, carried); longer ones are done in equal parts.
 
@@ -43,7 +46,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
     Returns:
         Two time steps in yr, float64, of the arguments' shape; infinite where nothing moves.
     """
-    width, depth = np.asarray(width, np.float64), np.asarray(depth, np.float64)
+    width, depth = floats(width, "width"), floats(depth, "depth")
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
     rate = rate_of(width, params)
     with np.errstate(divide="ignore"):
@@ -55,6 +58,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
     return travel, carried
 
 
+@public
 def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
     """Longest time step in yr that follows a channel truly whatever its bends, the lesser of :func:`step_limits`.
 

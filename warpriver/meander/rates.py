@@ -17,6 +17,7 @@ from warpriver.kernels import migration as kernels
 from warpriver.meander.memory import StemMemory, migration_constants
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
+from warpriver.public import public
 from warpriver.terrain import Terrain
 
 with IMPORTING:
@@ -30,6 +31,7 @@ EVENNESS = 0.01
 PLACES = 8
 
 
+@public
 def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrain | None = None) -> list[np.ndarray]:
     """Return the migration rate of every point of a network as it stands, on the network's device.
 
@@ -143,19 +145,18 @@ def _compute_rates(
         launch(kernel.measure_rings, whole.point_threads, [channels, points.xy, whole.work], [channels.area], device)
     velocity = wp.zeros(network.point_count, dtype=kernel.vec2, device=device)
     rate = wp.zeros(network.point_count, dtype=scalar, device=device)
-    stems = StemArrays(count, device) if params.upstream_memory == "stem" else None
-    if stems is not None:
-        # The stencil at a junction reaches two segments far into the next link.
-        stems.take(network, terrain, alone=np.diff(start) < 3)
-        stems.give(channels)
+    stems = StemArrays(count, device, through_only=params.upstream_memory != "stem")
+    # The stencil at a junction reaches two segments far into the next link.
+    stems.take(network, terrain, alone=np.diff(start) < 3)
+    stems.give(channels)
     handed_on = kernel.Memory()
-    if stems is not None and stems.joined:
+    if stems.joined:
         memory = StemMemory(count, scalar, device)
         handed_on = memory.struct()
         memory.measure(channels, stems.length)
     inputs = [channels, points, constants, whole.work]
     launch(kernel.compute_velocity, whole.point_threads, inputs, [velocity, handed_on], device)
-    if stems is not None and stems.joined:
+    if stems.joined:
         memory.chain(channels, constants, whole.work)
         memory.add(channels, points, constants, whole.of_channels(count), velocity)
     launch(kernel.resolve_rate, whole.point_threads, [channels, points.xy, whole.work, velocity], [rate], device)

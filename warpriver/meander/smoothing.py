@@ -15,7 +15,8 @@ from warpriver.errors import InputError
 from warpriver.kernels import junctions
 from warpriver.kernels import smoothing as kernels
 from warpriver.network import RiverNetwork
-from warpriver.validate import whole
+from warpriver.public import public
+from warpriver.validate import floats, whole
 
 __all__ = ["Smooth", "taubin_smooth"]
 
@@ -71,6 +72,7 @@ class Smooth(Phase):
         state.check_moved(self.name, anchored=not state.nodes_move)
 
 
+@public
 def taubin_smooth(
     channels: Any, passes: int = 10, *, strength: float = STRENGTH, pass_band: float | None = None, closed: bool = False
 ) -> Any:
@@ -104,9 +106,9 @@ def taubin_smooth(
         network = channels.to()
         network.point_z = None
     else:
-        line = np.asarray(channels, np.float64)
+        line = floats(channels, "channels", "a network, or (n, 2) points")
         length = float(np.hypot(*np.diff(line, axis=0).T).sum()) if line.ndim == 2 and line.shape[1:] == (2,) else 1.0
-        width = length / max(len(line), 1) if length > 0.0 else 1.0
+        width = length / max(line.size, 1) if length > 0.0 else 1.0
         network = RiverNetwork.from_polylines([line], width=width, closed=closed)
     band = LONGEST_WAVE if pass_band is None else pass_band
     kernel, channels = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)

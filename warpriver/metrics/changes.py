@@ -21,7 +21,8 @@ from warpriver.metrics.lines import (
     parabola_peak,
     unit,
 )
-from warpriver.validate import checked_line, positive
+from warpriver.public import public
+from warpriver.validate import checked_line, floats, positive
 
 __all__ = ["LognormalFit", "lag", "lognormal_fit", "migration", "oxbow_lengths"]
 
@@ -43,6 +44,7 @@ class LognormalFit(NamedTuple):
     log_sd: float
 
 
+@public
 def migration(
     before: ArrayLike, after: ArrayLike, years: float | None = None, max_distance: float | None = None
 ) -> FloatArray:
@@ -90,6 +92,7 @@ def migration(
     return np.where(found, np.copysign(distance, across) / scale, np.nan)
 
 
+@public
 def lag(curvature_values: ArrayLike, rate_values: ArrayLike, spacing: float, max_lag: float | None = None) -> float:
     """Downstream distance by which migration follows curvature.
 
@@ -112,7 +115,7 @@ def lag(curvature_values: ArrayLike, rate_values: ArrayLike, spacing: float, max
         ValueError: the series are not one-dimensional and of one length of at least four, `spacing` is not
             positive, or `max_lag` is out of range.
     """
-    bend, rate = np.asarray(curvature_values, dtype=np.float64), np.asarray(rate_values, dtype=np.float64)
+    bend, rate = floats(curvature_values, "curvature_values"), floats(rate_values, "rate_values")
     if bend.ndim != 1 or bend.shape != rate.shape or bend.size < 4:
         raise InputError(
             f"curvature_values and rate_values have shapes {bend.shape} and {rate.shape}; "
@@ -131,6 +134,7 @@ def lag(curvature_values: ArrayLike, rate_values: ArrayLike, spacing: float, max
     return float(best[0])
 
 
+@public
 def oxbow_lengths(cutoffs: Iterable[Any]) -> FloatArray:
     """Lengths of abandoned loops.
 
@@ -147,6 +151,7 @@ def oxbow_lengths(cutoffs: Iterable[Any]) -> FloatArray:
     return np.array([arc_length_of(loop)[-1] for loop in loops], dtype=np.float64)
 
 
+@public
 def lognormal_fit(lengths: ArrayLike) -> LognormalFit:
     """Lognormal distribution of a sample, for example of oxbow lengths.
 
@@ -160,7 +165,7 @@ def lognormal_fit(lengths: ArrayLike) -> LognormalFit:
     Raises:
         ValueError: `lengths` is empty or holds a value that is not positive and finite.
     """
-    sample = np.asarray(lengths, dtype=np.float64).ravel()
+    sample = floats(lengths, "lengths").ravel()
     if sample.size == 0 or not (np.isfinite(sample) & (sample > 0.0)).all():
         raise InputError(f"lengths holds {sample.size} values; give at least one, all positive and finite.")
     log = np.log(sample)

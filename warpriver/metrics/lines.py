@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
+from warpriver.public import public
 from warpriver.validate import checked_line, positive
 
 __all__ = [
@@ -33,6 +34,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 
+@public
 def arc_length(xy: ArrayLike) -> FloatArray:
     """Cumulative chord length along a line.
 
@@ -48,6 +50,7 @@ def arc_length(xy: ArrayLike) -> FloatArray:
     return arc_length_of(checked_line(xy, "xy"))
 
 
+@public
 def curvature(xy: ArrayLike, closed: bool = False) -> FloatArray:
     """Signed curvature at every point, > 0 where the line turns left.
 
@@ -78,6 +81,7 @@ def curvature(xy: ArrayLike, closed: bool = False) -> FloatArray:
     return curvature_of(checked_line(xy, "xy"))
 
 
+@public
 def sinuosity(xy: ArrayLike, closed: bool = False) -> float:
     """Length of a line over the straight distance between its ends [Paris2023, Eq. 3].
 
@@ -104,6 +108,7 @@ def sinuosity(xy: ArrayLike, closed: bool = False) -> float:
     return float(ratio(length, norm(points[-1:] - points[:1]))[0])
 
 
+@public
 def sinuosity_window(xy: ArrayLike, window: float) -> FloatArray:
     """Sinuosity inside a moving window of arc length, centred at each point.
 

@@ -20,6 +20,7 @@ from warpriver.metrics.lines import (
     points_at,
     ratio,
 )
+from warpriver.public import public
 from warpriver.validate import checked_line, positive
 
 __all__ = [
@@ -77,6 +78,7 @@ class Bends(NamedTuple):
     radius: FloatArray
 
 
+@public
 def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPoints:
     """Points where the line stops turning one way and starts turning the other way.
 
@@ -107,6 +109,7 @@ def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPo
     return InflectionPoints(position, points_at(points, arc_length_of(points), position))
 
 
+@public
 def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Bends:
     """Measure every bend between two successive inflection points.
 
@@ -137,6 +140,7 @@ def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Be
     return Bends(start, end, end - start, chord, ratio(end - start, chord), apex, peak, 1.0 / np.abs(peak))
 
 
+@public
 def bend_sinuosity(xy: ArrayLike, width: float | None = None) -> FloatArray:
     """Sinuosity of each bend between successive inflection points.
 
@@ -153,6 +157,7 @@ def bend_sinuosity(xy: ArrayLike, width: float | None = None) -> FloatArray:
     return bends(xy, width).sinuosity
 
 
+@public
 def bend_radius(xy: ArrayLike, width: float | None = None) -> FloatArray:
     """Radius of curvature at the apex of each bend.
 
@@ -169,6 +174,7 @@ def bend_radius(xy: ArrayLike, width: float | None = None) -> FloatArray:
     return bends(xy, width).radius
 
 
+@public
 def wavelength(xy: ArrayLike, width: float, half: bool = False, closed: bool = False) -> float:
     """Mean meander wavelength.
 
@@ -195,6 +201,7 @@ def wavelength(xy: ArrayLike, width: float, half: bool = False, closed: bool = F
     return float(chord.mean()) * (1.0 if half else 2.0)
 
 
+@public
 def wavelength_range(width: float) -> tuple[float, float]:
     """Meander wavelengths to expect of real rivers of a width [Paris2023, Sec. 8.3].
 

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
-from warpriver.validate import freeze_numbers, whole
+from warpriver.public import public
+from warpriver.validate import MOST_SEED, floats, freeze_numbers, seeded, whole
 
 __all__ = [
     "Autoregressive",
@@ -86,11 +87,13 @@ class Harmonic(Params):
         return self.amplitude * (np.sin(angle) if self.wave == "sin" else np.cos(angle))
 
 
+@public
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Harmonic:
     """Return the term amplitude sin(2 pi frequency u + phase)."""
     return Harmonic(amplitude, frequency, phase, "sin")
 
 
+@public
 def cosine(amplitude: float, frequency: float, phase: float = 0.0) -> Harmonic:
     """Return the term amplitude cos(2 pi frequency u + phase)."""
     return Harmonic(amplitude, frequency, phase, "cos")
@@ -203,7 +206,7 @@ class Autoregressive(Params):
         variance = (1.0 - second) / ((1.0 + second) * ((1.0 - second) ** 2 - first**2))
         before = min(math.ceil(_SPIN_UP / (k * self.damping)), 1_000_000)
         # Drawn from the upstream end, the spin-up apart, so that the series does not depend on its length.
-        noise = np.random.default_rng(int(self.seed)).standard_normal(before + count + 1)
+        noise = seeded(self.seed).standard_normal(before + count + 1)
         value = lfilter([1.0], [1.0, -first, -second], noise)[before:] / math.sqrt(variance)
         return self.amplitude * interpolated(u, np.linspace(0.0, 1.0, count + 1), value)
 
@@ -228,7 +231,7 @@ class Spectral(Params):
         order = np.arange(int(self.lowest), int(self.highest) + 1, dtype=np.float64)
         size = order ** (-0.5 * self.exponent)
         size *= self.amplitude * math.sqrt(2.0 / float(size @ size))
-        phase = np.random.default_rng(int(self.seed)).uniform(0.0, TURN, len(order))
+        phase = seeded(self.seed).uniform(0.0, TURN, len(order))
         value = np.zeros(np.shape(u))
         for k, a, p in zip(order, size, phase, strict=True):
             value += a * np.sin(TURN * k * u + p)
@@ -256,7 +259,7 @@ class GradientNoise(Params):
         value = np.zeros(np.shape(u))
         for k in range(int(self.octaves)):
             # Gradients of an octave come from its own stream, by lattice point from the upstream end.
-            rng = np.random.default_rng([int(self.seed), k])
+            rng = np.random.default_rng([whole(self.seed, "seed", most=MOST_SEED), k])
             last = math.ceil(self.frequency * 2.0**k) + 1
             gradient = np.concatenate([[0.0], rng.uniform(-1.0, 1.0, last + 1), [0.0]])
             at = self.frequency * 2.0**k * np.clip(u, 0.0, 1.0)
@@ -404,6 +407,7 @@ def evaluate(terms: Sequence[Term], u: ArrayLike) -> FloatArray:
     return value
 
 
+@public
 def strongest_harmonics(values: ArrayLike, count: int) -> tuple[Harmonic, ...]:
     """Harmonics of a series by FFT, the strongest first, ready to be used as a control function [Clarke1988].
 
@@ -420,7 +424,7 @@ def strongest_harmonics(values: ArrayLike, count: int) -> tuple[Harmonic, ...]:
     Raises:
         ValueError: Fewer than 3 values, a value that is not finite, or a count below 1.
     """
-    value = np.asarray(values, np.float64)
+    value = floats(values, "values")
     if value.ndim != 1 or len(value) < 3 or not np.isfinite(value).all():
         raise InputError("values must be a series of 3 or more finite numbers")
     count = whole(count, "count", 1, "harmonics")

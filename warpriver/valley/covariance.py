@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
+from warpriver.public import public
 from warpriver.valley.controls import Harmonic
 
 __all__ = [
@@ -90,6 +91,7 @@ def correlation_by_frequency(
     return np.where(known, np.real(a * np.conj(b)) / np.where(known, size, 1.0), np.nan)
 
 
+@public
 def harmonics_for_covariance(
     partner: FloatArray,
     position: FloatArray,
@@ -147,6 +149,7 @@ def harmonics_for_covariance(
     )
 
 
+@public
 def harmonics_for_covariances(
     partners: FloatArray,
     position: FloatArray,

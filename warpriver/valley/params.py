@@ -10,7 +10,7 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.params import Params, parameter
-from warpriver.validate import freeze_numbers
+from warpriver.validate import freeze_numbers, shown
 from warpriver.valley.controls import Term
 from warpriver.valley.profile import LongProfile
 from warpriver.valley.stamps import MeshStamp, RoughnessPatch
@@ -176,7 +176,7 @@ class CovarianceTarget(Params):
         if self.by_frequency is not None:
             freeze_numbers(self, "by_frequency")
         if self.mean is not None and (isinstance(self.mean, bool) or not isinstance(self.mean, (int, float))):
-            raise InputError(f"CovarianceTarget.mean is {self.mean!r}; give a number from -1 to 1, or None")
+            raise InputError(f"CovarianceTarget.mean is {shown(self.mean)}; give a number from -1 to 1, or None")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -280,7 +280,7 @@ class ValleyParams(Params):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
                 bound = "above 0" if positive else "0 or more"
-                raise InputError(f"ValleyParams.{name} is {value!r}; give a finite number {bound}, or None")
+                raise InputError(f"ValleyParams.{name} is {shown(value)}; give a finite number {bound}, or None")
         if self.depth is None and self.slope == 0.0:
             raise InputError(
                 "ValleyParams.slope is 0, where the Shields depth of eq. 4 is infinite; give a slope, or a depth"

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
+from warpriver.public import public
+from warpriver.validate import shown
 from warpriver.valley.stamps import MeshStamp
 from warpriver.valley.valley import Valley
 
@@ -19,6 +21,7 @@ FloatArray = NDArray[np.float64]
 ALONG_WIDTH, AROUND_PIER = 4.0, 12
 
 
+@public
 def levee(
     valley: Valley,
     side: str = "left",
@@ -49,7 +52,7 @@ def levee(
         ValueError: A number out of range, or a levee that reaches over the bank.
     """
     if side not in ("left", "right"):
-        raise InputError(f'side is {side!r}; give "left" or "right"')
+        raise InputError(f'side is {shown(side)}; give "left" or "right"')
     if not 0.0 <= start < end <= 1.0:
         raise InputError(f"start is {start:g} and end {end:g}; give 0 <= start < end <= 1")
     for name, value in (("height", height), ("crest", crest), ("side_slope", side_slope)):
@@ -83,6 +86,7 @@ def levee(
     )
 
 
+@public
 def bridge(
     valley: Valley,
     station: float = 0.5,
@@ -122,7 +126,7 @@ def bridge(
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{name} is {value:g} m; give a finite length, 0 or more")
     if isinstance(piers, bool) or not isinstance(piers, int) or not 0 <= piers <= 100:
-        raise InputError(f"piers is {piers!r}; give a whole number from 0 to 100")
+        raise InputError(f"piers is {shown(piers)}; give a whole number from 0 to 100")
     stations, reach = valley.stations, valley.stations.reach
     s, at = stations.line.s[reach], station * stations.length
     column = lambda values: float(np.interp(at, s, values[reach]))  # noqa: E731

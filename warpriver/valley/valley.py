@@ -22,8 +22,9 @@ from warpriver.errors import InputError
 from warpriver.kernels import stamps as stamp_kernels
 from warpriver.kernels import valley as kernels
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import positive
+from warpriver.validate import position, positive, shown
 from warpriver.valley.controls import Term
 from warpriver.valley.covariance import (
     Covariance,
@@ -141,6 +142,7 @@ class Valley:
         """Covariance structures c(z_T, W) and c(z_T, |C|) that the valley has."""
         return _covariance(self)
 
+    @public
     def raster(self, cell_size: float, bounds: Sequence[float] | None = None) -> Terrain:
         """Evaluate the surface at the cells' centres of a raster.
 
@@ -184,6 +186,7 @@ class Valley:
             self._stamp(Ground(height, window=window))
         return Terrain.wrap(height, size, (west, north), self.crs)
 
+    @public
     def height(self, xy: ArrayLike) -> FloatArray:
         """Evaluate the surface at any places.
 
@@ -251,6 +254,7 @@ class Valley:
                 made.append(Structure(stamp.name, xyz, np.asarray(stamp.triangles, np.int32), self.crs))
         return made
 
+    @public
     def bank_height_at(self, x: FloatArray) -> FloatArray:
         """Return the height of the plane of top of bank, bent by the long profile.
 
@@ -262,6 +266,7 @@ class Valley:
         """
         return self._plane(np.asarray(x, np.float64))
 
+    @public
     def grid(self, spacing: float | None = None) -> ValleyGrid:
         """Lay the structured curvilinear grid: sections at every station of the main channel, and the valley beside it.
 
@@ -428,6 +433,7 @@ class Valley:
         )
 
 
+@public
 def synthetic_valley(
     valley: str | ValleyParams = "S3",
     *,
@@ -458,7 +464,7 @@ def synthetic_valley(
     if isinstance(valley, str):
         if valley not in EXAMPLES:
             raise InputError(
-                f"valley is {valley!r}; use one of {', '.join(EXAMPLES)}, or ValleyParams; read_valley reads files"
+                f"valley is {shown(valley)}; use one of {', '.join(EXAMPLES)}, or ValleyParams; read_valley reads files"
             )
         valley = EXAMPLES[valley]
     unknown = set(changes) - {field.name for field in dataclasses.fields(ValleyParams)}
@@ -471,9 +477,7 @@ def synthetic_valley(
 
 def _placed(stations: Stations, origin: Sequence[float]) -> Stations:
     """Stations in a frame that is moved by the origin."""
-    at = np.asarray(origin, np.float64)
-    if at.shape != (2,) or not np.isfinite(at).all():
-        raise InputError(f"origin is {origin!r}; give two finite numbers, x and y in m")
+    at = position(origin)
     frame = stations.frame
     return dataclasses.replace(
         stations, frame=dataclasses.replace(frame, x=frame.x + float(at[0]), y=frame.y + float(at[1]))

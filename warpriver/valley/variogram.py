@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
-from warpriver.validate import freeze_numbers
+from warpriver.validate import freeze_numbers, seeded
 from warpriver.valley.controls import interpolated
 
 __all__ = ["Variogram"]
@@ -131,7 +131,7 @@ class Variogram(Params):
             if power.min() >= -NEGATIVE_POWER * power.max():
                 break
             half *= 2
-        rng = np.random.default_rng(int(self.seed))
+        rng = seeded(self.seed)
         noise = rng.standard_normal(len(circle))
         scale = np.sqrt(np.maximum(power, 0.0))
         series = np.fft.irfft(np.fft.rfft(noise) * scale, len(circle))[:count]

@@ -13,6 +13,7 @@ from warpriver.extras import IMPORTING
 from warpriver.history import History
 from warpriver.hydrology.orders import strahler_order
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.terrain import Terrain
 from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
 from warpriver.viz.maps import (
@@ -55,6 +56,7 @@ DEPOSIT_SHADE, LEAST_SAMPLES = 0.6, 1.5
 SCROLL_STRENGTH = 0.075
 
 
+@public
 def draw_belt(
     history: History,
     path: str | os.PathLike[str] | None = None,
@@ -132,6 +134,7 @@ def draw_belt(
     return page.sheet.figure if ax is None else ax  # type: ignore[return-value]
 
 
+@public
 def draw_before_after(
     history: History,
     path: str | os.PathLike[str] | None = None,

@@ -19,6 +19,7 @@ from warpriver.errors import InputError
 from warpriver.hydrology.orders import strahler_order
 from warpriver.hydrology.routing import Flow, host_areas
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive
@@ -52,6 +53,7 @@ PALE = 0.45
 SHADED_RELIEF = 0.25
 
 
+@public
 def draw_elevation(
     terrain: Terrain | Raster,
     path: str | os.PathLike[str] | None = None,
@@ -92,6 +94,7 @@ def draw_elevation(
     return finished(sheet, path, ax)
 
 
+@public
 def draw_drainage(
     flow: Flow,
     path: str | os.PathLike[str] | None = None,
@@ -138,6 +141,7 @@ def draw_drainage(
     return finished(sheet, path, ax)
 
 
+@public
 def draw_ordered_network(
     terrain: Terrain,
     network: RiverNetwork,
@@ -185,6 +189,7 @@ def draw_ordered_network(
     )
 
 
+@public
 def erosion_movie(
     eroded: ErodedTerrain,
     path: str | os.PathLike[str],

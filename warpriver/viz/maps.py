@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
+from warpriver.validate import shown
 from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
 from warpriver.viz.sheet import (
@@ -57,6 +59,7 @@ LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
 # ---- network map
 
 
+@public
 def draw_network(
     network: RiverNetwork,
     path: str | os.PathLike[str] | None = None,
@@ -184,7 +187,7 @@ def channel_values(network: RiverNetwork, color: str, order: ArrayLike | None) -
         choices["order"] = order
     if color not in choices:
         hint = {"order": "; order= is missing", "area": "; the drainage area is not known"}.get(color, "")
-        raise InputError(f"color is {color!r}; use one of {', '.join(choices)}{hint}")
+        raise InputError(f"color is {shown(color)}; use one of {', '.join(choices)}{hint}")
     return None if choices[color] is None else np.asarray(choices[color], np.float64)
 
 

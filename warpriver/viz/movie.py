@@ -12,6 +12,7 @@ import numpy as np
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import in_memory
 from warpriver.history import History
+from warpriver.public import public
 from warpriver.terrain import Terrain
 from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
@@ -19,6 +20,7 @@ from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 __all__ = ["movie"]
 
 
+@public
 def movie(
     history: History,
     path: str | os.PathLike[str],

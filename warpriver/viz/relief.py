@@ -9,6 +9,7 @@ import numpy as np
 from warpriver.crs import same_crs, short_name
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 from warpriver.validate import positive
@@ -47,6 +48,7 @@ class Relief:
     known: np.ndarray
 
 
+@public
 def hillshade(
     terrain: Terrain | Raster, azimuth: float = 315.0, altitude: float = 45.0, exaggeration: float | None = None
 ) -> np.ndarray:

@@ -13,6 +13,7 @@ from warpriver.extras import IMPORTING
 from warpriver.files import in_memory
 from warpriver.history import History
 from warpriver.network import RiverNetwork
+from warpriver.public import public
 from warpriver.terrain import Terrain
 from warpriver.validate import not_negative
 from warpriver.viz import gl
@@ -39,6 +40,7 @@ LEVEE_RISE = 0.3
 LEVEE_REACH = 2.5
 
 
+@public
 def render_scene(
     network_or_history: RiverNetwork | History,
     path: str | os.PathLike[str],

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpriver.errors import InputError
+from warpriver.public import public
 from warpriver.terrain import Terrain
 from warpriver.validate import positive
 from warpriver.valley.valley import Valley
@@ -38,6 +39,7 @@ RIFFLE, POOL = "#b4653a", "#2f6f93"
 SERIES = {"thalweg_width": ("c(z$_T$, W)", POOL), "thalweg_curvature": ("c(z$_T$, |C|)", RIFFLE)}
 
 
+@public
 def draw_valley(
     valley: Valley,
     path: str | os.PathLike[str] | None = None,
@@ -97,6 +99,7 @@ def draw_valley(
     return figure
 
 
+@public
 def draw_valley_sections(
     valley: Valley,
     path: str | os.PathLike[str] | None = None,

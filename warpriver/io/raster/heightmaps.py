@@ -24,6 +24,7 @@ from warpriver.io.files import decoded, filtered_warnings
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
 from warpriver.io.raster.source import RasterSource, north_up
 from warpriver.terrain import Terrain
+from warpriver.validate import shown
 
 __all__ = ["PNG", "RAW", "parts_of", "read_heightmap", "write_heightmap"]
 
@@ -173,7 +174,7 @@ def checked_limits(limits: Sequence[float]) -> tuple[float, float]:
     try:
         low, high = (float(v) for v in limits)
     except (TypeError, ValueError) as error:
-        raise InputError(f"range is {limits!r}; give range=(low, high) in m") from error
+        raise InputError(f"range is {shown(limits)}; give range=(low, high) in m") from error
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise InputError(f"range is ({low:g}, {high:g}); give range=(low, high) in m with low below high")
     return low, high

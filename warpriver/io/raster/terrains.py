@@ -36,6 +36,7 @@ from warpriver.io.raster.heightmaps import PNG, RAW, parts_of, read_heightmap, w
 from warpriver.io.raster.noted import noted_file
 from warpriver.io.raster.settle import settled_raster, settled_terrain
 from warpriver.io.raster.source import RasterSource
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 
@@ -60,6 +61,7 @@ def terrain_formats() -> dict[str, bool]:
 
 
 @noted_file
+@public
 def read_terrain(
     path: str | os.PathLike[str],
     *,
@@ -145,6 +147,7 @@ def read_terrain(
     )
 
 
+@public
 def read_raster(
     path: str | os.PathLike[str],
     *,
@@ -200,6 +203,7 @@ def _read_cells(
     )
 
 
+@public
 def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tuple[float, float] | None = None) -> None:
     """Write a terrain to a file whose suffix names the format; ``read_terrain`` reads it back.
 
@@ -243,6 +247,7 @@ def write_terrain(terrain: Terrain, path: str | os.PathLike[str], *, range: tupl
             write_heightmap(terrain, temporary, range, path)
 
 
+@public
 def write_raster(raster: Raster, path: str | os.PathLike[str]) -> None:
     """Write a raster to a file whose suffix names the format; ``read_raster`` reads it back.
 

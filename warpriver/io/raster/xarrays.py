@@ -14,6 +14,7 @@ from warpriver.errors import InputError
 from warpriver.io.raster.settle import settled_raster, settled_terrain
 from warpriver.io.raster.source import RasterSource, cells_without_data, with_gaps
 from warpriver.io.units import is_degrees, metres_in, names_a_unit
+from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.sentinels import equal_cells
 from warpriver.terrain import Terrain
@@ -30,11 +31,13 @@ DEGREES = ("lon", "longitude", "lat", "latitude")
 UNEVEN = 0.02
 
 
+@public
 def to_xarray(terrain: Terrain | Raster) -> xarray.DataArray:
     """Return a terrain or a raster as ``xarray.DataArray``, see :meth:`warpriver.raster.Raster.to_xarray`."""
     return (terrain.raster if isinstance(terrain, Terrain) else terrain).to_xarray()
 
 
+@public
 def from_xarray(
     array: xarray.DataArray,
     *,
@@ -69,6 +72,7 @@ def from_xarray(
     return settled_terrain(source, cell_size=cell_size, crs=crs, to_crs=to_crs, z_factor=z_factor, device=device)
 
 
+@public
 def raster_from_xarray(
     array: xarray.DataArray,
     *,

@@ -17,6 +17,7 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.hydrology.orders import horton_order, main_stem, shreve_magnitude, strahler_order
 from warpriver.network import RiverNetwork
+from warpriver.validate import shown
 
 __all__ = [
     "FAMILIES",
@@ -342,7 +343,7 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
         except (TypeError, ValueError, OverflowError) as error:
             if role == "closed":  # a word of others, of a road or a lock for one
                 continue
-            raise InputError(f"{where}: {name.name.lower()} is {value!r}, not a number") from error
+            raise InputError(f"{where}: {name.name.lower()} is {shown(value)}, not a number") from error
         if not _is_none(number, role):
             return number * name.factor
     return None

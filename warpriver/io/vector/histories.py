@@ -25,6 +25,7 @@ from warpriver.io.vector.layers import (
 )
 from warpriver.io.vector.network_layers import POINTS, network_layers
 from warpriver.io.vector.networks import write_network
+from warpriver.public import public
 
 __all__ = ["HISTORY_SUFFIXES", "records_between", "write_history"]
 
@@ -33,6 +34,7 @@ HISTORY_SUFFIXES = (*NEEDS, *JSON)
 MOST_POINTS = 2_000_000
 
 
+@public
 def write_history(history: History, path: str | os.PathLike[str], *, every: int | None = None) -> list[Path]:
     """Write a run for a GIS: the last network, and what happened before it, with times.
 

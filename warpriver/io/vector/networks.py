@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.crs import CRSLike
-from warpriver.errors import InputError
+from warpriver.errors import InputError, InputTypeError
 from warpriver.extras import need
 from warpriver.files import beside, check_place
 from warpriver.io.crs import one_crs, reproject, settled_crs
@@ -39,6 +39,8 @@ from warpriver.io.vector.source import Line, Source
 from warpriver.io.vector.text import TEXT, read_text, write_text
 from warpriver.io.vector.topology import TOPOLOGIES, Connections, connect
 from warpriver.network import RiverNetwork
+from warpriver.public import public
+from warpriver.validate import shown
 
 __all__ = ["check_network_file", "line_formats", "read_network", "write_network"]
 
@@ -54,6 +56,7 @@ def line_formats() -> dict[str, bool]:
     return {s: all(importlib.util.find_spec(m) for m in NEEDS.get(s, ())) for s in SUFFIXES}
 
 
+@public
 def read_network(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
@@ -215,8 +218,12 @@ def read_network(
         ("repeated", repeated, REPEATED), ("short", short, SHORT), ("topology", topology, TOPOLOGIES),
     ):  # fmt: skip
         if value not in choices:
-            raise InputError(f"{name} is {value!r}; use one of {', '.join(map(repr, choices))}")
-    paths = [Path(path)] if isinstance(path, (str, os.PathLike)) else [Path(p) for p in path]
+            raise InputError(f"{name} is {shown(value)}; use one of {', '.join(map(repr, choices))}")
+    given_paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    wrong = [p for p in given_paths if not isinstance(p, (str, os.PathLike))]
+    if wrong:
+        raise InputTypeError(f"path holds {shown(wrong[0])}; give a path, or a list of paths")
+    paths = [Path(p) for p in given_paths]
     if not paths:
         raise InputError("no file to read: the list of paths is empty")
     given = {"width": width, "depth": depth, "discharge": discharge}
@@ -268,6 +275,7 @@ def _near_origin(source: Source, lines: list[Line]) -> tuple[float, float] | Non
     return None if far.any() else source.origin
 
 
+@public
 def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer: str = "channels") -> None:
     """Write channels to a file whose suffix names the format; ``read_network`` reads it back.
 

@@ -14,7 +14,7 @@ from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width, width_of_discharge
 from warpriver.io.crs import within_degrees
 from warpriver.io.vector.source import Line
-from warpriver.validate import positive
+from warpriver.validate import floats, positive
 
 __all__ = ["SHORT", "clean", "drop_points", "fill_by_laws", "fill_widths", "has_gaps", "override", "settle_short"]
 
@@ -55,10 +55,7 @@ def override(lines: list[Line], name: str, value: PerChannel) -> None:
     for c, (line, item) in enumerate(zip(lines, values, strict=True)):
         if many and _is_gap(item):
             continue
-        try:
-            array = np.array(item, np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} of channel {c} is {item!r}, not a number") from error
+        array = floats(item, f"{name} of channel {c}", "one number, or one a point").copy()
         if array.ndim and (name == "discharge" or array.shape != (len(line.xy),)):
             fits = "one number" if name == "discharge" else f"one number or ({len(line.xy)},)"
             raise InputError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
@@ -107,11 +104,15 @@ def fill_widths(lines: list[Line], missing_width: float | None, label: str, mean
 def _infer_widths(lines: list[Line], label: str, mean_flow: bool) -> None:
     """Give lines without a width that of their discharge or drainage area, and say so."""
     by_flow = [line for line in lines if line.width is None and line.discharge is not None]
-    by_area = [line for line in lines if line.width is None and line.discharge is None and line.drainage_area]
+    by_area = [
+        (line, line.drainage_area)
+        for line in lines
+        if line.width is None and line.discharge is None and line.drainage_area
+    ]
     for line in by_flow:
         line.width = float(width_of_discharge(line.discharge))
-    for line in by_area:
-        line.width = float(channel_width(line.drainage_area))
+    for line, area in by_area:
+        line.width = float(channel_width(area))
     relations = []
     if by_flow:
         kind = "long-term mean" if mean_flow else "bankfull"

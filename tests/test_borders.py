@@ -1,0 +1,430 @@
+"""What users may give by mistake: every public function refuses it by name, and none ends in an error from within.
+
+``CALLS`` has one good call of each public function. In it one argument at a time is replaced by each of ``WRONG``; the
+function then works, or raises a ``WarpriverError``.
+"""
+
+import inspect
+import traceback
+import warnings
+
+import numpy as np
+import pytest
+
+import warpriver as wr
+from warpriver.errors import WarpriverError
+from warpriver.history import History
+
+WRONG = {
+    "None": None,
+    "text": "x",
+    "flag": True,
+    "minus one": -1,
+    "zero": 0,
+    "NaN": float("nan"),
+    "infinity": float("inf"),
+    "huge": 1e300,
+    "tiny": 5e-324,
+    "beyond floats": 10**400,
+    "fraction": 0.5,
+    "empty list": [],
+    "words": ["a", "b"],
+    "complex": 1j,
+    "array": np.zeros((3, 3)),
+    "vector": np.array([1.0, np.nan, 3.0]),
+    "masked": np.ma.masked_array([[1.0, -9999.0], [1.0, 1.0]], [[False, True], [False, False]]),
+    "bytes": b"x",
+    "mapping": {"a": 1},
+    "object": object(),
+    "class": wr.Terrain,
+    "network": "NETWORK",
+    "terrain": "TERRAIN",
+}
+
+
+@pytest.fixture(scope="module")
+def things(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("borders")
+    line = wr.generate.noisy_line(2000.0, 50.0, 40.0, 0)
+    x = np.linspace(0.0, 1500.0, 40)
+    lines = [
+        np.column_stack([x - 1500.0, 0.5 * x - 750.0]),
+        np.column_stack([x - 1500.0, 750.0 - 0.5 * x]),
+        np.column_stack([x, 0.1 * x * (1500.0 - x) / 1500.0]),
+    ]
+    network = wr.RiverNetwork.from_polylines(lines, width=[30.0, 40.0, 50.0], drainage_area=[1e6, 2e6, 3e6])
+    terrain = wr.generate.fluvial_terrain((24, 30), 50.0, 100.0, 1)
+    flow = wr.hydrology.route(terrain, depressions="fill")
+    history = wr.Simulation(network, threads=1).run(steps=2, record_every=1)
+    valley = wr.synthetic_valley("S1", length=60.0)
+    params = wr.valley.ValleyParams()
+    eroded = wr.erode(wr.generate.erosion_plane((12, 16)), events=20, record_every=10)
+    wr.write_network(network, folder / "a.csv")
+    wr.write_terrain(terrain, folder / "a.npz")
+    wr.io.write_raster(terrain.raster, folder / "raster.npz")
+    wr.io.write_valley(params, folder / "a.toml")
+    wr.write_mesh(terrain, folder / "a.obj")
+    history.save(folder / "run.npz")
+    (bridge,) = (wr.valley.levee(valley),)
+    return {
+        "folder": folder,
+        "line": line,
+        "network": network,
+        "terrain": terrain,
+        "flow": flow,
+        "history": history,
+        "valley": valley,
+        "valley_params": params,
+        "eroded": eroded,
+        "stamp": bridge,
+        "simulation": wr.Simulation(network, threads=1),
+        "grid": valley.grid(),
+    }
+
+
+def topology(t):
+    return {"channel_from": t["network"].channel_from, "channel_to": t["network"].channel_to}
+
+
+def drawn(function, first):
+    return lambda t: (function, {first[0]: t[first[1]], "path": t["folder"] / "a.png"})
+
+
+# One good call of each public function, and of the methods that users call.
+CALLS = {
+    "RiverNetwork": lambda t: (
+        wr.RiverNetwork,
+        {
+            "point_xy": t["line"],
+            "channel_start": [0, len(t["line"])],
+            "origin": (0.0, 0.0),
+            "channel_width": [80.0],
+            "channel_depth": [3.0],
+            "channel_discharge": [100.0],
+            "channel_closed": [False],
+            "point_section": np.full((len(t["line"]), 2), 5.0),
+            "point_z": np.zeros(len(t["line"])),
+        },
+    ),
+    "from_polylines": lambda t: (
+        wr.RiverNetwork.from_polylines,
+        {
+            "polylines": [t["line"]],
+            "width": 50.0,
+            "depth": 2.0,
+            "discharge": 10.0,
+            "drainage_area": [1e6],
+            "slope": [0.01],
+            "z": [np.zeros(len(t["line"]))],
+            "channel_id": [3],
+            "extra": {"a": [1]},
+            "origin": (0.0, 0.0),
+            "closed": False,
+            "marks": None,
+            "crs": "EPSG:32619",
+        },
+    ),
+    "with_elevations": lambda t: (t["network"].with_elevations, {"point_z": np.zeros(t["network"].point_count)}),
+    "Simulation": lambda t: (
+        wr.Simulation,
+        {"network": t["network"], "params": wr.MeanderParams(), "terrain": None, "seed": 0, "threads": 1, "phases": ()},
+    ),
+    "step": lambda t: (t["simulation"].step, {"count": 1}),
+    "run": lambda t: (
+        t["simulation"].run,
+        {"steps": 1, "record_every": 1, "store": None, "callbacks": (), "progress": False},
+    ),
+    "run for years": lambda t: (t["simulation"].run, {"years": 0.3}),
+    "resume": lambda t: (
+        wr.Simulation.resume,
+        {"history": t["history"], "params": None, "terrain": None, "change_terrain": False, "threads": 1},
+    ),
+    "Every": lambda t: (wr.Every, {"steps": 1}),
+    "Every years": lambda t: (wr.Every, {"years": 1.0}),
+    "History": lambda t: (wr.History, {"params": wr.MeanderParams(), "origin": (0.0, 0.0), "crs": None, "seed": 0}),
+    "History.network": lambda t: (t["history"].network, {"index": 0}),
+    "History.save": lambda t: (t["history"].save, {"path": t["folder"] / "saved.npz"}),
+    "History.load": lambda t: (History.load, {"path": t["folder"] / "run.npz"}),
+    "read_history": lambda t: (wr.read_history, {"path": t["folder"] / "run.npz"}),
+    "Terrain": lambda t: (
+        wr.Terrain,
+        {"height": np.zeros((4, 5)), "cell_size": 10.0, "origin": (0.0, 0.0), "crs": "EPSG:32619"},
+    ),
+    "sample": lambda t: (t["terrain"].sample, {"xy": np.array([[100.0, 100.0]])}),
+    "gradient": lambda t: (t["terrain"].gradient, {"xy": np.array([[100.0, 100.0]])}),
+    "brush": lambda t: (
+        t["terrain"].copy().brush,
+        {"kind": "raise", "center": (100.0, 100.0), "radius": 100.0, "amount": 1.0},
+    ),
+    "add_ridge": lambda t: (
+        t["terrain"].copy().add_ridge,
+        {"line": [[100.0, 100.0], [500.0, 500.0]], "height": 1.0, "width": 100.0},
+    ),
+    "resampled": lambda t: (t["terrain"].resampled, {"cell_size": 60.0}),
+    "crop": lambda t: (t["terrain"].crop, {"bounds": (100.0, 100.0, 600.0, 600.0)}),
+    "erode": lambda t: (
+        wr.erode,
+        {
+            "terrain": t["eroded"],
+            "params": wr.LehenyParams(),
+            "events": 5,
+            "seed": 0,
+            "batch": 1,
+            "base_level": None,
+            "record_every": None,
+            "dtype": "float64",
+            "edges": None,
+            "fill": False,
+        },
+    ),
+    "erode_ensemble": lambda t: (
+        wr.erosion.erode_ensemble,
+        {"terrain": t["eroded"], "params": wr.LehenyParams(), "events": 5, "seeds": [1, 2]},
+    ),
+    "extract_network": lambda t: (
+        wr.extract_network,
+        {
+            "terrain": t["terrain"],
+            "min_drainage_area": 5e4,
+            "width_coefficient": 0.002,
+            "spacing": None,
+            "smoothing": 2,
+            "edges": "open",
+            "max_cut": None,
+            "area": None,
+            "flow": None,
+        },
+    ),
+    "read_network": lambda t: (
+        wr.read_network,
+        {"path": t["folder"] / "a.csv", "width": 40.0, "missing_width": 3.0, "crs": "EPSG:32619", "layer": None},
+    ),
+    "write_network": lambda t: (wr.write_network, {"network": t["network"], "path": t["folder"] / "b.csv"}),
+    "read_terrain": lambda t: (
+        wr.read_terrain,
+        {"path": t["folder"] / "a.npz", "cell_size": 50.0, "crs": None, "z_factor": 1.0, "nodata": -9999.0, "band": 1},
+    ),
+    "write_terrain": lambda t: (wr.write_terrain, {"terrain": t["terrain"], "path": t["folder"] / "b.npz"}),
+    "read_raster": lambda t: (wr.io.read_raster, {"path": t["folder"] / "raster.npz", "nodata": None, "band": 1}),
+    "write_raster": lambda t: (
+        wr.io.write_raster,
+        {"raster": t["terrain"].raster, "path": t["folder"] / "raster2.npz"},
+    ),
+    "write_mesh": lambda t: (
+        wr.write_mesh,
+        {"surface": t["terrain"], "path": t["folder"] / "b.obj", "origin": (0.0, 0.0)},
+    ),
+    "read_mesh": lambda t: (wr.io.read_mesh, {"path": t["folder"] / "a.obj"}),
+    "to_xarray": lambda t: (wr.to_xarray, {"terrain": t["terrain"]}),
+    "from_xarray": lambda t: (
+        wr.from_xarray,
+        {"array": wr.to_xarray(t["terrain"]), "cell_size": None, "z_factor": 1.0, "nodata": None},
+    ),
+    "raster_from_xarray": lambda t: (wr.io.raster_from_xarray, {"array": wr.to_xarray(t["terrain"]), "nodata": None}),
+    "read_valley": lambda t: (wr.io.read_valley, {"path": t["folder"] / "a.toml"}),
+    "write_valley": lambda t: (wr.io.write_valley, {"params": t["valley_params"], "path": t["folder"] / "b.toml"}),
+    "write_points": lambda t: (wr.io.write_points, {"grid": t["grid"], "path": t["folder"] / "b.csv"}),
+    "write_breaklines": lambda t: (
+        wr.io.write_breaklines,
+        {"lines": t["valley"].breaklines(), "path": t["folder"] / "b.geojson", "crs": None},
+    ),
+    "write_history": lambda t: (
+        wr.io.write_history,
+        {"history": t["history"], "path": t["folder"] / "h.geojson", "every": 1},
+    ),
+    "synthetic_valley": lambda t: (
+        wr.synthetic_valley,
+        {"valley": "S1", "cell_size": None, "origin": (0.0, 0.0), "crs": None, "length": 60.0, "slope": 0.005},
+    ),
+    "levee": lambda t: (
+        wr.valley.levee,
+        {"valley": t["valley"], "side": "left", "start": 0.1, "end": 0.9, "offset": 2.0, "height": 1.0, "crest": 1.0},
+    ),
+    "bridge": lambda t: (wr.valley.bridge, {"valley": t["valley"], "station": 0.5, "width": 4.0, "piers": 1}),
+    "sine": lambda t: (wr.valley.sine, {"amplitude": 1.0, "frequency": 2, "phase": 0.0}),
+    "cosine": lambda t: (wr.valley.cosine, {"amplitude": 1.0, "frequency": 2, "phase": 0.0}),
+    "strongest_harmonics": lambda t: (
+        wr.valley.strongest_harmonics,
+        {"values": np.sin(np.linspace(0.0, 20.0, 64)), "count": 2},
+    ),
+    "cone": lambda t: (wr.generate.cone, {"shape": (10, 12), "cell_size": 5.0, "slope": 0.1}),
+    "erosion_peak": lambda t: (wr.generate.erosion_peak, {"shape": (11, 11), "cell_size": 1.0, "slope": 1.0}),
+    "erosion_plane": lambda t: (wr.generate.erosion_plane, {"shape": (11, 12), "cell_size": 1.0, "slope": 1.0}),
+    "fluvial_terrain": lambda t: (
+        wr.generate.fluvial_terrain,
+        {"shape": (16, 16), "cell_size": 20.0, "relief": 50.0, "seed": 1, "concavity": 0.45},
+    ),
+    "fractal_terrain": lambda t: (
+        wr.generate.fractal_terrain,
+        {"shape": (16, 16), "cell_size": 20.0, "relief": 50.0, "seed": 1, "roughness": 0.45, "octaves": 3},
+    ),
+    "intermontane_basin": lambda t: (
+        wr.generate.intermontane_basin,
+        {"cell_size": 400.0, "seed": 1, "relief": 1000.0},
+    ),
+    "mountain_front": lambda t: (wr.generate.mountain_front, {"cell_size": 200.0, "seed": 0}),
+    "mountain_front_line": lambda t: (wr.generate.mountain_front_line, {"spacing": 50.0, "seed": 0}),
+    "read_sample_dem": lambda t: (wr.generate.read_sample_dem, {"cell_size": 300.0}),
+    "tilted_plain": lambda t: (
+        wr.generate.tilted_plain,
+        {"shape": (10, 10), "cell_size": 10.0, "slope": 0.01, "direction": 0.0},
+    ),
+    "kinoshita": lambda t: (
+        wr.generate.kinoshita,
+        {"wavelength": 100.0, "angle": 1.0, "wavelengths": 2, "spacing": 2.0, "skewness": 0.03, "flatness": 0.005},
+    ),
+    "sine_generated": lambda t: (
+        wr.generate.sine_generated,
+        {"wavelength": 100.0, "angle": 1.0, "wavelengths": 2, "spacing": 2.0},
+    ),
+    "straight_line": lambda t: (wr.generate.straight_line, {"length": 100.0, "spacing": 5.0}),
+    "noisy_line": lambda t: (
+        wr.generate.noisy_line,
+        {"length": 1000.0, "spacing": 20.0, "amplitude": 5.0, "seed": 0, "correlation": 50.0, "taper": 0.1},
+    ),
+    "valley_line": lambda t: (
+        wr.generate.valley_line,
+        {"length": 1000.0, "spacing": 20.0, "amplitude": 5.0, "wavelength": 500.0, "seed": 0},
+    ),
+    "bankfull_discharge": lambda t: (wr.hydrology.bankfull_discharge, {"width": 3.0}),
+    "channel_width": lambda t: (wr.hydrology.channel_width, {"area": 1e6, "coefficient": 0.002}),
+    "discharge": lambda t: (wr.hydrology.discharge, {"area": 1e6}),
+    "width_of_discharge": lambda t: (wr.hydrology.width_of_discharge, {"flow": 1e2}),
+    "carve_depressions": lambda t: (
+        wr.hydrology.carve_depressions,
+        {"terrain": t["terrain"], "edges": "open", "nodata": "outlet", "max_depth": 1.0, "max_length": 100.0},
+    ),
+    "fill_depressions": lambda t: (
+        wr.hydrology.fill_depressions,
+        {"terrain": t["terrain"], "epsilon": True, "edges": "open", "nodata": "outlet"},
+    ),
+    "drainage_area": lambda t: (
+        wr.hydrology.drainage_area,
+        {"surface": t["flow"], "method": "d8", "exponent": 1.1, "edges": None, "nodata": None},
+    ),
+    "drape": lambda t: (wr.hydrology.drape, {"network": t["network"], "terrain": t["terrain"]}),
+    "exceedance": lambda t: (wr.hydrology.exceedance, {"area": np.arange(1.0, 200.0), "low": 2.0, "high": 100.0}),
+    "flow_directions": lambda t: (wr.hydrology.flow_directions, {"terrain": t["terrain"], "edges": "open"}),
+    "flow_length": lambda t: (wr.hydrology.flow_length, {"surface": t["flow"], "downstream": True}),
+    "hack_exponent": lambda t: (
+        wr.hydrology.hack_exponent,
+        {"length": np.arange(1.0, 9.0), "area": np.arange(1.0, 9.0) ** 1.7},
+    ),
+    "hand": lambda t: (
+        wr.hydrology.hand,
+        {"surface": t["flow"], "channels": wr.hydrology.drainage_area(t["flow"]).numpy() > 2e5},
+    ),
+    "horton_order": lambda t: (wr.hydrology.horton_order, {**topology(t), "area": t["network"].channel_drainage_area}),
+    "horton_ratios": lambda t: (
+        wr.hydrology.horton_ratios,
+        {**topology(t), "length": t["network"].channel_lengths(), "area": t["network"].channel_drainage_area},
+    ),
+    "main_stem": lambda t: (wr.hydrology.main_stem, {**topology(t), "area": t["network"].channel_drainage_area}),
+    "main_stem_length": lambda t: (
+        wr.hydrology.main_stem_length,
+        {**topology(t), "length": t["network"].channel_lengths(), "area": t["network"].channel_drainage_area},
+    ),
+    "network_laws": lambda t: (wr.hydrology.network_laws, {"flow": t["flow"], "min_drainage_area": 2e4}),
+    "route": lambda t: (
+        wr.hydrology.route,
+        {"terrain": t["terrain"], "depressions": "fill", "max_cut": None, "neighbors": 8, "ties": "hash", "seed": 0},
+    ),
+    "shreve_magnitude": lambda t: (wr.hydrology.shreve_magnitude, topology(t)),
+    "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
+    "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
+    "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "junction_angles": lambda t: (wr.meander.junction_angles, {"network": t["network"], "params": None}),
+    "shape_junctions": lambda t: (wr.meander.shape_junctions, {"network": t["network"], "params": None}),
+    "migration_rate": lambda t: (
+        wr.meander.migration_rate,
+        {"network": t["network"], "params": wr.MeanderParams(), "terrain": None},
+    ),
+    "stable_dt": lambda t: (wr.meander.stable_dt, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
+    "step_limits": lambda t: (wr.meander.step_limits, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
+    "taubin_smooth": lambda t: (
+        wr.meander.taubin_smooth,
+        {"channels": t["line"], "passes": 3, "strength": 0.5, "pass_band": None, "closed": False},
+    ),
+    **{
+        name: lambda t, name=name: (getattr(wr.metrics, name), {"xy": t["line"], "width": 20.0})
+        for name in ("bend_radius", "bend_sinuosity", "bends", "inflection_points", "wavelength")
+    },
+    **{
+        name: lambda t, name=name: (getattr(wr.metrics, name), {"xy": t["line"]})
+        for name in ("arc_length", "curvature", "sinuosity")
+    },
+    "lag": lambda t: (
+        wr.metrics.lag,
+        {
+            "curvature_values": np.sin(np.arange(200.0) / 9.0),
+            "rate_values": np.sin(np.arange(200.0) / 9.0 - 0.3),
+            "spacing": 10.0,
+            "max_lag": 200.0,
+        },
+    ),
+    "lognormal_fit": lambda t: (wr.metrics.lognormal_fit, {"lengths": [1.0, 2.0, 4.0]}),
+    "migration": lambda t: (
+        wr.metrics.migration,
+        {"before": t["line"], "after": t["line"] + 1.0, "years": 2.0, "max_distance": 50.0},
+    ),
+    "oxbow_lengths": lambda t: (wr.metrics.oxbow_lengths, {"cutoffs": t["history"].cutoffs}),
+    "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
+    "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "hillshade": lambda t: (
+        wr.viz.hillshade,
+        {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
+    ),
+    "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
+    "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
+    "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
+    "draw_elevation": drawn(wr.viz.draw_elevation, ("terrain", "terrain")),
+    "draw_network": drawn(wr.viz.draw_network, ("network", "network")),
+    "draw_valley": drawn(wr.viz.draw_valley, ("valley", "valley")),
+    "draw_valley_sections": drawn(wr.viz.draw_valley_sections, ("valley", "valley")),
+}
+# Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
+SLOW = {
+    "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
+    "harmonics_for_covariances", "line_formats", "mountain_front_zones",
+}  # fmt: skip
+
+
+def public_functions():
+    """Functions that the rooms export, by name."""
+    rooms = [wr, *(getattr(wr, name) for name in wr._ROOMS)]
+    found = {name: getattr(room, name) for room in rooms for name in room.__all__}
+    return {name: thing for name, thing in found.items() if inspect.isfunction(thing)}
+
+
+def test_every_public_function_is_called_with_wrong_arguments():
+    assert set(public_functions()) <= set(CALLS) | SLOW, set(public_functions()) - set(CALLS) - SLOW
+
+
+def test_every_public_function_holds_its_arguments_against_their_annotations():
+    unguarded = [name for name, f in public_functions().items() if inspect.signature(f).parameters
+                 and not hasattr(f, "__wrapped__")]  # fmt: skip
+    assert unguarded == []
+
+
+@pytest.mark.usefixtures("coarse_pictures")
+@pytest.mark.parametrize("name", CALLS)
+def test_what_is_wrong_is_refused_by_name(name, things):
+    """One argument at a time; what is left over is an error of ours, whose message is one line that is not long."""
+    function, good = CALLS[name](things)
+    faults = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        function(**good)
+        for argument in good:
+            for what, value in WRONG.items():
+                value = things[what] if isinstance(value, str) and value in ("NETWORK", "TERRAIN") else value
+                try:
+                    function(**{**CALLS[name](things)[1], argument: value})
+                except WarpriverError as error:
+                    said = str(error)
+                    if not (8 < len(said) < 600 and "\n" not in said):
+                        faults.append(f"{name}({argument}={what}) says: {said[:700]!r}")
+                except Exception as error:
+                    place = traceback.extract_tb(error.__traceback__)[-1]
+                    faults.append(f"{name}({argument}={what}): {place.filename}:{place.lineno}: {error!r}")
+    assert not faults, "\n".join(faults)

@@ -1,0 +1,191 @@
+"""Locked points and through nodes while a river moves: what is held, what is refused, and what a node changes."""
+
+import numpy as np
+import pytest
+from edited import SOLVERS, bends, bits, river
+
+from warpriver import MeanderParams, RiverNetwork, Simulation, edits
+from warpriver.engine import state as engine_state
+from warpriver.engine.substeps import begin_substep
+from warpriver.history import HeldLock, History
+
+# Rounding of a displacement of metres at coordinates of kilometres, m.
+ROUNDING = 1e-9
+# Gaps between even samples, in parts of the mean; but where a neck has just been cut, which is 1 in 50 at most.
+EVEN, CUT = 0.06, 0.02
+
+
+def locked_points(sim):
+    """Places of the locked points, in the order of their channels."""
+    network = sim.network
+    return network.node_xy[network.channel_to[network.channel_joint == 2]]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_lock_holds_over_a_thousand_steps_with_cutoffs_beside_it(solver, device):
+    sim = river(length=20_000.0, params=SOLVERS[solver], device=device)
+    sim.run(steps=20)
+    line = sim.network.polylines()[0]
+    sim.lock(0, 6_000.0)
+    sim.lock(0, tuple(line[250]))
+    places = locked_points(sim).copy()
+    assert len(places) == 2 and any((line[250] == place).all() for place in places)
+    for _ in range(20):
+        sim.step(50)
+        assert np.abs(locked_points(sim) - places).max() <= 1e-9
+        for xy in sim.network.polylines():
+            gaps = np.hypot(*np.diff(xy, axis=0).T)
+            uneven = np.abs(gaps / gaps.mean() - 1.0) > EVEN
+            assert uneven.mean() < CUT, "samples are even between locked points"
+    # The river itself goes through them, not the nodes alone.
+    for place in places:
+        ends = [xy[k] for xy in sim.network.polylines() for k in (0, -1)]
+        assert sum((end == place).all() for end in ends) == 2
+    around = [min(np.hypot(*(cut.xy - place).T).min() for place in places) for cut in sim.history.cutoffs]
+    assert len(around) > 10 and min(around) < 1_000.0
+    # It is one river for its author.
+    assert sim.network.channel_count == 3
+    sim.unlock(0, tuple(places[0]))
+    sim.unlock(0, tuple(places[1]))
+    assert sim.network.channel_id.tolist() == [0] and sim.network.channel_joint.tolist() == [0]
+    sim.step(5)
+    assert np.hypot(*(sim.network.points() - places[0]).T).min() > 1e-6, "what was unlocked moves"
+
+
+def test_the_push_from_upstream_fades_to_nothing_towards_a_lock():
+    """What it moves a point by is what it would at a through node, times the smoothstep that the ends have, too."""
+    moved = {}
+    for kind in (edits.SplitChannel, edits.LockPoint):
+        sim = bends(1, weight=0.0)
+        sim.run(steps=5)
+        sim.apply(kind(0, 6_000.0))
+        state = sim.stepper.state
+        state.begin_row()
+        state.run([*begin_substep(state), *sim.stepper.phases[0].stages(state)])
+        count = sim.network.point_count
+        moved[kind] = state.point_moved.numpy()[:count] - sim.network.point_xy.numpy()[:count]
+    free, held = (np.split(each, sim.network.starts()[1:-1]) for each in moved.values())
+    reach = sim.params.end_damping * 60.0
+    spacing = sim.stepper.state.spacing.numpy()[:2]
+    for c, (plain, slowed) in enumerate(zip(free, held, strict=True)):
+        # The lower part keeps the place of the channel, and begins at the lock; the upper one ends there.
+        along = np.arange(len(plain)) * spacing[c]
+        away = along if c == 0 else along[-1] - along
+        t = np.minimum(away / reach, 1.0)
+        # Where the channel's own end is nearer, both fade alike.
+        own = (along[-1] - along if c == 0 else along) >= reach
+        weight = (t * t * (3.0 - 2.0 * t))[:, None]
+        np.testing.assert_allclose(slowed[own], (plain * weight)[own], atol=ROUNDING)
+        at_lock = 0 if c == 0 else -1
+        assert np.abs(plain[5 if c == 0 else -6]).max() > 0.1 and (slowed[at_lock] == 0.0).all()
+
+
+def neck(params=MeanderParams, gap=40.0):
+    """A river with a round loop of 900 m across, whose ends at (0, 0) are as close as a neck."""
+    half = np.pi - np.arcsin(gap / 900.0)
+    turn = np.linspace(half, -half, 121) + 0.5 * np.pi
+    loop = 450.0 * np.stack([-np.cos(turn), np.sin(turn)], axis=1) + [0.0, 450.0]
+    first, last = loop[0], loop[-1]
+    left = np.stack([np.linspace(-4_000.0, first[0], 80), np.linspace(-100.0, first[1], 80) - 10.0], axis=1)[:-2]
+    right = np.stack([np.linspace(last[0], 4_000.0, 80), np.linspace(last[1], -100.0, 80) - 10.0], axis=1)[2:]
+    network = RiverNetwork.from_polylines([np.concatenate([left, loop, right])], width=60.0)
+    return Simulation(network, params(spacing=25.0))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_neck_across_a_through_node_is_a_cutoff(solver):
+    sim, whole = neck(SOLVERS[solver]), neck(SOLVERS[solver])
+    sim.apply(edits.SplitChannel(0, (0.0, 900.0), width_above=60.0))
+    for each in (sim, whole):
+        each.step(3)
+    assert not sim.history.collisions and len(sim.history.cutoffs) == len(whole.history.cutoffs) == 1
+    loops = [np.hypot(*np.diff(each.history.cutoffs[0].xy, axis=0).T).sum() for each in (sim, whole)]
+    assert loops[0] == pytest.approx(loops[1], rel=0.1) and loops[0] > 2_000.0
+    # Two channels still, with a node at the neck.
+    assert sim.network.channel_count == 2 and sorted(sim.network.channel_joint.tolist()) == [0, 1]
+    assert sim.network.channel_lengths().sum() == pytest.approx(whole.network.channel_lengths()[0], rel=0.01)
+    node = sim.network.node_xy[sim.network.channel_to[sim.network.channel_joint == 1][0]]
+    assert np.abs(node).max() < 200.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_path):
+    sim = neck(SOLVERS[solver])
+    sim.lock(0, (0.0, 900.0))
+    place = locked_points(sim)[0].copy()
+    sim.run(steps=10, store=tmp_path / "run")
+    assert not sim.history.collisions and not sim.history.cutoffs
+    (held,) = sim.history.events.of(HeldLock)
+    assert held.case == "cutoff" and {held.channel, held.other} == {0, 1} and (held.x, held.y) == tuple(place)
+    np.testing.assert_array_equal(locked_points(sim)[0], place)
+    again = Simulation.resume(History.load(tmp_path / "run"))
+    for each in (sim, again):
+        each.step(10)
+    assert bits(again) == bits(sim) and len(again.history.events.of(HeldLock)) == 1
+    # Unlocked, it is a neck like any other.
+    sim.unlock(0, tuple(place))
+    sim.step(2)
+    assert len(sim.history.cutoffs) == 1 and sim.network.channel_count == 1
+
+
+def test_a_tributary_that_touches_does_not_take_a_lock_away():
+    """A larger river would capture what lies above the lock, and what is below it would fall dry."""
+    x = np.linspace(0.0, 6_000.0, 121)
+    large = np.stack([x, np.zeros(121)], axis=1)
+    small = np.stack([x, 600.0 - 560.0 * np.exp(-(((x - 2_000.0) / 500.0) ** 2))], axis=1)
+    network = RiverNetwork.from_polylines([large, small], width=[80.0, 50.0])
+    free, held = (Simulation(network, MeanderParams(spacing=40.0)) for _ in range(2))
+    held.lock(1, 4_000.0)
+    place = locked_points(held)[0].copy()
+    for sim in (free, held):
+        sim.step(3)
+    assert len(free.history.collisions) == 1 and free.history.collisions[0].channel == 1
+    assert not held.history.collisions
+    (told,) = held.history.events.of(HeldLock)
+    assert told.case == "disconnected" and told.other == 0
+    np.testing.assert_array_equal(locked_points(held)[0], place)
+
+
+def locked_river(threads=1):
+    sim = river(length=20_000.0, threads=threads)
+    sim.lock(0, 6_000.0)
+    sim.apply(edits.SplitChannel(0, 9_000.0, width_above=66.0))
+    sim.lock(0, 4_000.0)
+    sim.step(300)
+    return sim
+
+
+def test_locks_are_the_same_to_the_bit_on_any_number_of_threads_and_in_a_gpu_s_layout(monkeypatch):
+    expected = bits(locked_river())
+    for threads in (2, 4):
+        assert bits(locked_river(threads)) == expected
+    monkeypatch.setattr(engine_state, "CPU_CHUNK", 32)
+    assert bits(locked_river()) == expected
+
+
+def test_a_locked_point_is_moved_with_both_sides():
+    sim = river()
+    sim.lock(0, 6_000.0)
+    place = locked_points(sim)[0]
+    to = place + [40.0, -70.0]
+    sim.apply(edits.MovePoint(0, tuple(place), tuple(to), 600.0))
+    np.testing.assert_allclose(locked_points(sim)[0], to, atol=1e-9)
+    place = locked_points(sim)[0].copy()
+    sim.step(50)
+    np.testing.assert_array_equal(locked_points(sim)[0], place)
+
+
+def test_junctions_wander_but_locks_do_not():
+    x = np.linspace(0.0, 6_000.0, 121)
+    main = np.stack([x, 40.0 * np.sin(x / 300.0)], axis=1)
+    side = np.stack([np.linspace(2_000.0, x[50], 60), np.linspace(3_000.0, main[50, 1], 60)], axis=1)
+    network = RiverNetwork.from_polylines([main[:51], main[50:], side], width=[50.0, 60.0, 30.0])
+    for memory in ("stem", "channel"):
+        params = MeanderParams(spacing=30.0, junction_drift=0.5, upstream_memory=memory)
+        sim = Simulation(network, params)
+        sim.lock(1, 1_500.0)
+        place, junction = locked_points(sim)[0].copy(), sim.network.node_xy[network.channel_to[0]].copy()
+        sim.step(40)
+        np.testing.assert_array_equal(locked_points(sim)[0], place)
+        ends = sim.network.polylines()[2][-1]
+        assert np.hypot(*(ends - junction)) > 1.0

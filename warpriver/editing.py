@@ -1,0 +1,561 @@
+"""Edits done: each value of :mod:`warpriver.edits` becomes one of the graph, or of the ground, between two steps."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from warpriver import edits
+from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
+from warpriver.edits.values import Place
+from warpriver.engine.snapshot import Snapshot
+from warpriver.engine.stepper import Stepper
+from warpriver.errors import InputError
+from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
+from warpriver.graph.edits import JUNCTION_CLEARANCE
+from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
+from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
+from warpriver.network import RiverNetwork
+from warpriver.terrain import Terrain
+
+__all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
+
+# Spacings that locked points keep from each other and from the ends of their channel: the samples between them are
+# even, so that a short part would be sampled by up to half a spacing in so many otherwise than the target.
+LOCK_SPACINGS = 10
+# A place that is given as (x, y) may be so many widths from its channel, the end of an added one from what it joins.
+PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
+# Spacings over which a point that moves takes its channel along at least.
+MOVE_SPACINGS = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Done:
+    """An edit that was done since the last step, and what it takes to take it back.
+
+    Attributes:
+        edit: The edit.
+        events_before: Events of the history before it.
+        network: The network before it; None where the ground was edited.
+        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
+            heights that were there.
+    """
+
+    edit: edits.Edit
+    events_before: int
+    network: Snapshot | None = None
+    window: tuple[int, int, int, int] | None = None
+    cells: np.ndarray | None = None
+
+
+class EditStack:
+    """The edits that were done between the same two steps, to be taken back and done again."""
+
+    def __init__(self, check: Callable[[RiverNetwork], None]):
+        """Start without any; ``check`` raises ``ValueError`` for a network that the run cannot go on with."""
+        self._check = check
+        self._done: list[_Done] = []
+        self._undone: list[edits.Edit] = []
+
+    def apply(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
+        """Do an edit and note it in the history.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        self._do(stepper, history, edit)
+        self._undone.clear()
+
+    def undo(self, stepper: Stepper, history: History) -> edits.Edit:
+        """Take the last edit back and return it.
+
+        Raises:
+            ValueError: None was done.
+        """
+        if not self._done:
+            raise InputError(
+                "no edit was done since the last step, and none before it can be taken back; replay the session "
+                "without it: Simulation.replay(start, edits)"
+            )
+        done, terrain = self._done.pop(), stepper.state.terrain
+        if done.network is not None:
+            stepper.put_back(done.network)
+        elif done.window is not None and done.cells is not None and terrain is not None:
+            terrain.raster.put_cells(done.window, done.cells)
+        history.forget_events(done.events_before)
+        self._undone.append(done.edit)
+        return done.edit
+
+    def redo(self, stepper: Stepper, history: History) -> edits.Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back.
+        """
+        if not self._undone:
+            raise InputError("no edit was taken back since the last edit or step; there is nothing to do again")
+        edit = self._undone.pop()
+        self._do(stepper, history, edit)
+        return edit
+
+    def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
+        events, state = len(history.events), stepper.state
+        if isinstance(edit, edits.EditTerrain):
+            terrain = state.terrain
+            if terrain is None:
+                raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
+            window = terrain_window(terrain, edit)
+            cells = None if window is None else terrain.raster.cells(window)
+            edit_terrain(terrain, edit)
+            done = _Done(edit, events, window=window, cells=cells)
+        else:
+            before = stepper.snapshot()
+            try:
+                _do(edit, stepper)
+                self._check(state.network)
+            except BaseException:
+                stepper.put_back(before)
+                raise
+            done = _Done(edit, events, network=before)
+        steps = stepper.step_count
+        history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
+        self._done.append(done)
+
+
+def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
+    """Yield events without those that tell once more that a lock keeps two channels apart."""
+    told: set[tuple[int, int]] | None = None
+    for event in events:
+        if isinstance(event, HeldLock):
+            if told is None:
+                told = {(held.channel, held.other) for held in log.of(HeldLock)}
+            if (event.channel, event.other) in told:
+                continue
+            told.add((event.channel, event.other))
+        yield event
+
+
+@functools.singledispatch
+def _do(edit: Any, stepper: Stepper) -> None:
+    raise InputError(f"{edit!r} is no edit that can be done; make one of warpriver.edits")
+
+
+# ---- where
+
+
+class _River:
+    """A channel that an edit names, with all its parts between locked points.
+
+    Attributes:
+        parts: Their indices, downstream; the last one has the identity of all.
+        xy: Points of each part, m, absolute.
+    """
+
+    def __init__(self, network: RiverNetwork, identity: int):
+        self.network = network
+        found = np.flatnonzero(network.channel_id == identity)
+        if not len(found):
+            ids = network.channel_id
+            listed = ", ".join(map(str, np.sort(ids)[:20].tolist())) + (" ..." if len(ids) > 20 else "")
+            raise InputError(f"there is no channel {identity}; the network has {listed}")
+        self.parts = river_of(network, int(found[0]))
+        self.identity = int(network.channel_id[self.parts[-1]])
+        self.closed = bool(network.channel_closed[self.parts[0]])
+        start = network.starts()
+        self.first = [int(start[c]) for c in self.parts]
+        self.last = [int(start[c + 1]) - 1 for c in self.parts]
+        self.xy = [
+            network.point_xy[a : b + 1].numpy().astype(np.float64) + network.origin
+            for a, b in zip(self.first, self.last, strict=True)
+        ]
+        arcs = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))]) for xy in self.xy]
+        before = np.concatenate([[0.0], np.cumsum([arc[-1] for arc in arcs])])
+        self.arc = [arc + offset for arc, offset in zip(arcs, before, strict=False)]
+        self.length = float(before[-1])
+
+    def locate(self, at: Place, name: str = "at") -> tuple[int, int]:
+        """Return the part (its place in ``parts``) and the index among its points of the nearest point to a place.
+
+        Raises:
+            ValueError: The place is not on the channel.
+        """
+        if isinstance(at, tuple):
+            found = [nearest_point(xy, at) for xy in self.xy]
+            k = int(np.argmin([away for _, away in found]))
+            i, away = found[k]
+            width = float(self.network.channel_width[self.parts[k]])
+            if away > PLACE_WIDTHS * width:
+                raise InputError(
+                    f"{name} ({at[0]:g}, {at[1]:g}) lies {away:.4g} m outside of channel {self.identity}, which is "
+                    f"{width:.4g} m wide; give a point within {PLACE_WIDTHS:g} widths of it, or an arc length"
+                )
+            return k, i
+        if at > self.length:
+            raise InputError(
+                f"{name} is {at:g} m, beyond the end of channel {self.identity}, which is {self.length:.6g} m long"
+            )
+        k = int(np.searchsorted([arc[-1] for arc in self.arc[:-1]], at))
+        arc = self.arc[k]
+        i = int(np.searchsorted(arc, at))
+        if i > 0 and (i == len(arc) or at - arc[i - 1] <= arc[i] - at):
+            i -= 1
+        return k, i
+
+    def inner(self, at: Place, clearance: int, what: str) -> tuple[int, int]:
+        """Return the part and the point of a place where the channel can be divided.
+
+        Raises:
+            ValueError: It is a ring, or the place is less than so many spacings from an end or a locked point.
+        """
+        if self.closed:
+            raise InputError(f"channel {self.identity} is a ring, which cannot {what}; open it, or use a control")
+        k, i = self.locate(at)
+        away = min(i, len(self.xy[k]) - 1 - i)
+        if away < clearance:
+            upper = i <= len(self.xy[k]) - 1 - i
+            locked = (upper and k > 0) or (not upper and k < len(self.parts) - 1)
+            end = "a locked point" if locked else f"its {'head' if upper else 'end'}"
+            raise InputError(
+                f"at is {away} spacings from {end} of channel {self.identity}; to {what} keep {clearance} spacings away"
+            )
+        return self.parts[k], self.first[k] + i
+
+
+def _rework(stepper: Stepper) -> Reworking:
+    state = stepper.state
+    spacing = state.spacing.numpy()[: state.network.channel_count].astype(np.float64)
+    return Reworking(state.network, spacing, state.next_identity)
+
+
+def _adopt(stepper: Stepper, work: Reworking, anew: bool = True) -> None:
+    """Go on with what an edit made; ``anew``: what was drawn or resized may move faster than before."""
+    edited = work.build()
+    before = stepper.state.network.channels
+    hastened = edited.channel_changed | (edited.channels.width != before.width[edited.channel_old])
+    stepper.adopt(edited, hastened if anew else None)
+
+
+# ---- points
+
+
+@_do.register
+def _(edit: edits.LockPoint, stepper: Stepper) -> None:
+    river = _River(stepper.state.network, edit.channel)
+    _refuse_twice(river, edit.at)
+    c, point = river.inner(edit.at, LOCK_SPACINGS, "be locked")
+    work = _rework(stepper)
+    work.split(c, point, JOINT_LOCK)
+    _adopt(stepper, work, anew=False)
+
+
+def _refuse_twice(river: _River, at: Place) -> None:
+    """Raise ``ValueError`` where a place is a locked point already."""
+    if river.closed or len(river.parts) == 1:
+        return
+    k, i = river.locate(at)
+    if (i == 0 and k > 0) or (i == len(river.xy[k]) - 1 and k < len(river.parts) - 1):
+        raise InputError(f"channel {river.identity} is locked there already; leave it out")
+
+
+@_do.register
+def _(edit: edits.UnlockPoint, stepper: Stepper) -> None:
+    network = stepper.state.network
+    river = _River(network, edit.channel)
+    if len(river.parts) == 1:
+        raise InputError(f"channel {river.identity} has no locked point; there is nothing to unlock")
+    k, i = river.locate(edit.at)
+    ends = np.array([xy[-1] for xy in river.xy[:-1]])
+    nearest = nearest_point(ends, river.xy[k][i])[0]
+    work = _rework(stepper)
+    work.join(river.parts[nearest], river.parts[nearest + 1])
+    _adopt(stepper, work, anew=False)
+
+
+@_do.register
+def _(edit: edits.MovePoint, stepper: Stepper) -> None:
+    network = stepper.state.network
+    river = _River(network, edit.channel)
+    k, i = river.locate(edit.at)
+    c = river.parts[k]
+    spacing = float(stepper.state.spacing.numpy()[c])
+    if edit.radius < MOVE_SPACINGS * spacing:
+        raise InputError(
+            f"radius is {edit.radius:g} m; the points are {spacing:.4g} m apart, give {MOVE_SPACINGS:g} times that or "
+            "more"
+        )
+    shift = np.asarray(edit.to) - river.xy[k][i]
+    work = _rework(stepper)
+    last = len(river.xy[k]) - 1
+    if river.closed:
+        _move_ring(work, c, river.xy[k], i, edit, shift)
+    elif 0 < i < last:
+        arc = river.arc[k]
+        reach = np.where(arc < arc[i], min(edit.radius, arc[i] - arc[0]), min(edit.radius, arc[-1] - arc[i]))
+        _shift(work, c, river.xy[k], np.abs(arc - arc[i]) / reach, shift)
+    else:
+        node = int(network.channel_from[c] if i == 0 else network.channel_to[c])
+        _move_node(work, node, edit.radius, shift)
+    _adopt(stepper, work)
+
+
+def _shift(work: Reworking, c: int, xy: np.ndarray, t: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Move the points of a channel by (1 - t^2)^3 of a way, 0 from t = 1 on, and return where they are then."""
+    part = np.maximum(1.0 - t * t, 0.0) ** 3
+    inside = np.flatnonzero(part > 0.0)
+    begin, stop = int(inside[0]), int(inside[-1]) + 1
+    moved = xy + part[:, None] * shift
+    work.redraw(c, begin, stop, moved[begin:stop])
+    return moved
+
+
+def _move_ring(work: Reworking, c: int, xy: np.ndarray, i: int, edit: edits.MovePoint, shift: np.ndarray) -> None:
+    step = np.hypot(*(np.roll(xy, -1, axis=0) - xy).T)
+    arc, length = np.concatenate([[0.0], np.cumsum(step[:-1])]), float(step.sum())
+    away = np.abs(arc - arc[i])
+    away = np.minimum(away, length - away)
+    moved = _shift(work, c, xy, away / min(edit.radius, 0.5 * length), shift)
+    work.place_node(int(work.network.channel_to[c]), moved[0])
+
+
+def _move_node(work: Reworking, node: int, radius: float, shift: np.ndarray) -> None:
+    """Move a node with all channels that meet there, each over the radius, or all its length."""
+    network = work.network
+    for c in np.flatnonzero((network.channel_from == node) | (network.channel_to == node)).tolist():
+        xy = work.line(c)
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+        away = arc if network.channel_from[c] == node else arc[-1] - arc
+        _shift(work, c, xy, away / min(radius, float(arc[-1])), shift)
+    work.place_node(node, network.node_xy[node] + shift)
+
+
+# ---- channels
+
+
+@_do.register
+def _(edit: edits.SplitChannel, stepper: Stepper) -> None:
+    river = _River(stepper.state.network, edit.channel)
+    c, point = river.inner(edit.at, JUNCTION_CLEARANCE, "be split")
+    work = _rework(stepper)
+    upper = work.split(c, point, JOINT_THROUGH)
+    work.resize(upper, edit.width_above, edit.depth_above)
+    work.resize(c, edit.width_below, edit.depth_below)
+    # The parts of the river above, between its locked points, are as wide as the part next to the node.
+    for part in river.parts[: river.parts.index(c)]:
+        work.resize(part, edit.width_above, edit.depth_above)
+    for part in river.parts[river.parts.index(c) + 1 :]:
+        work.resize(part, edit.width_below, edit.depth_below)
+    _adopt(stepper, work)
+
+
+@_do.register
+def _(edit: edits.JoinChannels, stepper: Stepper) -> None:
+    network = stepper.state.network
+    above, below = _River(network, edit.upper), _River(network, edit.lower)
+    upper, lower = above.parts[-1], below.parts[0]
+    node = int(network.channel_to[upper])
+    told = f"channels {above.identity} and {below.identity}"
+    if above.identity == below.identity:
+        raise InputError(f"{told} are one; name two that follow each other")
+    if above.closed or below.closed or network.channel_from[lower] != node:
+        raise InputError(f"{told} do not follow each other: the first does not end where the second begins")
+    arriving, leaving = (int((ends == node).sum()) for ends in (network.channel_to, network.channel_from))
+    if arriving != 1 or leaving != 1:
+        raise InputError(f"{told} meet at a junction of {arriving + leaving} channels; remove the others first")
+    work = _rework(stepper)
+    work.join(upper, lower)
+    # All parts of the river have the section that the joined one has.
+    table = network.channels
+    for part in above.parts[:-1] if network.point_section is None else []:
+        work.resize(part, float(table.width[lower]), float(table.depth[lower]))
+    _adopt(stepper, work)
+
+
+@_do.register
+def _(edit: edits.AddChannel, stepper: Stepper) -> None:
+    state = stepper.state
+    network, params = state.network, state.params
+    xy = np.asarray(edit.xy, np.float64)
+    target = _target(network, xy[-1])
+    if edit.ends == "channel" and target is None:
+        raise InputError(
+            f"the line ends at ({xy[-1, 0]:g}, {xy[-1, 1]:g}), on no channel; end it on one, or give ends='outlet'"
+        )
+    if edit.ends == "outlet" and target is not None:
+        raise InputError(
+            f"the line ends at ({xy[-1, 0]:g}, {xy[-1, 1]:g}), on channel {int(network.channel_id[target[0]])}; end it "
+            "elsewhere, or give ends='channel'"
+        )
+    spacing = params.spacing
+    if params.spacing_in_widths > 0.0:
+        spacing = min(spacing, params.spacing_in_widths * edit.width)
+    work = _rework(stepper)
+    node = None if target is None else work.junction_at(*target)
+    if node is not None and any(work.joint(c) == JOINT_LOCK for c in work.arriving(node)):
+        raise InputError("the line ends at a locked point; unlock it first, or end the line farther away")
+    end = xy[-1] if node is None else work.node_place(node)
+    xy = np.concatenate([xy[:-1], end[None]])
+    if len(xy) < 2 or (xy[-1] == xy[-2]).all():
+        raise InputError("the line has no length up to where it joins; draw a longer one")
+    length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
+    if length < max(edit.width, 2.0 * spacing):
+        raise InputError(
+            f"the line is {length:.4g} m long, for a width of {edit.width:g} m and a spacing of {spacing:g} m; draw a "
+            "longer one"
+        )
+    line = smooth_line(xy, spacing)
+    if edit.max_rise is not None:
+        _check_rise(line, state.terrain, edit.max_rise)
+    depth = float(bankfull_depth(edit.width)) if edit.depth is None else edit.depth
+    flow = float(bankfull_discharge(edit.width)) if edit.discharge is None else edit.discharge
+    work.add(line, node, {"width": edit.width, "depth": depth, "discharge": flow}, 0 if target is None else target[0])
+    _adopt(stepper, work)
+
+
+def _target(network: RiverNetwork, end: np.ndarray) -> tuple[int, int] | None:
+    """Channel, and point of it in all, that lies within half its width of the end of a line; None if none does."""
+    away = np.hypot(*(network.points() - end).T)
+    start = network.starts()
+    owner = np.repeat(np.arange(network.channel_count), np.diff(start))
+    away = np.where(network.channel_closed[owner], np.inf, away)
+    # Between two points the channel is no farther than the nearer one less what the chord may hide.
+    point = int(away.argmin())
+    c = int(owner[point])
+    near = _distance_to(network, point, end)
+    return (c, point) if near <= JOIN_WIDTHS * network.channel_width[c] else None
+
+
+def _distance_to(network: RiverNetwork, point: int, place: np.ndarray) -> float:
+    """Distance in m of a place from the segments at a point."""
+    start = network.starts()
+    c = int(np.searchsorted(start, point, side="right")) - 1
+    first, last = max(point - 1, int(start[c])), min(point + 1, int(start[c + 1]) - 1)
+    xy = network.point_xy[first : last + 1].numpy().astype(np.float64) + network.origin
+    nearest = np.inf
+    for a, b in itertools.pairwise(xy):
+        along = b - a
+        size = float(along @ along)
+        t = min(max(float((place - a) @ along) / size, 0.0), 1.0) if size > 0.0 else 0.0
+        nearest = min(nearest, float(np.hypot(*(a + t * along - place))))
+    return nearest
+
+
+def _check_rise(line: np.ndarray, terrain: Terrain | None, most: float) -> None:
+    """Raise ``ValueError`` where the ground under a line rises by more than ``most`` m over a point upstream."""
+    if terrain is None:
+        raise InputError("max_rise is given, but the run lies on a plain; leave it out, or run it over a terrain")
+    height = terrain.sample(line)
+    if np.isnan(height).any():
+        x, y = line[int(np.isnan(height).argmax())]
+        raise InputError(f"the line runs over ({x:.6g}, {y:.6g}), where the terrain has no data; draw it elsewhere")
+    rise = height - np.minimum.accumulate(height)
+    if rise.max() > most:
+        x, y = line[int(rise.argmax())]
+        raise InputError(
+            f"the ground rises by {rise.max():.4g} m along the line, up to ({x:.6g}, {y:.6g}), more than max_rise "
+            f"{most:g} m; draw it round the ridge, or lower the ground first"
+        )
+
+
+@_do.register
+def _(edit: edits.RemoveChannel, stepper: Stepper) -> None:
+    river = _River(stepper.state.network, edit.channel)
+    work = _rework(stepper)
+    work.remove(river.parts)
+    _adopt(stepper, work, anew=False)
+
+
+@_do.register
+def _(edit: edits.RedrawSection, stepper: Stepper) -> None:
+    network = stepper.state.network
+    river = _River(network, edit.channel)
+    (k, i), (other, j) = river.locate(edit.xy[0], "xy[0]"), river.locate(edit.xy[-1], "xy[-1]")
+    if k != other:
+        raise InputError(
+            f"a locked point of channel {river.identity} lies between both ends of the line; unlock it first, or "
+            "redraw up to it"
+        )
+    if i >= j:
+        raise InputError(
+            f"the line runs upstream along channel {river.identity}, or nowhere; draw it downstream"
+            + (", without passing the first point of the ring" if river.closed else "")
+        )
+    c, xy = river.parts[k], river.xy[k]
+    spacing = float(stepper.state.spacing.numpy()[c])
+    drawn = np.concatenate([xy[i : i + 1], np.asarray(edit.xy[1:-1], np.float64).reshape(-1, 2), xy[j : j + 1]])
+    drawn = drawn[np.concatenate([[True], (np.diff(drawn, axis=0) != 0.0).any(axis=1)])]
+    if len(drawn) < 2:
+        raise InputError("the line has no length; draw a longer one")
+    line = smooth_line(drawn, spacing)
+    work = _rework(stepper)
+    work.redraw(c, i + 1, j, line[1:-1])
+    _adopt(stepper, work)
+
+
+@_do.register
+def _(edit: edits.SetChannel, stepper: Stepper) -> None:
+    river = _River(stepper.state.network, edit.channel)
+    if edit.reach is not None:
+        _set_reach(edit, river, stepper)
+        return
+    work = _rework(stepper)
+    if edit.discharge is not None:
+        for part in river.parts[:-1]:
+            work.set_discharge(part, edit.discharge, alone=True)
+        work.set_discharge(river.parts[-1], edit.discharge)
+    for part in river.parts:
+        work.resize(part, edit.width, edit.depth)
+    _adopt(stepper, work)
+
+
+def _set_reach(edit: edits.SetChannel, river: _River, stepper: Stepper) -> None:
+    """Make a channel of a reach, where it does not end at the channel's own ends, and set that."""
+    assert edit.reach is not None
+    (k, i), (other, j) = river.locate(edit.reach[0], "reach[0]"), river.locate(edit.reach[1], "reach[1]")
+    if (k, i) >= (other, j):
+        raise InputError("reach runs upstream, or nowhere; give (from, to), downstream")
+    if k != other:
+        raise InputError(
+            f"a locked point of channel {river.identity} lies in the reach; unlock it first, or set the reaches on "
+            "both sides of it"
+        )
+    if river.closed:
+        raise InputError(f"channel {river.identity} is a ring, which has no reaches; set all of it")
+    c, first, last = river.parts[k], river.first[k], river.last[k]
+    work = _rework(stepper)
+    reach = c
+    if j < last - first:
+        if last - first - j < JUNCTION_CLEARANCE or j - i < 2 * JUNCTION_CLEARANCE:
+            raise InputError(f"reach is {j - i} spacings long, or ends next to the channel's end; choose another")
+        reach = work.split(c, first + j, JOINT_THROUGH)
+    if i > 0:
+        if i < JUNCTION_CLEARANCE or j - i < 2 * JUNCTION_CLEARANCE:
+            raise InputError(f"reach is {j - i} spacings long, or begins next to the channel's head; choose another")
+        work.split(reach, first + i, JOINT_THROUGH)
+    work.resize(reach, edit.width, edit.depth)
+    _adopt(stepper, work)
+
+
+# ---- the ground
+
+
+def edit_terrain(terrain: Terrain, edit: edits.EditTerrain) -> None:
+    """Do an edit of the ground."""
+    if edit.operation == "ridge":
+        terrain.add_ridge(edit.line, edit.height, edit.width)  # type: ignore[arg-type]
+    else:
+        terrain.brush(edit.operation, edit.center, edit.radius, edit.amount, level=edit.level)  # type: ignore[arg-type]
+
+
+def terrain_window(terrain: Terrain, edit: edits.EditTerrain) -> tuple[int, int, int, int] | None:
+    """Return the cells that an edit of the ground may change, as ``Raster.window``; None if there are none."""
+    if edit.operation == "ridge":
+        line, half = np.asarray(edit.line), 0.5 * (edit.width or 0.0)
+    else:
+        line, half = np.asarray([edit.center]), edit.radius or 0.0
+    (west, south), (east, north) = line.min(axis=0) - half, line.max(axis=0) + half
+    return terrain.raster.window(west, south, east, north)

@@ -1,0 +1,147 @@
+"""Controls as a history keeps them: numbers and a few words, from which they are made again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpriver.errors import InputError
+from warpriver.history import ControlChange, ControlStroke, Event
+from warpriver.meander.control_map import Layout
+from warpriver.meander.controls import (
+    Attractor,
+    Control,
+    ControlField,
+    DampingRegion,
+    ErodibilityField,
+    Guide,
+    RateControl,
+    Repeller,
+)
+from warpriver.raster import Raster
+
+__all__ = ["change_to", "controls_after", "layout_after", "stroke_of"]
+
+FloatArray = NDArray[np.float64]
+
+KINDS: dict[str, type[Control]] = {
+    kind.__name__: kind for kind in (Attractor, Repeller, Guide, ControlField, DampingRegion, ErodibilityField)
+}
+# Numbers of a raster before its values: cell size, west, north, rows, columns.
+PLACE = 5
+
+
+def change_to(time: float, before: Sequence[Control], after: Sequence[Control], layout: Layout | None) -> ControlChange:
+    """Return the event of a change of controls.
+
+    Args:
+        time: yr.
+        before: Controls until then; those that stay are not told again.
+        after: Controls from then on.
+        layout: Raster that they are stamped into, None without any.
+
+    Raises:
+        ValueError: A control of a kind that no history can keep.
+    """
+    places = {id(control): place for place, control in enumerate(before)}
+    told: list[dict[str, Any]] = []
+    numbers: list[FloatArray] = []
+    for control in after:
+        if id(control) in places:
+            told.append({"kept": places[id(control)]})
+        else:
+            words, own = _packed(control)
+            told.append({**words, "count": len(own)})
+            numbers.append(own)
+    place = Layout(0.0, 0.0, 0.0, 0, 0) if layout is None else layout
+    return ControlChange(time, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
+
+
+def stroke_of(time: float, place: int, field: ControlField, window: tuple[int, int, int, int]) -> ControlStroke:
+    """Return the event of a stroke: the values of a field in a window = (first row, first column, rows, columns)."""
+    row, column, rows, columns = window
+    values = field.raster.values[row : row + rows, column : column + columns].contiguous().numpy()
+    return ControlStroke(time, place, row, column, rows, columns, values.flatten())
+
+
+def controls_after(events: Iterable[Event], device: wp.DeviceLike = "cpu") -> tuple[Control, ...]:
+    """Return the controls that hold after the events of a run, made anew.
+
+    Args:
+        events: Events of a run from its start on, as ``History.events``.
+        device: Warp device of their rasters.
+    """
+    controls: tuple[Control, ...] = ()
+    for event in events:
+        if isinstance(event, ControlChange):
+            controls = _changed(controls, event, device)
+        elif isinstance(event, ControlStroke):
+            _paint(controls[event.control], event)
+    return controls
+
+
+def layout_after(events: Iterable[Event]) -> Layout | None:
+    """Return the raster that the controls are stamped into after the events of a run; None without controls."""
+    layout = None
+    for event in events:
+        if isinstance(event, ControlChange):
+            layout = Layout(event.cell_size, event.west, event.north, event.rows, event.columns)
+    return layout if layout is not None and layout.rows else None
+
+
+def _changed(before: Sequence[Control], event: ControlChange, device: wp.DeviceLike) -> tuple[Control, ...]:
+    found: list[Control] = []
+    first = 0
+    for words in json.loads(event.controls):
+        if "kept" in words:
+            found.append(before[words["kept"]])
+            continue
+        count = words["count"]
+        found.append(_unpacked(words, event.numbers[first : first + count], device))
+        first += count
+    return tuple(found)
+
+
+def _paint(field: Control, stroke: ControlStroke) -> None:
+    assert isinstance(field, ControlField)
+    values = field.raster.numpy()
+    rows, columns = slice(stroke.row, stroke.row + stroke.rows), slice(stroke.column, stroke.column + stroke.columns)
+    values[rows, columns] = stroke.values.reshape(stroke.rows, stroke.columns)
+    field.raster.values.assign(values)
+
+
+def _packed(control: Control) -> tuple[dict[str, Any], FloatArray]:
+    """Words and numbers of a control."""
+    kind = type(control).__name__
+    if KINDS.get(kind) is not type(control):
+        raise InputError(f"a control is a {kind}, which no history can keep; give {', '.join(KINDS)}")
+    if isinstance(control, Attractor):
+        return {"kind": kind}, np.array([*control.center, control.radius, control.strength])
+    if isinstance(control, Guide):
+        return {"kind": kind}, np.concatenate([[control.radius, control.strength], np.asarray(control.xy).ravel()])
+    raster = getattr(control, "raster", None)
+    if raster is not None:
+        place = [raster.cell_size, *raster.origin, *raster.shape]
+        return {"kind": kind, "raster": True, "crs": raster.crs}, np.concatenate([place, raster.numpy().ravel()])
+    assert isinstance(control, RateControl) and control.polygon is not None
+    return {"kind": kind}, np.concatenate([[control.factor, control.blend], control.polygon.ravel()])
+
+
+def _unpacked(words: dict[str, Any], numbers: FloatArray, device: wp.DeviceLike) -> Control:
+    kind: Any = KINDS[words["kind"]]
+    values = numbers.tolist()
+    if kind in (Attractor, Repeller):
+        return kind((values[0], values[1]), values[2], values[3])
+    if kind is Guide:
+        return Guide(numbers[2:].reshape(-1, 2), values[0], values[1])
+    if words.get("raster"):
+        size, west, north = values[:3]
+        cells = numbers[PLACE:].reshape(int(values[3]), int(values[4]))
+        unit = "m" if kind is ControlField else ""
+        return kind(Raster(cells, size, (west, north), words["crs"], unit, device=device))
+    return kind(numbers[2:].reshape(-1, 2), values[0], blend=values[1])
