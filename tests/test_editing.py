@@ -582,3 +582,29 @@ def test_painted_controls_are_no_edits_and_that_is_told():
         wr.meander.SetControls([{"kind": "Dam"}])
     with pytest.raises(InputError, match="controls holds a str"):
         wr.meander.SetControls("dam")
+
+
+def test_edits_that_come_and_go_outdate_no_recording():
+    """Where there is room, and locks have been looked for, the next step replays what was recorded."""
+    sim = tree(ground=True)
+    sim.step(3)
+    long = int(sim.network.channel_id[sim.network.channel_lengths().argmax()])
+
+    def place(part):
+        return tuple(lines(sim)[long][int(part * len(lines(sim)[long]))])
+
+    sim.lock(long, place(0.5))
+    sim.step()
+    edition = sim.stepper.state.edition
+    for _ in range(3):
+        sim.apply(edits.MovePoint(long, place(0.3), tuple(np.add(place(0.3), 20.0)), 300.0))
+        sim.step()
+        sim.unlock(long, place(0.0))
+        sim.apply(edits.EditTerrain("raise", center=place(0.2), radius=300.0, amount=2.0))
+        sim.step()
+        sim.apply(edits.SetChannel(long, width=26.0))
+        sim.lock(long, place(0.5))
+        sim.undo()
+        sim.redo()
+        sim.step()
+    assert sim.stepper.state.edition == edition
