@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -18,7 +19,10 @@ from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth
 from warpriver.graph.edits import JUNCTION_CLEARANCE
 from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
+from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
+from warpriver.meander.courses import Refusal
 from warpriver.network import RiverNetwork
+from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
 __all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
@@ -100,6 +104,8 @@ class EditStack:
             back = self._doers[type(edit)](edit)
         elif isinstance(edit, edits.EditTerrain):
             back = _edit_ground(stepper, edit)
+        elif isinstance(edit, edits.AvulseChannel):
+            back = _avulse(stepper, history, edit)
         else:
             back = self._edit_network(stepper, edit)
         history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, edit))
@@ -126,6 +132,50 @@ def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
     if window is None or cells is None:
         return lambda: None
     return lambda: raster.put_cells(window, cells)
+
+
+def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
+    new, state, before = _new_course(edit, stepper), stepper.state, stepper.snapshot()
+    raster = None if state.terrain is None else state.terrain.raster
+    window = None if state.terrain is None else new.window(state.terrain)
+    cells = None if raster is None or window is None else raster.cells(window)
+
+    def back() -> None:
+        stepper.put_back(before)
+        if raster is not None and window is not None and cells is not None:
+            raster.put_cells(window, cells)
+
+    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+    carve(state, new)
+    _adopt(stepper, rework_courses(state, [new]))
+    return back
+
+
+def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:
+    """Find the course that a channel is to take, or raise ``ValueError`` that says why there is none."""
+    state = stepper.state
+    state.place_nodes()
+    river = _River(state.network, edit.channel)
+    channel, point = river.inner(edit.at, JUNCTION_CLEARANCE, "leave its course")
+    head = int(state.network.starts()[channel])
+    target = None
+    if edit.to is not None:
+        k, i = river.locate(edit.to, "to")
+        target = river.first[k] + i
+        if river.parts[k] != channel or target < point + JUNCTION_CLEARANCE:
+            raise InputError(
+                f"to does not lie downstream of at on channel {river.identity}, or a locked point lies between them; "
+                "choose another place"
+            )
+    params = state.params.avulsions or AvulsionParams()
+    identity = int(state.network.channel_id[channel])
+    chance = np.random.default_rng([state.seed, stepper.step_count, identity, point - head])
+    angle = None if edit.angle is None else math.radians(edit.angle)
+    found = plan_course(state, channel, point, params, chance, target=target, angle=angle)
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
 
 
 def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:

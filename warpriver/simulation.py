@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from warpriver import progress as progress_bar
 from warpriver.editing import EditStack, untold
@@ -73,7 +74,7 @@ class Simulation:
         *,
         terrain: Terrain | None = None,
         seed: int = 0,
-        device: Any = None,
+        device: wp.DeviceLike = None,
         dtype: str | None = None,
         check: bool = False,
         capture: bool = True,
@@ -135,7 +136,7 @@ class Simulation:
         params: MeanderParams | PathMeander | None = None,
         terrain: Terrain | None = None,
         change_terrain: bool = False,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
@@ -199,7 +200,7 @@ class Simulation:
         *,
         steps: int | None = None,
         terrain: Terrain | None = None,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
         record_every: int | Every = 10,
         check: bool = False,
         capture: bool = True,

@@ -27,6 +27,7 @@ from warpriver.validate import (
 
 __all__ = [
     "AddChannel",
+    "AvulseChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",
@@ -395,6 +396,34 @@ class EditTerrain(Edit):
         else:
             height = tuple(finite_numbers(height, len(line), "height"))
         return {"line": line, "height": height, "width": positive(self.width, "width", "m")}
+
+
+@dataclasses.dataclass(frozen=True)
+class AvulseChannel(Edit):
+    """Let a channel leave its course for a new one, as by an avulsion; the ground is carved along it.
+
+    What is not given is left to chance, by the seed of the run, the step and the place: see
+    :class:`warpriver.meander.AvulsionParams`, whose other constants hold.
+
+    Attributes:
+        channel: Identity of the channel.
+        at: Place where it leaves.
+        to: Place farther downstream where it comes back.
+        angle: First angle between the old course and the new one, degrees, to the left.
+    """
+
+    channel: int
+    at: Place
+    to: Place | None = None
+    angle: float | None = None
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel, both places and the angle."""
+        angle = None if self.angle is None else finite_numbers([self.angle], 1, "angle")[0]
+        if angle is not None and abs(angle) > 90.0:
+            raise InputError(f"angle is {angle:g} degrees; give -90 (right) to 90 (left)")
+        to = None if self.to is None else _place(self.to, "to")
+        return {"channel": _channel(self.channel), "at": _place(self.at), "to": to, "angle": angle}
 
 
 def _channel(value: Any, name: str = "channel") -> int:
