@@ -209,6 +209,8 @@ class Simulation:
     ) -> Simulation:
         """Do a session again: the steps of a run, and between them its edits, to the same bits.
 
+        It ends early where :meth:`run` does; ``history.stop_reason`` says why.
+
         Args:
             start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
                 first record is taken up in a history of its own.
@@ -243,6 +245,8 @@ class Simulation:
                 raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
             if step > self.step_count:
                 self.run(steps=step - self.step_count, record_every=record_every)
+            if step > self.step_count:
+                return self  # interrupted, or no longer finite: the history says why
             self.apply(edit)
         left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
         if left > 0:
