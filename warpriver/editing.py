@@ -7,7 +7,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, ControlChange, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
 from warpriver.meander.courses import Refusal
+from warpriver.meander.steering import Steering
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
@@ -48,6 +49,7 @@ class _Done:
         network: The network before it; None where the ground alone was edited.
         window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
             heights that were there.
+        put_back: Brings controls back; None where the network or the ground was edited.
     """
 
     edit: edits.Edit
@@ -55,14 +57,20 @@ class _Done:
     network: Snapshot | None = None
     window: tuple[int, int, int, int] | None = None
     cells: np.ndarray | None = None
+    put_back: Callable[[], None] | None = None
 
 
 class EditStack:
     """The edits that were done between the same two steps, to be taken back and done again."""
 
-    def __init__(self, check: Callable[[RiverNetwork], None]):
-        """Start without any; ``check`` raises ``ValueError`` for a network that the run cannot go on with."""
-        self._check = check
+    def __init__(self, check: Callable[[RiverNetwork], None], steering: Steering):
+        """Start without any.
+
+        Args:
+            check: Raises ``ValueError`` for a network that the run cannot go on with.
+            steering: The controls of the run.
+        """
+        self._check, self._steering = check, steering
         self._done: list[_Done] = []
         self._undone: list[edits.Edit] = []
 
@@ -74,6 +82,15 @@ class EditStack:
         """
         self._do(stepper, history, edit)
         self._undone.clear()
+
+    def steer(self, stepper: Stepper, history: History, controls: object) -> None:
+        """Let other controls hold, as they are given, and note it in the history.
+
+        Raises:
+            ValueError: One is none; nothing has changed.
+        """
+        if self._do_controls(stepper, history, lambda: self._steering.replace(controls, stepper.state)):
+            self._undone.clear()
 
     def undo(self, stepper: Stepper, history: History) -> edits.Edit:
         """Take the last edit back and return it.
@@ -91,7 +108,13 @@ class EditStack:
             stepper.put_back(done.network)
         if done.window is not None and done.cells is not None and terrain is not None:
             terrain.raster.put_cells(done.window, done.cells)
+        if done.put_back is not None:
+            done.put_back()
+        # What was painted since stays painted, but where fields were put back.
+        painted = [event for event in history.events[done.events_before :] if isinstance(event, ControlStroke)]
         history.forget_events(done.events_before)
+        if done.put_back is None:
+            history.events.extend(painted)
         self._undone.append(done.edit)
         return done.edit
 
@@ -107,7 +130,20 @@ class EditStack:
         self._do(stepper, history, edit)
         return edit
 
+    def _do_controls(self, stepper: Stepper, history: History, do: Callable[[], list[Event]]) -> bool:
+        """Change controls, and tell whether anything changed."""
+        # What was painted before is no part of this.
+        history.events.extend(self._steering.take_strokes(stepper.state))
+        before, put_back = len(history.events), self._steering.keep(stepper.state)
+        found = do()
+        history.events.extend(found)
+        self._done += [_Done(event.edit, before, put_back=put_back) for event in found if _is_edit(event)]
+        return bool(found)
+
     def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
+        if isinstance(edit, (edits.SetControls, edits.PaintControl)):
+            self._do_controls(stepper, history, lambda: self._steering.do(edit, stepper.state))
+            return
         events, state = len(history.events), stepper.state
         if isinstance(edit, edits.EditTerrain):
             terrain = state.terrain
@@ -139,6 +175,10 @@ class EditStack:
         steps = stepper.step_count
         history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
         self._done.append(done)
+
+
+def _is_edit(event: Event) -> TypeGuard[ControlChange | ControlStroke]:
+    return isinstance(event, (ControlChange, ControlStroke))
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:

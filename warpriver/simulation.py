@@ -121,9 +121,9 @@ class Simulation:
         options["controls"] = self._steering.map
         self._stepper = Stepper(own, params, terrain, model.phases, model.limits, **options)
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
-        self._history.events.extend(self._steering.begin(0.0))
+        self._history.events.extend(self._steering.begin())
         self._ground, self._ground_sum = ground, _sum_of(terrain)
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         self._record()
 
     @classmethod
@@ -184,10 +184,10 @@ class Simulation:
         again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         for edit in again:
             self.apply(edit)
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         return self
 
     @classmethod
@@ -275,7 +275,7 @@ class Simulation:
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         self._record()
         return self
 
@@ -326,7 +326,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -373,14 +373,14 @@ class Simulation:
     def controls(self) -> tuple[Control, ...]:
         """What attracts, repels or damps the channels.
 
-        Set others between two steps, and the next one goes by them; it is recorded, and a resumed run has them. A
-        :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
+        Set others between two steps, and the next one goes by them: that is an edit, which is recorded, taken back and
+        replayed as any. A :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
         """
         return self._steering.controls
 
     @controls.setter
     def controls(self, controls: Control | Sequence[Control]) -> None:
-        self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
+        self._edits.steer(self.stepper, self.history, controls)
 
     @property
     def device(self) -> Any:
@@ -485,7 +485,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
-            self._edits = EditStack(self._check)
+            self._edits = EditStack(self._check, self._steering)
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -588,7 +588,7 @@ class Simulation:
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
         self._note_strokes()
-        self._edits = EditStack(self._check)
+        self._edits = EditStack(self._check, self._steering)
         try:
             self.stepper.step(steps)
         finally:
@@ -599,7 +599,7 @@ class Simulation:
 
     def _note_strokes(self) -> None:
         """Take up, and note in the history, what was painted since the last step."""
-        if strokes := self._steering.take_strokes(self.stepper.state, self.time):
+        if strokes := self._steering.take_strokes(self.stepper.state):
             self.history.events.extend(strokes)
 
     def _note_ground(self) -> None:

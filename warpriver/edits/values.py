@@ -8,13 +8,24 @@ and tuples of these, however nested; ``check`` makes them of what a user gives.
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from warpriver.errors import InputError, InputTypeError
-from warpriver.validate import checked_line, checked_points, finite_numbers, not_negative, one_of, positive, whole
+from warpriver.validate import (
+    checked_line,
+    checked_points,
+    finite_numbers,
+    floats,
+    not_negative,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
 
 __all__ = [
     "AddChannel",
@@ -24,10 +35,12 @@ __all__ = [
     "JoinChannels",
     "LockPoint",
     "MovePoint",
+    "PaintControl",
     "Place",
     "RedrawSection",
     "RemoveChannel",
     "SetChannel",
+    "SetControls",
     "SplitChannel",
     "UnlockPoint",
     "edit_of",
@@ -37,6 +50,8 @@ __all__ = [
 Place = float | tuple[float, float]
 # Lines are tuples of points, so that edits are equal where they say the same.
 Line = tuple[tuple[float, float], ...]
+# A control as its words, in JSON, and its numbers.
+Told = tuple[str, tuple[float, ...]]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # Classes by name.
 _CLASSES: dict[str, type[Edit]] = {}
@@ -415,6 +430,71 @@ class AvulseChannel(Edit):
             raise InputError(f"angle is {angle:g} degrees; give -90 (right) to 90 (left)")
         to = None if self.to is None else _place(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to, "angle": angle}
+
+
+@dataclasses.dataclass(frozen=True)
+class SetControls(Edit):
+    """Let other controls hold from the next step on; to set ``simulation.controls`` is to do this.
+
+    Attributes:
+        controls: The controls, of :mod:`warpriver.meander`; kept as pairs of words, in JSON, and numbers. The words
+            {"kept": k} stand for the control that had the place k before.
+    """
+
+    controls: tuple[Told, ...]
+
+    def check(self) -> dict[str, Any]:
+        """Take the controls as words and numbers."""
+        given: Any = self.controls
+        if hasattr(given, "told") or not isinstance(given, Sequence) or isinstance(given, str):
+            given = (given,)
+        return {"controls": tuple(_told(control) for control in given)}
+
+
+@dataclasses.dataclass(frozen=True)
+class PaintControl(Edit):
+    """Set cells of a painted control field; what is painted on a field itself is told by this.
+
+    Attributes:
+        control: Place of the field among the controls.
+        window: First row, first column, rows and columns of the cells.
+        values: Their values in m, row by row.
+    """
+
+    control: int
+    window: tuple[int, int, int, int]
+    values: tuple[float, ...]
+
+    def check(self) -> dict[str, Any]:
+        """Check the fields."""
+        if not isinstance(self.window, Sequence) or len(self.window) != 4:
+            raise InputError(f"window is {self.window!r}; give first row, first column, rows and columns")
+        row, column = (whole(value, "window") for value in self.window[:2])
+        rows, columns = (whole(value, "window", 1) for value in self.window[2:])
+        values = np.asarray(floats(self.values, "values"))
+        if values.shape != (rows * columns,):
+            raise InputError(f"values have the shape {values.shape}; give one for each of {rows} x {columns} cells")
+        return {
+            "control": whole(self.control, "control"),
+            "window": (row, column, rows, columns),
+            "values": tuple(values.tolist()),
+        }
+
+
+def _told(control: Any) -> Told:
+    """A control as its words and numbers."""
+    if hasattr(control, "told"):
+        return control.told()
+    if not isinstance(control, Sequence) or isinstance(control, str) or len(control) != 2:
+        raise InputError(f"controls holds {shown(control)}; give controls, or pairs of their words and numbers")
+    words, numbers = control
+    try:
+        known = isinstance(json.loads(words), dict)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{shown(words)} are no words of a control: {error}") from error
+    if not known:
+        raise InputError(f"{shown(words)} are no words of a control; give a JSON object")
+    return words, tuple(floats(numbers, "numbers").ravel().tolist())
 
 
 def _channel(value: Any, name: str = "channel") -> int:

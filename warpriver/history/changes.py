@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from warpriver.edits.values import Edit, edit_of
+from warpriver.edits.values import Edit, PaintControl, SetControls, edit_of
 from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
@@ -148,6 +148,7 @@ class ControlChange(Event):
 
     Attributes:
         time: yr; the controls hold from there on.
+        step: Steps done before it; -1: the run began with them.
         controls: What they are, as JSON: an object for each, with its kind and how many of the numbers are its own, or
             the place that it had among the controls before.
         numbers: Their numbers, those of rasters among them, end to end.
@@ -158,6 +159,7 @@ class ControlChange(Event):
         columns: Its columns.
     """
 
+    step: int
     controls: str
     numbers: np.ndarray
     cell_size: float
@@ -166,6 +168,20 @@ class ControlChange(Event):
     rows: int
     columns: int
 
+    def parts(self) -> Iterator[tuple[dict[str, Any], int, int]]:
+        """Yield the words of each control, and where its numbers begin and end."""
+        first = 0
+        for words in json.loads(self.controls):
+            count = words.pop("count", 0)
+            yield words, first, first + count
+            first += count
+
+    @property
+    def edit(self) -> SetControls:
+        """The edit, to be done again."""
+        told = ((json.dumps(words), tuple(self.numbers[a:b].tolist())) for words, a, b in self.parts())
+        return SetControls(tuple(told))
+
 
 @dataclasses.dataclass(frozen=True)
 class ControlStroke(Event):
@@ -173,6 +189,7 @@ class ControlStroke(Event):
 
     Attributes:
         time: yr; the field holds the values from there on.
+        step: Steps done before it.
         control: Place of the field among the controls.
         row: First row of the cells that were painted.
         column: First column.
@@ -181,12 +198,19 @@ class ControlStroke(Event):
         values: (rows * columns,) their values afterwards, m, row by row.
     """
 
+    step: int
     control: int
     row: int
     column: int
     rows: int
     columns: int
     values: np.ndarray
+
+    @property
+    def edit(self) -> PaintControl:
+        """The edit, to be done again."""
+        window = self.row, self.column, self.rows, self.columns
+        return PaintControl(self.control, window, tuple(self.values.tolist()))
 
 
 def params_after(params: MeanderParams | PathMeander, events: Iterable[Event]) -> MeanderParams | PathMeander:

@@ -24,7 +24,7 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
 from warpriver.extras import need
-from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
+from warpriver.history.changes import AppliedEdit, ControlChange, ControlStroke, Ground, ground_after, params_after
 from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -231,9 +231,13 @@ class History:
         return self.events.of(Split)
 
     @property
-    def edits(self) -> Sequence[AppliedEdit]:
+    def edits(self) -> Sequence[AppliedEdit | ControlChange | ControlStroke]:
         """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
-        return self.events.of(AppliedEdit)
+        if not any(self.events.of(kind) for kind in (ControlChange, ControlStroke)):
+            return self.events.of(AppliedEdit)
+        # The controls that a run begins with are no edit.
+        kinds = (AppliedEdit, ControlChange, ControlStroke)
+        return [event for event in self.events if isinstance(event, kinds) and event.step >= 0]
 
     def __len__(self) -> int:
         return len(self._records)

@@ -20,12 +20,11 @@ from warpriver.meander.controls import (
     DampingRegion,
     ErodibilityField,
     Guide,
-    RateControl,
     Repeller,
 )
 from warpriver.raster import Raster
 
-__all__ = ["change_to", "controls_after", "layout_after", "stroke_of"]
+__all__ = ["change_to", "controls_after", "controls_of", "layout_after", "stroke_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -36,11 +35,14 @@ KINDS: dict[str, type[Control]] = {
 PLACE = 5
 
 
-def change_to(time: float, before: Sequence[Control], after: Sequence[Control], layout: Layout | None) -> ControlChange:
+def change_to(
+    time: float, step: int, before: Sequence[Control], after: Sequence[Control], layout: Layout | None
+) -> ControlChange:
     """Return the event of a change of controls.
 
     Args:
         time: yr.
+        step: Steps done, -1 for what a run begins with.
         before: Controls until then; those that stay are not told again.
         after: Controls from then on.
         layout: Raster that they are stamped into, None without any.
@@ -55,18 +57,18 @@ def change_to(time: float, before: Sequence[Control], after: Sequence[Control], 
         if id(control) in places:
             told.append({"kept": places[id(control)]})
         else:
-            words, own = _packed(control)
+            words, own = control.packed()
             told.append({**words, "count": len(own)})
             numbers.append(own)
     place = Layout(0.0, 0.0, 0.0, 0, 0) if layout is None else layout
-    return ControlChange(time, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
+    return ControlChange(time, step, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
 
 
-def stroke_of(time: float, place: int, field: ControlField, window: tuple[int, int, int, int]) -> ControlStroke:
+def stroke_of(
+    time: float, step: int, place: int, field: ControlField, window: tuple[int, int, int, int]
+) -> ControlStroke:
     """Return the event of a stroke: the values of a field in a window = (first row, first column, rows, columns)."""
-    row, column, rows, columns = window
-    values = field.raster.values[row : row + rows, column : column + columns].contiguous().numpy()
-    return ControlStroke(time, place, row, column, rows, columns, values.flatten())
+    return ControlStroke(time, step, place, *window, field.raster.cells(window).flatten())
 
 
 def controls_after(events: Iterable[Event], device: wp.DeviceLike = "cpu") -> tuple[Control, ...]:
@@ -95,41 +97,30 @@ def layout_after(events: Iterable[Event]) -> Layout | None:
 
 
 def _changed(before: Sequence[Control], event: ControlChange, device: wp.DeviceLike) -> tuple[Control, ...]:
+    return controls_of([(words, event.numbers[a:b]) for words, a, b in event.parts()], before, device)
+
+
+def controls_of(
+    told: Iterable[tuple[dict[str, Any], FloatArray]], before: Sequence[Control], device: wp.DeviceLike
+) -> tuple[Control, ...]:
+    """Return controls of their words and numbers; ``before`` are those that they take the place of.
+
+    Raises:
+        ValueError: Words or numbers that no control has.
+    """
     found: list[Control] = []
-    first = 0
-    for words in json.loads(event.controls):
-        if "kept" in words:
-            found.append(before[words["kept"]])
-            continue
-        count = words["count"]
-        found.append(_unpacked(words, event.numbers[first : first + count], device))
-        first += count
+    for words, numbers in told:
+        try:
+            found.append(before[words["kept"]] if "kept" in words else _unpacked(words, numbers, device))
+        except (LookupError, TypeError, ValueError) as error:
+            raise InputError(f"{words!r} with {len(numbers)} numbers is no control: {error}") from error
     return tuple(found)
 
 
 def _paint(field: Control, stroke: ControlStroke) -> None:
     assert isinstance(field, ControlField)
-    values = field.raster.numpy()
-    rows, columns = slice(stroke.row, stroke.row + stroke.rows), slice(stroke.column, stroke.column + stroke.columns)
-    values[rows, columns] = stroke.values.reshape(stroke.rows, stroke.columns)
-    field.raster.values.assign(values)
-
-
-def _packed(control: Control) -> tuple[dict[str, Any], FloatArray]:
-    """Words and numbers of a control."""
-    kind = type(control).__name__
-    if KINDS.get(kind) is not type(control):
-        raise InputError(f"a control is a {kind}, which no history can keep; give {', '.join(KINDS)}")
-    if isinstance(control, Attractor):
-        return {"kind": kind}, np.array([*control.center, control.radius, control.strength])
-    if isinstance(control, Guide):
-        return {"kind": kind}, np.concatenate([[control.radius, control.strength], np.asarray(control.xy).ravel()])
-    raster = getattr(control, "raster", None)
-    if raster is not None:
-        place = [raster.cell_size, *raster.origin, *raster.shape]
-        return {"kind": kind, "raster": True, "crs": raster.crs}, np.concatenate([place, raster.numpy().ravel()])
-    assert isinstance(control, RateControl) and control.polygon is not None
-    return {"kind": kind}, np.concatenate([[control.factor, control.blend], control.polygon.ravel()])
+    window = stroke.row, stroke.column, stroke.rows, stroke.columns
+    field.raster.put_cells(window, stroke.values.reshape(stroke.rows, stroke.columns))
 
 
 def _unpacked(words: dict[str, Any], numbers: FloatArray, device: wp.DeviceLike) -> Control:

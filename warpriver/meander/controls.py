@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import math
 import os
 from collections.abc import Sequence
@@ -50,6 +51,10 @@ CELLS_ACROSS = 16.0
 ACROSS_POLYGON, MAX_POINTS = 128.0, 10_000
 
 
+# The kinds that there are.
+GIVEN = "Attractor, Repeller, Guide, ControlField, DampingRegion or ErodibilityField"
+
+
 class Control:
     """What a control is: a value that stamps itself into the rasters of a :class:`ControlMap`."""
 
@@ -64,6 +69,19 @@ class Control:
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         raise NotImplementedError
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return what it is as a few words and as numbers, of which a history and files can make it again.
+
+        Raises:
+            ValueError: It is of a kind of which they cannot.
+        """
+        raise InputError(f"a control is a {type(self).__name__}, which no history can keep; give {GIVEN}")
+
+    def told(self) -> tuple[str, tuple[float, ...]]:
+        """Return the same as text, in JSON, and a tuple; see :class:`warpriver.edits.SetControls`."""
+        words, numbers = self.packed()
+        return json.dumps(words), tuple(numbers.tolist())
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not dataclasses.is_dataclass(self):
@@ -107,6 +125,10 @@ class Guide(Params, Control):
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.asarray(self.xy), self.radius, self.strength, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and radius, strength and points."""
+        return {"kind": "Guide"}, np.concatenate([[self.radius, self.strength], np.asarray(self.xy).ravel()])
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attractor(Params, Control):
@@ -141,6 +163,10 @@ class Attractor(Params, Control):
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.array([self.center]), self.radius, self.strength, window)
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and centre, radius and strength."""
+        return {"kind": type(self).__name__}, np.array([*self.center, self.radius, self.strength])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -338,6 +364,10 @@ class ControlField(Control):
         """Add itself to the cells of a window of the map."""
         target.apply_field("add_field", self.raster, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind and CRS, and the place and the values of its raster."""
+        return _packed_raster(self, self.raster)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ControlField) and _same_raster(self.raster, other.raster)
 
@@ -411,6 +441,13 @@ class RateControl(Control):
             assert self.polygon is not None and self.factor is not None
             target.scale_inside(self.polygon, self.factor, self.blend, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and factor, blend and corners; or as a :class:`ControlField` its raster."""
+        if self.raster is not None:
+            return _packed_raster(self, self.raster)
+        assert self.polygon is not None and self.factor is not None
+        return {"kind": type(self).__name__}, np.concatenate([[self.factor, self.blend], self.polygon.ravel()])
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not isinstance(other, RateControl):
             return False
@@ -448,10 +485,7 @@ def checked_controls(controls: object, crs: str | None) -> tuple[Control, ...]:
         found = (controls,)
     for control in found:
         if not isinstance(control, Control):
-            raise InputError(
-                f"controls holds a {type(control).__name__}; give Attractor, Repeller, Guide, ControlField, "
-                "DampingRegion or ErodibilityField"
-            )
+            raise InputError(f"controls holds a {type(control).__name__}; give {GIVEN}")
         raster = getattr(control, "raster", None)
         if raster is not None and crs is not None and raster.crs is not None and raster.crs != crs:
             raise InputError(f"a {type(control).__name__} has the CRS {raster.crs}, the network {crs}; reproject it")
@@ -470,6 +504,12 @@ def _frozen_points(xy: ArrayLike, label: str, count: int) -> FloatArray:
 def _around(points: FloatArray, reach: float) -> Bounds:
     (west, south), (east, north) = points.min(axis=0) - reach, points.max(axis=0) + reach
     return float(west), float(south), float(east), float(north)
+
+
+def _packed_raster(control: Control, raster: Raster) -> tuple[dict[str, Any], FloatArray]:
+    place = [raster.cell_size, *raster.origin, *raster.shape]
+    words = {"kind": type(control).__name__, "raster": True, "crs": raster.crs}
+    return words, np.concatenate([place, raster.numpy().ravel()])
 
 
 def _same_raster(a: Raster, b: Raster) -> bool:

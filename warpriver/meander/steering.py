@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from warpriver.edits.values import PaintControl, SetControls
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.history import Event
 from warpriver.meander.control_map import ControlMap, Layout, changes, merged
-from warpriver.meander.control_record import change_to, controls_after, layout_after, stroke_of
+from warpriver.meander.control_record import change_to, controls_after, controls_of, layout_after, stroke_of
 from warpriver.meander.controls import Bounds, Control, ControlField, checked_controls
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -61,24 +64,24 @@ class Steering:
             self.map = ControlMap(self.controls, area=self._area, layout=layout, crs=self._crs, device=self._device)
         self._seen = self._strokes()
 
-    def begin(self, time: float) -> list[Event]:
+    def begin(self) -> list[Event]:
         """Return the event of the controls that a run begins with; none without any."""
-        return [change_to(time, (), self.controls, self._layout)] if self.controls else []
+        return [change_to(0.0, -1, (), self.controls, self._layout)] if self.controls else []
 
-    def replace(self, controls: object, state: State, time: float) -> list[Event]:
-        """Let other controls hold from the next step on, and return the events of that.
+    def replace(self, controls: object, state: State) -> list[Event]:
+        """Let other controls hold from the next step on, and return the event of that; none where they are the same.
 
         Raises:
             ValueError: Something that is no control, or one in another CRS; then nothing has changed.
         """
         after = checked_controls(controls, self._crs)
-        painted = self.take_strokes(state, time)
         boxes = changes(self.controls, after)
         if not boxes and len(after) == len(self.controls):
             if all(a is b for a, b in zip(self.controls, after, strict=True)):
-                return painted
+                return []
         told = self._serving(after)
-        event = change_to(time, self.controls, after, None if told is None else told.layout)
+        layout = None if told is None else told.layout
+        event = change_to(_time(state), state.step_count, self.controls, after, layout)
         read = self.map is not None and (self.map.pulls, self.map.scales)
         if told is not None and told is self.map:
             told.update(after)
@@ -88,9 +91,50 @@ class Steering:
             state.steer(told)
         self._seen = self._strokes()
         self._hasten(state, boxes)
-        return [*painted, event]
+        return [event]
 
-    def take_strokes(self, state: State, time: float) -> list[Event]:
+    def do(self, edit: SetControls | PaintControl, state: State) -> list[Event]:
+        """Do an edit of controls, and return its events.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        if isinstance(edit, SetControls):
+            told = [(json.loads(words), np.array(numbers)) for words, numbers in edit.controls]
+            return self.replace(controls_of(told, self.controls, self._device), state)
+        field = self.controls[edit.control] if edit.control < len(self.controls) else None
+        row, column, rows, columns = edit.window
+        if not isinstance(field, ControlField):
+            raise InputError(f"control {edit.control} is no field that could be painted")
+        if row + rows > field.raster.shape[0] or column + columns > field.raster.shape[1]:
+            raise InputError(f"window {edit.window} lies beyond the field, which has {field.raster.shape} cells")
+        field.raster.put_cells(edit.window, np.reshape(edit.values, (rows, columns)))
+        field.mark_painted(field.raster.centers(edit.window))
+        return self.take_strokes(state)
+
+    def keep(self, state: State) -> Callable[[], None]:
+        """Return what brings the controls back to what they are now, and the plan of the next step with them."""
+        controls, held, pace = self.controls, self.map, state.pace.numpy().copy()
+        cells = {k: (c, c.raster.numpy()) for k, c in enumerate(controls) if isinstance(c, ControlField)}
+
+        def put_back() -> None:
+            boxes: list[Bounds] = []
+            for field, values in cells.values():
+                if not np.array_equal(field.raster.numpy(), values, equal_nan=True):
+                    field.raster.values.assign(values)
+                    boxes.append(field.bounds())
+            if held is not self.map:
+                self.map = held
+                state.steer(held)
+            if held is not None:
+                held.update(controls, boxes)
+            self.controls, self._seen = controls, {}
+            self._seen = self._strokes()
+            state.pace.assign(pace)
+
+        return put_back
+
+    def take_strokes(self, state: State) -> list[Event]:
         """Stamp what was painted since the last look, and return the events of that."""
         if self.map is None or not self._seen:
             return []
@@ -103,7 +147,7 @@ class Steering:
             for bounds in new:
                 window = field.raster.window(*bounds)
                 if window is not None:
-                    found.append(stroke_of(time, place, field, window))
+                    found.append(stroke_of(_time(state), state.step_count, place, field, window))
                     # Between centres the field is linear: a cell reaches as far as the next centre.
                     boxes.append(_widened(bounds, field.raster.cell_size))
         if found:
@@ -142,6 +186,10 @@ class Steering:
             pull = np.zeros(len(xy))
             pull[near] = np.hypot(*self.map.gradient(xy[near]).T)
             state.hasten_by(1.0 + np.maximum.reduceat(pull, start[:-1]))
+
+
+def _time(state: State) -> float:
+    return state.step_count * float(state.params.time_step)
 
 
 def _widened(bounds: Bounds, reach: float) -> Bounds:
