@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeGuard
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from warpriver import edits
 from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
 from warpriver.edits.values import Place
-from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, ControlChange, ControlStroke, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
 from warpriver.meander.courses import Refusal
-from warpriver.meander.steering import Steering
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
@@ -39,39 +36,28 @@ PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
 MOVE_SPACINGS = 2.0
 
 
-@dataclasses.dataclass(frozen=True)
-class _Done:
-    """An edit that was done since the last step, and what it takes to take it back.
-
-    Attributes:
-        edit: The edit.
-        events_before: Events of the history before it.
-        network: The network before it; None where the ground alone was edited.
-        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
-            heights that were there.
-        put_back: Brings controls back; None where the network or the ground was edited.
-    """
-
-    edit: edits.Edit
-    events_before: int
-    network: Snapshot | None = None
-    window: tuple[int, int, int, int] | None = None
-    cells: np.ndarray | None = None
-    put_back: Callable[[], None] | None = None
+# Takes an edit back that was done.
+Back = Callable[[], None]
 
 
 class EditStack:
     """The edits that were done between the same two steps, to be taken back and done again."""
 
-    def __init__(self, check: Callable[[RiverNetwork], None], steering: Steering):
+    def __init__(
+        self,
+        check: Callable[[RiverNetwork], None],
+        doers: Mapping[type[edits.Edit], Callable[[Any], tuple[Back, edits.Edit]]] | None = None,
+    ):
         """Start without any.
 
         Args:
             check: Raises ``ValueError`` for a network that the run cannot go on with.
-            steering: The controls of the run.
+            doers: What does edits of further kinds: it does one, or raises and changes nothing, and returns what takes
+                it back, and the edit as the history shall tell it.
         """
-        self._check, self._steering = check, steering
-        self._done: list[_Done] = []
+        self._check, self._doers = check, doers or {}
+        # Each with the number of events before it, and what takes it back.
+        self._done: list[tuple[edits.Edit, int, Back]] = []
         self._undone: list[edits.Edit] = []
 
     def apply(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
@@ -82,15 +68,6 @@ class EditStack:
         """
         self._do(stepper, history, edit)
         self._undone.clear()
-
-    def steer(self, stepper: Stepper, history: History, controls: object) -> None:
-        """Let other controls hold, as they are given, and note it in the history.
-
-        Raises:
-            ValueError: One is none; nothing has changed.
-        """
-        if self._do_controls(stepper, history, lambda: self._steering.replace(controls, stepper.state)):
-            self._undone.clear()
 
     def undo(self, stepper: Stepper, history: History) -> edits.Edit:
         """Take the last edit back and return it.
@@ -103,20 +80,15 @@ class EditStack:
                 "no edit was done since the last step, and none before it can be taken back; replay the session "
                 "without it: Simulation.replay(start, edits)"
             )
-        done, terrain = self._done.pop(), stepper.state.terrain
-        if done.network is not None:
-            stepper.put_back(done.network)
-        if done.window is not None and done.cells is not None and terrain is not None:
-            terrain.raster.put_cells(done.window, done.cells)
-        if done.put_back is not None:
-            done.put_back()
-        # What was painted since stays painted, but where fields were put back.
-        painted = [event for event in history.events[done.events_before :] if isinstance(event, ControlStroke)]
-        history.forget_events(done.events_before)
-        if done.put_back is None:
-            history.events.extend(painted)
-        self._undone.append(done.edit)
-        return done.edit
+        edit, events, back = self._done.pop()
+        back()
+        # What was painted on a field since stays.
+        own = isinstance(edit, edits.PaintControl)
+        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
+        history.forget_events(events)
+        history.events.extend(painted)
+        self._undone.append(edit)
+        return edit
 
     def redo(self, stepper: Stepper, history: History) -> edits.Edit:
         """Do the edit again that was taken back last, and return it.
@@ -130,55 +102,58 @@ class EditStack:
         self._do(stepper, history, edit)
         return edit
 
-    def _do_controls(self, stepper: Stepper, history: History, do: Callable[[], list[Event]]) -> bool:
-        """Change controls, and tell whether anything changed."""
-        # What was painted before is no part of this.
-        history.events.extend(self._steering.take_strokes(stepper.state))
-        before, put_back = len(history.events), self._steering.keep(stepper.state)
-        found = do()
-        history.events.extend(found)
-        self._done += [_Done(event.edit, before, put_back=put_back) for event in found if _is_edit(event)]
-        return bool(found)
-
     def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
-        if isinstance(edit, (edits.SetControls, edits.PaintControl)):
-            self._do_controls(stepper, history, lambda: self._steering.do(edit, stepper.state))
-            return
-        events, state = len(history.events), stepper.state
-        if isinstance(edit, edits.EditTerrain):
-            terrain = state.terrain
-            if terrain is None:
-                raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
-            window = terrain_window(terrain, edit)
-            cells = None if window is None else terrain.raster.cells(window)
-            edit_terrain(terrain, edit)
-            done = _Done(edit, events, window=window, cells=cells)
+        events, steps, told = len(history.events), stepper.step_count, edit
+        if type(edit) in self._doers:
+            back, told = self._doers[type(edit)](edit)
+        elif isinstance(edit, edits.EditTerrain):
+            back = _edit_ground(stepper, edit)
         elif isinstance(edit, edits.AvulseChannel):
-            new = _new_course(edit, stepper)
-            terrain, before, cells = state.terrain, stepper.snapshot(), None
-            window = None if terrain is None else new.window(terrain)
-            if terrain is not None and window is not None:
-                cells = terrain.raster.cells(window)
-            history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
-            carve(state, new)
-            _adopt(stepper, rework_courses(state, [new]))
-            done = _Done(edit, events, before, window, cells)
+            back = _leave_course(stepper, history, edit)
         else:
-            before = stepper.snapshot()
-            try:
-                _do(edit, stepper)
-                self._check(state.network)
-            except BaseException:
-                stepper.put_back(before)
-                raise
-            done = _Done(edit, events, network=before)
-        steps = stepper.step_count
-        history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
-        self._done.append(done)
+            back = self._edit_network(stepper, edit)
+        if not isinstance(edit, edits.PaintControl):  # told as a stroke
+            history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, told))
+        self._done.append((edit, events, back))
+
+    def _edit_network(self, stepper: Stepper, edit: edits.Edit) -> Back:
+        before = stepper.snapshot()
+        try:
+            _do(edit, stepper)
+            self._check(stepper.state.network)
+        except BaseException:
+            stepper.put_back(before)
+            raise
+        return lambda: stepper.put_back(before)
 
 
-def _is_edit(event: Event) -> TypeGuard[ControlChange | ControlStroke]:
-    return isinstance(event, (ControlChange, ControlStroke))
+def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
+    terrain = stepper.state.terrain
+    if terrain is None:
+        raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
+    raster, window = terrain.raster, terrain_window(terrain, edit)
+    cells = None if window is None else raster.cells(window)
+    edit_terrain(terrain, edit)
+    if window is None or cells is None:
+        return lambda: None
+    return lambda: raster.put_cells(window, cells)
+
+
+def _leave_course(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
+    new, state = _new_course(edit, stepper), stepper.state
+    before, raster = stepper.snapshot(), None if state.terrain is None else state.terrain.raster
+    window = None if state.terrain is None else new.window(state.terrain)
+    cells = None if raster is None or window is None else raster.cells(window)
+    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+    carve(state, new)
+    _adopt(stepper, rework_courses(state, [new]))
+
+    def back() -> None:
+        stepper.put_back(before)
+        if raster is not None and window is not None and cells is not None:
+            raster.put_cells(window, cells)
+
+    return back
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:
@@ -223,7 +198,7 @@ def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
 
 @functools.singledispatch
 def _do(edit: Any, stepper: Stepper) -> None:
-    raise InputError(f"{edit!r} is no edit that can be done; make one of warpriver.edits")
+    raise InputError(f"{edit.name} is no edit that can be done; make one of warpriver.edits")
 
 
 # ---- where

@@ -14,7 +14,6 @@ from warpriver.errors import InputError, WarpriverError
 from warpriver.history import (
     AppliedEdit,
     Avulsion,
-    ControlChange,
     ControlStroke,
     Event,
     Ground,
@@ -142,7 +141,7 @@ def edits_after(history: History, record: Record) -> list[Edit]:
     return [
         event.edit
         for event in history.events[record.events_before :]
-        if isinstance(event, (AppliedEdit, ControlChange, ControlStroke)) and event.step == record.step
+        if isinstance(event, (AppliedEdit, ControlStroke)) and event.step == record.step
     ]
 
 

@@ -10,7 +10,7 @@ from models import MODELS, assert_same, some_controls
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.history import ControlChange, ControlStroke, History
-from warpriver.meander import control_map, migration_rate
+from warpriver.meander import SetControls, control_map, migration_rate
 from warpriver.meander.control_record import controls_after
 from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
 
@@ -361,9 +361,9 @@ def test_controls_are_taken_back_and_set_again():
     kinds = [
         lambda: setattr(sim, "controls", [*sim.controls[1:], Attractor((900.0, 2400.0), 700.0)]),
         lambda: sim.apply(edits.MovePoint(0, point, to=(point[0], point[1] + 60.0), radius=400.0)),
-        lambda: sim.apply(edits.SetControls([Attractor((900.0, 2400.0), 30.0), *sim.controls])),
+        lambda: sim.apply(SetControls([Attractor((900.0, 2400.0), 30.0), *sim.controls])),
         lambda: sim.apply(edits.PaintControl(3, (20, 30, 2, 3), np.arange(6.0))),
-        lambda: sim.apply(edits.SetControls(())),
+        lambda: sim.apply(SetControls(())),
     ]
     seen, events = [bits_of(sim)], [len(sim.history.events)]
     for do in kinds:
@@ -419,11 +419,10 @@ def test_a_session_with_controls_is_done_again_to_the_bit(tmp_path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: edits.SetControls("x"), "'x'"),
-        (lambda: edits.SetControls([("no words", (1.0,))]), "no words of a control"),
-        (lambda: edits.SetControls([('{"kind": "Magnet"}', (1.0,))]), "is no control"),
-        (lambda: edits.SetControls([('{"kept": 7}', ())]), "is no control"),
-        (lambda: edits.SetControls([('{"kind": "Attractor"}', (1.0, 2.0))]), "is no control"),
+        (lambda: SetControls("x"), "controls holds a str"),
+        (lambda: SetControls([{"kind": "Magnet"}]), "is no control; it needs a kind"),
+        (lambda: SetControls([{"kept": 7}]), "control 7 is to stay, and there are 4"),
+        (lambda: SetControls([{"kind": "Attractor", "numbers": [1.0, 2.0]}]), "of the kind Attractor is damaged"),
         (lambda: edits.PaintControl(9, (0, 0, 1, 1), (1.0,)), "control 9 is no field"),
         (lambda: edits.PaintControl(0, (0, 0, 1, 1), (1.0,)), "control 0 is no field"),
         (lambda: edits.PaintControl(3, (0, 0, 1000, 1), np.zeros(1000)), "lies beyond the field"),

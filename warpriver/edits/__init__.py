@@ -23,7 +23,6 @@ from warpriver.edits.values import (
     RedrawSection,
     RemoveChannel,
     SetChannel,
-    SetControls,
     SplitChannel,
     UnlockPoint,
 )
@@ -41,7 +40,6 @@ __all__ = [
     "RemoveChannel",
     "Session",
     "SetChannel",
-    "SetControls",
     "SplitChannel",
     "UnlockPoint",
     "read_edits",

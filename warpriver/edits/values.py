@@ -8,7 +8,6 @@ and tuples of these, however nested; ``check`` makes them of what a user gives.
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -40,7 +39,6 @@ __all__ = [
     "RedrawSection",
     "RemoveChannel",
     "SetChannel",
-    "SetControls",
     "SplitChannel",
     "UnlockPoint",
     "edit_of",
@@ -50,8 +48,6 @@ __all__ = [
 Place = float | tuple[float, float]
 # Lines are tuples of points, so that edits are equal where they say the same.
 Line = tuple[tuple[float, float], ...]
-# A control as its words, in JSON, and its numbers.
-Told = tuple[str, tuple[float, ...]]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # Classes by name.
 _CLASSES: dict[str, type[Edit]] = {}
@@ -97,7 +93,7 @@ def edit_of(values: Any) -> Edit:
         ValueError: It is none, or one that cannot be.
     """
     if not isinstance(values, dict) or not isinstance(values.get("edit"), str):
-        raise InputError(f"{values!r} is no edit; it needs the key 'edit' with the name of its kind")
+        raise InputError(f"{shown(values)} is no edit; it needs the key 'edit' with the name of its kind")
     fields = dict(values)
     name = fields.pop("edit")
     cls = _CLASSES.get(name)
@@ -334,7 +330,7 @@ class SetChannel(Edit):
         reach = self.reach
         if reach is not None:
             if not isinstance(reach, Sequence) or len(reach) != 2:
-                raise InputError(f"reach is {reach!r}; give two places, (from, to)")
+                raise InputError(f"reach is {shown(reach)}; give two places, (from, to)")
             reach = (_place(reach[0], "reach[0]"), _place(reach[1], "reach[1]"))
             if self.discharge is not None:
                 raise InputError("discharge cannot be set in a reach: it is that of the channel; leave reach out")
@@ -380,7 +376,7 @@ class EditTerrain(Edit):
             if getattr(self, name) is None:
                 raise InputError(f"{name} is missing; to {self.operation} give {', '.join(needed)}")
         if self.level is not None and self.operation not in ("flatten", "ridge"):
-            raise InputError(f"level is {self.level!r}; only flatten goes to one")
+            raise InputError(f"level is {shown(self.level)}; only flatten goes to one")
         for name in others:
             if getattr(self, name) is not None:
                 raise InputError(f"{name} is given, which {self.operation} does not take; leave it out")
@@ -433,25 +429,6 @@ class AvulseChannel(Edit):
 
 
 @dataclasses.dataclass(frozen=True)
-class SetControls(Edit):
-    """Let other controls hold from the next step on; to set ``simulation.controls`` is to do this.
-
-    Attributes:
-        controls: The controls, of :mod:`warpriver.meander`; kept as pairs of words, in JSON, and numbers. The words
-            {"kept": k} stand for the control that had the place k before.
-    """
-
-    controls: tuple[Told, ...]
-
-    def check(self) -> dict[str, Any]:
-        """Take the controls as words and numbers."""
-        given: Any = self.controls
-        if hasattr(given, "told") or not isinstance(given, Sequence) or isinstance(given, str):
-            given = (given,)
-        return {"controls": tuple(_told(control) for control in given)}
-
-
-@dataclasses.dataclass(frozen=True)
 class PaintControl(Edit):
     """Set cells of a painted control field; what is painted on a field itself is told by this.
 
@@ -471,7 +448,7 @@ class PaintControl(Edit):
             raise InputError(f"window is {self.window!r}; give first row, first column, rows and columns")
         row, column = (whole(value, "window") for value in self.window[:2])
         rows, columns = (whole(value, "window", 1) for value in self.window[2:])
-        values = np.asarray(floats(self.values, "values"))
+        values = floats(self.values, "values")
         if values.shape != (rows * columns,):
             raise InputError(f"values have the shape {values.shape}; give one for each of {rows} x {columns} cells")
         return {
@@ -479,22 +456,6 @@ class PaintControl(Edit):
             "window": (row, column, rows, columns),
             "values": tuple(values.tolist()),
         }
-
-
-def _told(control: Any) -> Told:
-    """A control as its words and numbers."""
-    if hasattr(control, "told"):
-        return control.told()
-    if not isinstance(control, Sequence) or isinstance(control, str) or len(control) != 2:
-        raise InputError(f"controls holds {shown(control)}; give controls, or pairs of their words and numbers")
-    words, numbers = control
-    try:
-        known = isinstance(json.loads(words), dict)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{shown(words)} are no words of a control: {error}") from error
-    if not known:
-        raise InputError(f"{shown(words)} are no words of a control; give a JSON object")
-    return words, tuple(floats(numbers, "numbers").ravel().tolist())
 
 
 def _channel(value: Any, name: str = "channel") -> int:

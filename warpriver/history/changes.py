@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from warpriver.edits.values import Edit, PaintControl, SetControls, edit_of
+from warpriver.edits.values import Edit, PaintControl, edit_of
 from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
@@ -148,7 +148,6 @@ class ControlChange(Event):
 
     Attributes:
         time: yr; the controls hold from there on.
-        step: Steps done before it; -1: the run began with them.
         controls: What they are, as JSON: an object for each, with its kind and how many of the numbers are its own, or
             the place that it had among the controls before.
         numbers: Their numbers, those of rasters among them, end to end.
@@ -159,7 +158,6 @@ class ControlChange(Event):
         columns: Its columns.
     """
 
-    step: int
     controls: str
     numbers: np.ndarray
     cell_size: float
@@ -167,20 +165,6 @@ class ControlChange(Event):
     north: float
     rows: int
     columns: int
-
-    def parts(self) -> Iterator[tuple[dict[str, Any], int, int]]:
-        """Yield the words of each control, and where its numbers begin and end."""
-        first = 0
-        for words in json.loads(self.controls):
-            count = words.pop("count", 0)
-            yield words, first, first + count
-            first += count
-
-    @property
-    def edit(self) -> SetControls:
-        """The edit, to be done again."""
-        told = ((json.dumps(words), tuple(self.numbers[a:b].tolist())) for words, a, b in self.parts())
-        return SetControls(tuple(told))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,6 +7,7 @@ long a step may be. :func:`shape_junctions` gives tributaries the angle that fit
 :class:`AvulsionParams` lets channels leave their courses.
 """
 
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -32,6 +33,7 @@ __all__ = [
     "Guide",
     "JunctionParams",
     "Repeller",
+    "SetControls",
     "junction_angles",
     "migration_rate",
     "shape_junctions",

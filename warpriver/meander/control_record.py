@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,9 @@ from warpriver.meander.controls import (
     Repeller,
 )
 from warpriver.raster import Raster
+from warpriver.validate import shown
 
-__all__ = ["change_to", "controls_after", "controls_of", "layout_after", "stroke_of"]
+__all__ = ["change_to", "control_of", "controls_after", "described", "layout_after", "stroke_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,14 +36,11 @@ KINDS: dict[str, type[Control]] = {
 PLACE = 5
 
 
-def change_to(
-    time: float, step: int, before: Sequence[Control], after: Sequence[Control], layout: Layout | None
-) -> ControlChange:
+def change_to(time: float, before: Sequence[Control], after: Sequence[Control], layout: Layout | None) -> ControlChange:
     """Return the event of a change of controls.
 
     Args:
         time: yr.
-        step: Steps done, -1 for what a run begins with.
         before: Controls until then; those that stay are not told again.
         after: Controls from then on.
         layout: Raster that they are stamped into, None without any.
@@ -61,7 +59,31 @@ def change_to(
             told.append({**words, "count": len(own)})
             numbers.append(own)
     place = Layout(0.0, 0.0, 0.0, 0, 0) if layout is None else layout
-    return ControlChange(time, step, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
+    return ControlChange(time, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
+
+
+def described(control: Control) -> dict[str, Any]:
+    """Return a control as JSON can hold it; :func:`control_of` makes it again.
+
+    Raises:
+        ValueError: A control of a kind that no history can keep.
+    """
+    words, numbers = control.packed()
+    return {**words, "numbers": numbers.tolist()}
+
+
+def control_of(values: Mapping[str, Any], device: wp.DeviceLike = "cpu") -> Control:
+    """Return the control that :func:`described` told of.
+
+    Raises:
+        ValueError: It is none, or one that cannot be.
+    """
+    if values.get("kind") not in KINDS or "numbers" not in values:
+        raise InputError(f"{shown(dict(values))} is no control; it needs a kind, of {', '.join(KINDS)}, and numbers")
+    try:
+        return _unpacked(dict(values), np.asarray(values["numbers"], np.float64), device)
+    except (TypeError, IndexError, ValueError) as error:
+        raise InputError(f"a control of the kind {values['kind']} is damaged: {error}") from error
 
 
 def stroke_of(
@@ -97,23 +119,15 @@ def layout_after(events: Iterable[Event]) -> Layout | None:
 
 
 def _changed(before: Sequence[Control], event: ControlChange, device: wp.DeviceLike) -> tuple[Control, ...]:
-    return controls_of([(words, event.numbers[a:b]) for words, a, b in event.parts()], before, device)
-
-
-def controls_of(
-    told: Iterable[tuple[dict[str, Any], FloatArray]], before: Sequence[Control], device: wp.DeviceLike
-) -> tuple[Control, ...]:
-    """Return controls of their words and numbers; ``before`` are those that they take the place of.
-
-    Raises:
-        ValueError: Words or numbers that no control has.
-    """
     found: list[Control] = []
-    for words, numbers in told:
-        try:
-            found.append(before[words["kept"]] if "kept" in words else _unpacked(words, numbers, device))
-        except (LookupError, TypeError, ValueError) as error:
-            raise InputError(f"{words!r} with {len(numbers)} numbers is no control: {error}") from error
+    first = 0
+    for words in json.loads(event.controls):
+        if "kept" in words:
+            found.append(before[words["kept"]])
+            continue
+        count = words["count"]
+        found.append(_unpacked(words, event.numbers[first : first + count], device))
+        first += count
     return tuple(found)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import json
 import math
 import os
 from collections.abc import Sequence
@@ -78,18 +77,14 @@ class Control:
         """
         raise InputError(f"a control is a {type(self).__name__}, which no history can keep; give {GIVEN}")
 
-    def told(self) -> tuple[str, tuple[float, ...]]:
-        """Return the same as text, in JSON, and a tuple; see :class:`warpriver.edits.SetControls`."""
-        words, numbers = self.packed()
-        return json.dumps(words), tuple(numbers.tolist())
-
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not dataclasses.is_dataclass(self):
             return self is other
         names = [field.name for field in dataclasses.fields(self)]
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self.bounds()))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -371,7 +366,7 @@ class ControlField(Control):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ControlField) and _same_raster(self.raster, other.raster)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
 
 class RateControl(Control):
@@ -456,7 +451,7 @@ class RateControl(Control):
         assert self.polygon is not None and other.polygon is not None
         return (self.factor, self.blend) == (other.factor, other.blend) and np.array_equal(self.polygon, other.polygon)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
     def __repr__(self) -> str:
         what = repr(self.raster) if self.polygon is None else f"{len(self.polygon)} corners, factor={self.factor:g}"

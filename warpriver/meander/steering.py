@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from warpriver.edits.values import PaintControl, SetControls
+from warpriver.edits.values import PaintControl
 from warpriver.engine.state import State
 from warpriver.errors import InputError
 from warpriver.history import Event
 from warpriver.meander.control_map import ControlMap, Layout, changes, merged
-from warpriver.meander.control_record import change_to, controls_after, controls_of, layout_after, stroke_of
+from warpriver.meander.control_record import change_to, controls_after, layout_after, stroke_of
 from warpriver.meander.controls import Bounds, Control, ControlField, checked_controls
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -64,24 +63,24 @@ class Steering:
             self.map = ControlMap(self.controls, area=self._area, layout=layout, crs=self._crs, device=self._device)
         self._seen = self._strokes()
 
-    def begin(self) -> list[Event]:
+    def begin(self, time: float) -> list[Event]:
         """Return the event of the controls that a run begins with; none without any."""
-        return [change_to(0.0, -1, (), self.controls, self._layout)] if self.controls else []
+        return [change_to(time, (), self.controls, self._layout)] if self.controls else []
 
-    def replace(self, controls: object, state: State) -> list[Event]:
-        """Let other controls hold from the next step on, and return the event of that; none where they are the same.
+    def replace(self, controls: object, state: State, time: float) -> list[Event]:
+        """Let other controls hold from the next step on, and return the events of that.
 
         Raises:
             ValueError: Something that is no control, or one in another CRS; then nothing has changed.
         """
         after = checked_controls(controls, self._crs)
+        painted = self.take_strokes(state, time)
         boxes = changes(self.controls, after)
         if not boxes and len(after) == len(self.controls):
             if all(a is b for a, b in zip(self.controls, after, strict=True)):
-                return []
+                return painted
         told = self._serving(after)
-        layout = None if told is None else told.layout
-        event = change_to(_time(state), state.step_count, self.controls, after, layout)
+        event = change_to(time, self.controls, after, None if told is None else told.layout)
         read = self.map is not None and (self.map.pulls, self.map.scales)
         if told is not None and told is self.map:
             told.update(after)
@@ -91,50 +90,45 @@ class Steering:
             state.steer(told)
         self._seen = self._strokes()
         self._hasten(state, boxes)
-        return [event]
+        return [*painted, event]
 
-    def do(self, edit: SetControls | PaintControl, state: State) -> list[Event]:
-        """Do an edit of controls, and return its events.
+    def put_back(self, controls: tuple[Control, ...], before: ControlMap | None, state: State) -> None:
+        """Go back to controls that held between the same two steps, stamped into the map that they had."""
+        read = None if self.map is None else (self.map.pulls, self.map.scales)
+        if before is not None:
+            # Another map has not got what was painted since.
+            painted = [control.bounds() for control in controls if isinstance(control, ControlField)]
+            before.update(controls, painted if before is not self.map else ())
+        self.controls = controls
+        if before is not self.map or (before is not None and read != (before.pulls, before.scales)):
+            self.map = before
+            state.steer(before)
+        self._seen = self._strokes()
+
+    def paint(self, edit: PaintControl, state: State) -> tuple[list[Event], Callable[[], None]]:
+        """Set cells of a field; return the events of that, and what takes it back.
 
         Raises:
-            ValueError: It cannot be done, and nothing has changed.
+            ValueError: There is no such field, or no such cells; nothing has changed.
         """
-        if isinstance(edit, SetControls):
-            told = [(json.loads(words), np.array(numbers)) for words, numbers in edit.controls]
-            return self.replace(controls_of(told, self.controls, self._device), state)
         field = self.controls[edit.control] if edit.control < len(self.controls) else None
         row, column, rows, columns = edit.window
         if not isinstance(field, ControlField):
             raise InputError(f"control {edit.control} is no field that could be painted")
         if row + rows > field.raster.shape[0] or column + columns > field.raster.shape[1]:
             raise InputError(f"window {edit.window} lies beyond the field, which has {field.raster.shape} cells")
+        before, bounds = field.raster.cells(edit.window), field.raster.centers(edit.window)
         field.raster.put_cells(edit.window, np.reshape(edit.values, (rows, columns)))
-        field.mark_painted(field.raster.centers(edit.window))
-        return self.take_strokes(state)
+        field.mark_painted(bounds)
 
-    def keep(self, state: State) -> Callable[[], None]:
-        """Return what brings the controls back to what they are now, and the plan of the next step with them."""
-        controls, held, pace = self.controls, self.map, state.pace.numpy().copy()
-        cells = {k: (c, c.raster.numpy()) for k, c in enumerate(controls) if isinstance(c, ControlField)}
+        def back() -> None:
+            field.raster.put_cells(edit.window, before)
+            if self.map is not None:
+                self.map.update(self.controls, [_widened(bounds, field.raster.cell_size)])
 
-        def put_back() -> None:
-            boxes: list[Bounds] = []
-            for field, values in cells.values():
-                if not np.array_equal(field.raster.numpy(), values, equal_nan=True):
-                    field.raster.values.assign(values)
-                    boxes.append(field.bounds())
-            if held is not self.map:
-                self.map = held
-                state.steer(held)
-            if held is not None:
-                held.update(controls, boxes)
-            self.controls, self._seen = controls, {}
-            self._seen = self._strokes()
-            state.pace.assign(pace)
+        return self.take_strokes(state, state.step_count * float(state.params.time_step)), back
 
-        return put_back
-
-    def take_strokes(self, state: State) -> list[Event]:
+    def take_strokes(self, state: State, time: float) -> list[Event]:
         """Stamp what was painted since the last look, and return the events of that."""
         if self.map is None or not self._seen:
             return []
@@ -147,7 +141,7 @@ class Steering:
             for bounds in new:
                 window = field.raster.window(*bounds)
                 if window is not None:
-                    found.append(stroke_of(_time(state), state.step_count, place, field, window))
+                    found.append(stroke_of(time, state.step_count, place, field, window))
                     # Between centres the field is linear: a cell reaches as far as the next centre.
                     boxes.append(_widened(bounds, field.raster.cell_size))
         if found:
@@ -186,10 +180,6 @@ class Steering:
             pull = np.zeros(len(xy))
             pull[near] = np.hypot(*self.map.gradient(xy[near]).T)
             state.hasten_by(1.0 + np.maximum.reduceat(pull, start[:-1]))
-
-
-def _time(state: State) -> float:
-    return state.step_count * float(state.params.time_step)
 
 
 def _widened(bounds: Bounds, reach: float) -> Bounds:
