@@ -109,7 +109,7 @@ class EditStack:
         elif isinstance(edit, edits.EditTerrain):
             back = _edit_ground(stepper, edit)
         elif isinstance(edit, edits.AvulseChannel):
-            back = _leave_course(stepper, history, edit)
+            back = _avulse(stepper, history, edit)
         else:
             back = self._edit_network(stepper, edit)
         if not isinstance(edit, edits.PaintControl):  # told as a stroke
@@ -139,20 +139,20 @@ def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
     return lambda: raster.put_cells(window, cells)
 
 
-def _leave_course(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
-    new, state = _new_course(edit, stepper), stepper.state
-    before, raster = stepper.snapshot(), None if state.terrain is None else state.terrain.raster
+def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
+    new, state, before = _new_course(edit, stepper), stepper.state, stepper.snapshot()
+    raster = None if state.terrain is None else state.terrain.raster
     window = None if state.terrain is None else new.window(state.terrain)
     cells = None if raster is None or window is None else raster.cells(window)
-    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
-    carve(state, new)
-    _adopt(stepper, rework_courses(state, [new]))
 
     def back() -> None:
         stepper.put_back(before)
         if raster is not None and window is not None and cells is not None:
             raster.put_cells(window, cells)
 
+    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+    carve(state, new)
+    _adopt(stepper, rework_courses(state, [new]))
     return back
 
 

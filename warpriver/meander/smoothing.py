@@ -13,6 +13,7 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch, whole_share
 from warpriver.engine.state import State
 from warpriver.errors import InputError
+from warpriver.kernels import junctions
 from warpriver.kernels import smoothing as kernels
 from warpriver.network import RiverNetwork
 from warpriver.public import public
@@ -29,17 +30,21 @@ LONGEST_WAVE = -1.0
 class Smooth(Phase):
     """Smooths ``state.point_moved`` by ``params.taubin_passes`` pairs of passes; inactive channels stay as they are.
 
+    The links of a stem are smoothed as one line. What else ends at their nodes follows in the phase of the junctions.
+
     Attributes:
-        point_smoothed: (P,) vec2, what a pass gives; None without passes.
+        point_smoothed: (P,) vec2, what a pass gives; None without passes. ``shift``: (C,) vec2, scratch.
     """
 
     name = "smooth"
     point_smoothed: wp.array | None
+    shift: wp.array
 
     def allocate(self, state: State) -> None:
         """Make the device array."""
         passes = int(state.params.taubin_passes)
         self.point_smoothed = state.zeros(state.point_capacity, state.vec2) if passes > 0 else None
+        self.shift = state.zeros(state.channel_capacity, state.vec2)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stage of all passes; none without passes."""
@@ -48,13 +53,20 @@ class Smooth(Phase):
         there, back, passes = state.point_moved, self.point_smoothed, int(state.params.taubin_passes)
         kernel, channels = kernels.build(state.scalar), state.channels()
 
+        def settle(whole: Share) -> None:
+            settle_heads, inputs = junctions.build(state.scalar).settle_heads, [state.network.point_xy, whole.work]
+            launch(settle_heads, state.channel_capacity, [channels, *inputs], [self.shift, there], state.device)
+
         def run(share: Share) -> None:
             for _ in range(passes):
                 for swell, before, after in ((0, there, back), (1, back, there)):
                     inputs = [channels, STRENGTH, LONGEST_WAVE, swell, share.work, before]
                     launch(kernel.smooth_points, share.point_threads, inputs, [after], state.device)
 
-        return [Stage("smooth", run)]
+        if state.stems is None or not state.stems.joined:
+            return [Stage("smooth", run)]
+        # Links read of each other, in every pass.
+        return [Stage("smooth", settle, shared=False), Stage("smooth", run, shared=False)]
 
     def check(self, state: State) -> None:
         """Points are finite, and the ends of channels have not moved."""
