@@ -107,10 +107,11 @@ class Guide(Params, Control):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "xy", _frozen_points(self.xy, "Guide.xy", 2))
+        object.__setattr__(self, "_bounds", _around(np.asarray(self.xy), self.radius))
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.asarray(self.xy), self.radius)
+        return self._bounds  # type: ignore[attr-defined]
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -149,7 +150,8 @@ class Attractor(Params, Control):
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.array([self.center]), self.radius)
+        (x, y), reach = self.center, self.radius
+        return x - reach, y - reach, x + reach, y + reach
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -411,6 +413,7 @@ class RateControl(Control):
         if self.factor > self.highest:
             raise InputError(f"{kind}.factor is {self.factor:g}; the range is 0 to {self.highest:g}")
         self.polygon = _frozen_points(area, f"{kind}.area", 3)
+        self._bounds = _around(self.polygon, 0.0)
 
     def _default_factor(self) -> float:
         raise InputError(f"{type(self).__name__}.factor is missing; give the factor of the rate in the polygon")
@@ -419,7 +422,7 @@ class RateControl(Control):
         """Return what it reaches, (west, south, east, north) in m."""
         if self.raster is not None:
             return self.raster.bounds
-        return _around(np.asarray(self.polygon), 0.0)
+        return self._bounds
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
