@@ -570,21 +570,16 @@ def test_controls_are_edits_as_any_other(tmp_path, device):
         assert bits(again) == bits(sim) and again.controls == sim.controls
 
 
-def test_painted_controls_are_no_edits_and_that_is_told():
+def test_painted_controls_are_edits():
     sim = river()
     field = wr.meander.ControlField.blank((-1_000.0, -3_000.0, 13_000.0, 3_000.0), 200.0)
     sim.controls = field
     sim.run(steps=2)
-    assert not sim.history.edits
-    with pytest.raises(
-        InputError, match="controls of the run were painted or set at 0 yr, which its edits do not tell"
-    ):
-        Simulation.replay(river(), sim.history)
-    told = river()
-    told.apply(wr.meander.SetControls(field))
-    told.run(steps=2)
-    again = Simulation.replay(river(), told.history, steps=2)
-    assert bits(again) == bits(told) and again.controls == (field,)
+    field.paint((5_000.0, 500.0), 1_500.0, 300.0)
+    sim.run(steps=2)
+    assert [event.step for event in sim.history.edits] == [0, 2]
+    again = Simulation.replay(river(), sim.history)
+    assert bits(again) == bits(sim) and again.controls == (field,)
     with pytest.raises(InputError, match="is no control; it needs a kind"):
         wr.meander.SetControls([{"kind": "Dam"}])
     with pytest.raises(InputError, match="controls holds a str"):
