@@ -19,6 +19,7 @@ __all__ = [
     "as_toml",
     "check_keys",
     "describe_fields",
+    "holds_scene",
     "list_of_tables",
     "made",
     "nearest",
@@ -53,6 +54,14 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         raise InputError(f"{path}: not TOML of {what}: it is nested too deeply") from None
     except ValueError as error:
         raise InputError(f"{path}: not TOML: {error}") from None
+
+
+def holds_scene(path: Path) -> bool:
+    """Tell a scene from a valley file: it has a network, or how long it runs; whoever reads it says what is wrong."""
+    try:
+        return bool({"network", "run", "edit", "session"} & set(read_toml(path, "a scene")))
+    except (InputError, PathError):
+        return False
 
 
 def _toml() -> Any:

@@ -38,6 +38,7 @@ from warpriver.io.meshes import read_mesh
 from warpriver.io.tables import (
     as_toml,
     describe_fields,
+    holds_scene,
     list_of_tables,
     made,
     nearest,
@@ -102,6 +103,8 @@ def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
     data = read_toml(path, "a valley")
     constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
     known = {*constants, "control", "line", *TABLES, *LISTS}
+    if holds_scene(path):
+        raise InputError(f"{path} is a scene, no valley; wr.read_scene reads it, and warpriver simulate runs it")
     for key in data:
         if key not in known:
             raise InputError(f"{path}: {key} = {shown(data[key])} is no key of a valley; {nearest(key, known)}")

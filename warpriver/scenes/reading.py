@@ -18,7 +18,17 @@ from warpriver.errors import InputError
 from warpriver.history import Every
 from warpriver.hydrology.extraction import extract_network
 from warpriver.io.raster.terrains import read_raster, read_terrain, terrain_formats
-from warpriver.io.tables import check_keys, list_of_tables, made, nearest, neighbour, raising, read_toml, shown
+from warpriver.io.tables import (
+    check_keys,
+    holds_scene,
+    list_of_tables,
+    made,
+    nearest,
+    neighbour,
+    raising,
+    read_toml,
+    shown,
+)
 from warpriver.io.vector.networks import line_formats, read_network
 from warpriver.meander.controls import (
     Attractor,
@@ -122,6 +132,8 @@ def read_scene(path: str | os.PathLike[str], *, folders: Iterable[str | os.PathL
     """
     file = _File(Path(path), tuple(Path(folder) for folder in folders))
     data = read_toml(file.path, "a scene")
+    if not holds_scene(file.path) and {"width", "slope", "length"} <= set(data):
+        raise InputError(f"{path} is a valley file, no scene; wr.io.read_valley and warpriver valley read it")
     for key in data:
         if key not in {*TABLES, "name"}:
             known = {*TABLES, "name"}

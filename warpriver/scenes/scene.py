@@ -92,7 +92,12 @@ class Scene:
         return first_step(time, self.params.time_step)
 
     def play(
-        self, simulation: Simulation, *, store: str | os.PathLike[str] | None = None, progress: bool = False
+        self,
+        simulation: Simulation,
+        *,
+        store: str | os.PathLike[str] | None = None,
+        callbacks: Sequence[Any] = (),
+        progress: bool = False,
     ) -> History:
         """Run a simulation of this scene from where it is to the end, with controls and edits at their times.
 
@@ -101,6 +106,7 @@ class Scene:
         Args:
             simulation: One that :meth:`simulation` made.
             store: Folder to stream the history into.
+            callbacks: As those of :meth:`Simulation.run`.
             progress: Show a bar on standard error.
 
         Raises:
@@ -112,7 +118,11 @@ class Scene:
                 continue
             if step > simulation.step_count or step == plan.steps:
                 history = simulation.run(
-                    steps=step - simulation.step_count, record_every=plan.record_every, store=store, progress=progress
+                    steps=step - simulation.step_count,
+                    record_every=plan.record_every,
+                    store=store,
+                    callbacks=callbacks,
+                    progress=progress,
                 )
                 if history.stop_reason is not StopReason.COMPLETED:
                     break
