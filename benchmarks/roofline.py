@@ -117,15 +117,15 @@ STEP = (
         *_written("channel_step_out", "channel_pace_out", per="channel"),
         Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
-    Launch("migrate", "migration", "compute_rate", (
+    Launch("migrate", "migration", "compute_velocity", (
         *CHANNELS, *_read("channels.area", per="ring"),
-        *_read("points.xy"), *_read("points.section", per="section"), *_written("point_rate_out"),
+        *_read("points.xy"), *_read("points.section", per="section"), *_written("point_velocity_out"),
         *_written("memory_out.end", "memory_out.fade", per="link"),
     )),
     Launch("migrate", "migration", "move_points", (
         *CHANNELS, *_read("channels.area", per="ring"),
-        *_read("points.xy", "point_rate"), *_read("points.section", per="section"),
-        *_read("memory.tail", "memory.ends", per="link"),
+        *_read("points.xy", "point_velocity"), *_read("points.section", per="section"),
+        *_read("memory.tail", per="link"),
         Moved("ground.height", read=4.0, per="terrain"),
         # Of the blocks of controls one a point; what they hold where a block has any.
         *_read("ground.steering.block_mobility", per="controls"), *_read("ground.steering.highest", per="event"),

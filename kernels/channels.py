@@ -99,8 +99,9 @@ def build(scalar):
         """Points begin .. stop - 1 of one channel, which a thread takes together, and what the channel is.
 
         The channel has the points first .. last. ``upper`` and ``lower`` are the links that go on from it upstream and
-        downstream, -1 for none, ``head`` and ``foot`` their points at the junctions, which lie where its own ends do.
-        ``end`` is where the last run of the thread ends.
+        downstream, -1 for none, ``head`` and ``foot`` their points at the junctions, which lie where its own ends do,
+        ``head_first`` and ``foot_last`` the ones at their other ends. ``end`` is where the last run of the thread
+        ends.
         """
 
         channel: int
@@ -112,6 +113,8 @@ def build(scalar):
         lower: int
         head: int
         foot: int
+        head_first: int
+        foot_last: int
         form: Form
         spacing: scalar
         step: scalar
@@ -173,8 +176,10 @@ def build(scalar):
             run.lower = channels.stems.lower[channel]
             if run.upper >= 0:
                 run.head = channels.start[run.upper + 1] - 1
+                run.head_first = channels.start[run.upper]
             if run.lower >= 0:
                 run.foot = channels.start[run.lower]
+                run.foot_last = channels.start[run.lower + 1] - 1
         run.form = channels.form[channel]
         run.spacing = channels.spacing[channel]
         run.step = channels.step[channel]

@@ -68,6 +68,7 @@ def build(scalar):
 
         distance: scalar
         node_reach: scalar
+        neck_arc: scalar
         block: scalar
         reach: scalar
         level_count: int
@@ -202,6 +203,14 @@ def build(scalar):
         return channels.form[channel].width
 
     @wp.func(module=name)
+    def reach_along(channels: Channels, constants: CollisionConstants, c: int, d: int) -> scalar:
+        """Reach of a node that two channels share, in widths; links of a stem have necks there, as one channel has."""
+        if channels.stems.lower:
+            if channels.stems.lower[c] == d or channels.stems.lower[d] == c:
+                return constants.neck_arc
+        return constants.node_reach
+
+    @wp.func(module=name)
     def first_contact(
         points: Points,
         channels: Channels,
@@ -225,7 +234,7 @@ def build(scalar):
                     width_d = width_at(points, channels, d, j)
                     touch = HALF * constants.distance * (width_c + width_d)
                     if wp.length_sq(points.xy[j] - points.xy[i]) < touch * touch:
-                        reach = constants.node_reach * wp.max(width_c, width_d)
+                        reach = reach_along(channels, constants, c, d) * wp.max(width_c, width_d)
                         if not near_shared_node(channels, channel_nodes, c, d, i, j, reach):
                             result = wp.vec2i(i, j)
         return result

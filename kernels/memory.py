@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.channels import EDGE_NONE, Work
+from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EAST, Work
 from warpriver.kernels.status import HALT
 from warpriver.kernels.variants import once
 
@@ -22,7 +22,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.memory_{scalar.__name__}"
     line = polyline.build(scalar)
-    vec2, vec3 = line.vec2, wp.types.vector(3, scalar)
+    vec2, vec3, vec4 = line.vec2, line.vec3, wp.types.vector(4, scalar)
     Channels, Points, Run, Ends = line.Channels, line.Points, line.Run, line.Ends
     ZERO, ONE = scalar(0.0), scalar(1.0)
     EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (8.0 / 9.0, 0.25, 2.0 / 3.0))
@@ -71,17 +71,15 @@ def build(scalar):
     class Memory:
         """What the links of stems hand on, by channel; the arrays are missing where no channel goes on in another one.
 
-        A link turns the upstream mean I and the smoothed rate u that enter it into A I + B and R u + T I + S: ``end``
-        is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is the (I, u) that enters.
-        ``tail`` is the rate just downstream of a link, smoothed upstream to there. ``ends`` is how far the ends of the
-        stem are.
+        A link turns the upstream mean I and the smoothed velocity u that enter it into A I + B and R u + T I + S, where
+        u, T, S are vectors: ``end`` is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is
+        the (I, u) that enters. ``tail`` is the velocity just downstream of a link, smoothed upstream to there.
         """
 
-        end: wp.array[vec2]
-        fade: wp.array[vec3]
-        start: wp.array[vec2]
-        tail: wp.array[scalar]
-        ends: wp.array[Ends]
+        end: wp.array[vec3]
+        fade: wp.array[vec4]
+        start: wp.array[vec3]
+        tail: wp.array[vec2]
 
     @wp.func(module=name)
     def decay_weights(x: scalar) -> vec3:
@@ -199,47 +197,6 @@ def build(scalar):
         return run.lower >= 0 and channels.step[wp.max(run.lower, 0)] > ZERO
 
     @wp.func(module=name)
-    def fade_of(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> vec3:
-        """(A, R, T) of a link, see ``Memory``."""
-        r = terms.root
-        q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
-        mean = scalar(1.0)
-        root = scalar(1.0)
-        mixed = scalar(0.0)
-        for j in range(run.first + 1, run.last + 1):
-            if points.section:
-                q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
-                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            mean = mean * q
-            mixed = (ONE - r) * terms.upstream * mean + r * mixed
-            root = root * r
-            if mean < LOST and root < LOST and mixed < LOST:
-                return vec3(ZERO, ZERO, ZERO)
-        return vec3(mean, root, mixed)
-
-    @wp.func(module=name)
-    def chained_start(channels: Channels, memory: Memory, run: Run) -> vec2:
-        """Upstream mean and smoothed rate that enter a link: what the links upstream hand on, until all is lost."""
-        mean = scalar(1.0)
-        root = scalar(1.0)
-        mixed = scalar(0.0)
-        start = vec2(ZERO, ZERO)
-        below = int(run.channel)
-        link = int(run.upper)
-        while link >= 0 and (mean > LOST or root > LOST or mixed > LOST):
-            if channels.step[link] == ZERO and channels.step[below] == ZERO:
-                # Its rates were not computed: from here on upstream the river counts as straight.
-                return start
-            end, fade = memory.end[link], memory.fade[link]
-            start = start + vec2(mean * end[0], root * end[1] + mixed * end[0])
-            mixed = root * fade[2] + mixed * fade[0]
-            mean = mean * fade[0]
-            root = root * fade[1]
-            below = link
-            link = channels.stems.upper[link]
-        return start
-
-    @wp.func(module=name)
     def free_ends(run: Run, constants: MigrationConstants) -> Ends:
         """Ends of a channel that no other goes on from. Where it leaves the map its foot is not held."""
         reach = constants.end_damping * run.form.width
@@ -249,7 +206,9 @@ def build(scalar):
 
     @wp.func(module=name)
     def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
-        """How far the ends of its stem are from a link, or the locked points in it, as far as they are felt."""
+        """How far the ends of its river, or the locked points in it, are from a channel, as far as they are felt."""
+        if run.upper < 0 and run.lower < 0:
+            return free_ends(run, constants)
         top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
         ends = free_ends(line.whole_run(channels, bottom), constants)
         ends.head_reach = constants.end_damping * channels.form[top].width
@@ -267,6 +226,60 @@ def build(scalar):
             ends.foot_reach = constants.end_damping * channels.form[link].width
         # A link that was not looked at lies farther away than the end is felt.
         return ends
+
+    @wp.func(module=name)
+    def fade_of(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> vec4:
+        """(A, R, T) of a link, see ``Memory``. Points from which R would not reach its end have no share in T."""
+        r = terms.root
+        ends = ends_of(channels, run, constants)
+        depth = segment_depth(points, run, constants.friction, run.first, run.first)
+        begin = run.last - line.recurrence_reach(r)
+        optical = scalar(0.0)
+        root = scalar(1.0)
+        mixed = vec2(ZERO, ZERO)
+        j = int(run.first + 1)
+        if begin > j:
+            # Beyond that reach R is lost.
+            root = ZERO
+            if not points.section:
+                optical = depth * scalar(begin - j)
+                j = begin
+        while j <= run.last:
+            if points.section:
+                depth = segment_depth(points, run, constants.friction, j - 1, j)
+                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
+            optical += depth
+            if j >= begin:
+                felt = terms.upstream * line.end_weight(j, run, ends) * wp.exp(-optical)
+                mixed = ((ONE - r) * felt) * line.normal_at(channels, points.xy, j, run) + r * mixed
+                root = root * r
+            j += 1
+        if line.foot_held(channels, run.channel):
+            return vec4(wp.exp(-optical), ZERO, ZERO, ZERO)
+        return vec4(wp.exp(-optical), root, mixed[0], mixed[1])
+
+    @wp.func(module=name)
+    def chained_start(channels: Channels, memory: Memory, run: Run) -> vec3:
+        """Upstream mean and smoothed velocity that enter a link: what the links upstream hand on, until all is lost."""
+        mean = scalar(1.0)
+        root = scalar(1.0)
+        mixed = vec2(ZERO, ZERO)
+        start = vec3(ZERO, ZERO, ZERO)
+        below = int(run.channel)
+        link = int(run.upper)
+        while link >= 0 and (mean > LOST or root > LOST or wp.length(mixed) > LOST):
+            if channels.step[link] == ZERO and channels.step[below] == ZERO:
+                # Its velocities were not computed: from here on upstream the river counts as straight.
+                return start
+            end, fade = memory.end[link], memory.fade[link]
+            smoothed = root * vec2(end[1], end[2]) + end[0] * mixed
+            start = start + vec3(mean * end[0], smoothed[0], smoothed[1])
+            mixed = root * vec2(fade[2], fade[3]) + fade[0] * mixed
+            mean = mean * fade[0]
+            root = root * fade[1]
+            below = link
+            link = channels.stems.upper[link]
+        return start
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_stems(
@@ -291,14 +304,13 @@ def build(scalar):
         # out
         memory_io: Memory,
     ):
-        """What enters each link from upstream, and how far the ends of its stem are.
+        """What enters each link from upstream.
 
         A link hands on (I, u) -> (A I + B, R u + T I + S), so that links are chained without a look at their points.
         """
         channel = wp.tid()
         if work.status[HALT] == 0 and channels.step[channel] > ZERO:
             run = line.whole_run(channels, channel)
-            memory_io.ends[channel] = ends_of(channels, run, constants)
             memory_io.start[channel] = chained_start(channels, memory_io, run)
 
     @wp.kernel(module=name, enable_backward=False)
@@ -312,59 +324,77 @@ def build(scalar):
         # in
         memory: Memory,
         # out
-        point_rate_io: wp.array[scalar],
+        point_velocity_io: wp.array[vec2],
     ):
-        """Add to the rates of each link what enters it, gamma I e^(-depth), smoothed downstream as they are."""
+        """Add to the velocities of each link what enters it, n e gamma I exp(-depth), smoothed downstream alike."""
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
             run = line.whole_run(channels, channel)
             if run.upper >= 0 and run.step > ZERO:
                 terms = terms_of(channels, points.xy, run, constants)
-                mean = scalar(memory.start[channel][0])
-                smoothed = scalar(memory.start[channel][1])
-                lost = LOST * (wp.abs(terms.upstream * mean) + wp.abs(smoothed))
+                start = memory.start[channel]
+                mean = scalar(start[0])
+                smoothed = vec2(start[1], start[2])
+                lost = LOST * (wp.abs(terms.upstream * mean) + wp.length(smoothed))
                 r = terms.root
+                ends = ends_of(channels, run, constants)
                 q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
-                point_rate_io[run.first] = smoothed
+                point_velocity_io[run.first] = smoothed
+                before = points.xy[run.first]
+                here = points.xy[run.first + 1]
                 j = int(run.first + 1)
-                while j <= run.last and wp.abs(terms.upstream * mean) + wp.abs(smoothed) > lost:
+                while j <= run.last and wp.abs(terms.upstream * mean) + wp.length(smoothed) > lost:
                     if points.section:
                         q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
                         r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
                     mean = mean * q
-                    smoothed = (ONE - r) * terms.upstream * mean + r * smoothed
-                    point_rate_io[j] = point_rate_io[j] + smoothed
+                    after = here
+                    if j < run.last:
+                        after = points.xy[j + 1]
+                    normal = line.right_normal(before, after)
+                    if j == run.last:
+                        normal = line.normal_at(channels, points.xy, j, run)
+                    felt = terms.upstream * line.end_weight(j, run, ends)
+                    smoothed = ((ONE - r) * felt * mean) * normal + r * smoothed
+                    point_velocity_io[j] = point_velocity_io[j] + smoothed
+                    before = here
+                    here = after
                     j += 1
 
     @wp.func(module=name)
-    def foot_rate(run: Run, point_rate: wp.array[scalar]) -> scalar:
-        """Smoothed rate at the last point of a stem, which is held, or slides along the edge of the map."""
-        if run.edge != EDGE_NONE:
-            return point_rate[run.last]
-        return ZERO
+    def foot_velocity(channels: Channels, run: Run, point_velocity: wp.array[vec2], smoothed: vec2) -> vec2:
+        """Smoothed velocity at the last point of a channel: where a stem ends it is held, or slides along the edge."""
+        if run.lower >= 0 and not line.foot_held(channels, run.channel):
+            return smoothed
+        velocity = vec2(ZERO, ZERO)
+        if run.edge == EDGE_NORTH_SOUTH:
+            velocity = vec2(ZERO, point_velocity[run.last][1])
+        elif run.edge == EDGE_WEST_EAST:
+            velocity = vec2(point_velocity[run.last][0], ZERO)
+        return velocity
 
     @wp.func(module=name)
     def link_tail(
         channels: Channels,
         points: Points,
-        point_rate: wp.array[scalar],
+        point_velocity: wp.array[vec2],
         link: int,
         constants: MigrationConstants,
-        tail: scalar,
-    ) -> scalar:
-        """Rate of the second point of a link, smoothed upstream to there; ``tail`` comes from downstream of it."""
+        tail: vec2,
+    ) -> vec2:
+        """Velocity of the second point of a link, smoothed upstream to there; ``tail`` comes from downstream of it."""
         run = line.whole_run(channels, link)
         terms = smoothing_of(channels, points.xy, run, constants)
         r = terms.root
-        smoothed = scalar(tail)
+        smoothed = vec2(tail[0], tail[1])
         lowest = wp.min(run.last, run.first + 1 + line.recurrence_reach(r))
         for k in range(0, lowest - run.first):
             j = lowest - k
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_rate[j] + r * smoothed
-            if j == run.last and run.lower < 0:
-                smoothed = foot_rate(run, point_rate)
+            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
+            if j == run.last:
+                smoothed = foot_velocity(channels, run, point_velocity, smoothed)
         return smoothed
 
     @wp.kernel(module=name, enable_backward=False)
@@ -376,11 +406,11 @@ def build(scalar):
         constants: MigrationConstants,
         work: Work,
         # in
-        point_rate: wp.array[scalar],
+        point_velocity: wp.array[vec2],
         # out
-        channel_tail_out: wp.array[scalar],
+        channel_tail_out: wp.array[vec2],
     ):
-        """Rate of the point just downstream of each link, smoothed upstream to there, from as far as it counts.
+        """Velocity of the point just downstream of each link, smoothed upstream to there, from as far as it counts.
 
         A junction is the last point of the link upstream and counts once. Inactive links hold it, and hand nothing on.
         """
@@ -388,7 +418,7 @@ def build(scalar):
         if work.status[HALT] != 0 or channels.step[channel] == ZERO:
             return
         nearest = channels.stems.lower[channel]
-        tail = scalar(0.0)
+        tail = vec2(ZERO, ZERO)
         if nearest >= 0:
             left = scalar(1.0)
             link = int(channel)
@@ -403,16 +433,16 @@ def build(scalar):
                     left = left * wp.pow(root, scalar(run.last - run.first))
                     lower = run.lower
             while link != channel:
-                tail = link_tail(channels, points, point_rate, link, constants, tail)
+                tail = link_tail(channels, points, point_velocity, link, constants, tail)
                 link = channels.stems.upper[link]
         channel_tail_out[channel] = tail
 
     return SimpleNamespace(
         vec2=vec2,
         vec3=vec3,
+        vec4=vec4,
         Channels=Channels,
         Points=Points,
-        Ends=Ends,
         MigrationConstants=MigrationConstants,
         Terms=Terms,
         Memory=Memory,
@@ -425,8 +455,8 @@ def build(scalar):
         terms_of=terms_of,
         is_felt=is_felt,
         fade_of=fade_of,
-        free_ends=free_ends,
-        foot_rate=foot_rate,
+        ends_of=ends_of,
+        foot_velocity=foot_velocity,
         measure_stems=measure_stems,
         chain_links=chain_links,
         add_upstream=add_upstream,

@@ -21,7 +21,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.migration_{scalar.__name__}"
     line, land, past = polyline.build(scalar), grounds.build(scalar), memory.build(scalar)
-    vec2, vec3, bits = line.vec2, past.vec3, line.bits
+    vec2, vec3, bits = line.vec2, line.vec3, line.bits
     Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
     MigrationConstants, Terms, Memory = past.MigrationConstants, past.Terms, past.Memory
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
@@ -32,9 +32,9 @@ def build(scalar):
 
     @wp.struct
     class Sweep:
-        """A sweep down a channel over the points warm .. stop - 1, whose rates count from ``begin`` on.
+        """A sweep down a channel over the points warm .. stop - 1, whose velocities count from ``begin`` on.
 
-        At ``head`` the mean of what lies upstream and the smoothed rate are ``upstream`` and ``smoothed``.
+        At ``head`` the mean of what lies upstream and the smoothed velocity are ``upstream`` and ``smoothed``.
         """
 
         warm: int
@@ -42,7 +42,7 @@ def build(scalar):
         begin: int
         stop: int
         upstream: scalar
-        smoothed: scalar
+        smoothed: vec2
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_rings(
@@ -114,15 +114,6 @@ def build(scalar):
         return fade
 
     @wp.func(module=name)
-    def segment_length(channels: Channels, run: Run, i: int) -> scalar:
-        """Length of the segment from point i on to the next one, also of the links that go on from a channel."""
-        if i < run.first and run.upper >= 0:
-            return channels.spacing[run.upper]
-        if i >= run.last and run.lower >= 0:
-            return channels.spacing[run.lower]
-        return run.spacing
-
-    @wp.func(module=name)
     def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec2:
         """Curvature at a point, to second order, and the second difference of three in a row, as if evenly spaced.
 
@@ -134,12 +125,12 @@ def build(scalar):
         near_foot = run.lower >= 0 and j > run.last - 2
         if not near_head and not near_foot:
             return vec2(k[1], k[0] - TWO * k[1] + k[2])
-        h = segment_length(channels, run, j - 2)
-        a = segment_length(channels, run, j - 1)
-        b = segment_length(channels, run, j)
+        h = line.segment_length(channels, run, j - 2)
+        a = line.segment_length(channels, run, j - 1)
+        b = line.segment_length(channels, run, j)
         x0 = (a - h) * THIRD - a
         x1 = (b - a) * THIRD
-        x2 = (segment_length(channels, run, j + 1) - b) * THIRD + b
+        x2 = (line.segment_length(channels, run, j + 1) - b) * THIRD + b
         slope = (k[1] - k[0]) / (x1 - x0)
         second = ((k[2] - k[1]) / (x2 - x1) - slope) / (x2 - x0)
         curvature = k[1] - x1 * (slope - second * x0)
@@ -160,20 +151,28 @@ def build(scalar):
         return HALF * (strength + strength_of(width, constants))
 
     @wp.func(module=name)
-    def sweep_rate(
+    def swept_normal(channels: Channels, point_xy: wp.array[vec2], j: int, run: Run, bend: vec3) -> vec2:
+        """Normal at a point of a sweep, which came with its curvature where its neighbours are equally far."""
+        if j < run.last or run.lower < 0:
+            return vec2(bend[1], bend[2])
+        return line.normal_at(channels, point_xy, j, run)
+
+    @wp.func(module=name)
+    def sweep_velocity(
         channels: Channels,
         points: Points,
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
         sweep: Sweep,
-        point_rate_out: wp.array[scalar],
-    ) -> vec2:
-        """Rates of a channel's points by one sweep down it; returns (upstream, smoothed) at its end.
+        point_velocity_out: wp.array[vec2],
+    ) -> vec3:
+        """Velocities of a channel's points by one sweep down it; returns (upstream, smoothed) at its end.
 
         The points are evenly spaced, so that a segment's optical depth needs no chord.
         """
         r = terms.root
+        ends = past.ends_of(channels, run, constants)
         before = line.extended_point(points.xy, sweep.warm - 1, run)
         here = line.extended_point(points.xy, sweep.warm, run)
         after = line.extended_point(points.xy, sweep.warm + 1, run)
@@ -183,7 +182,7 @@ def build(scalar):
         lb = wp.length(b)
         lc = wp.length(c)
         k0 = line.circle_curvature(a, b, wp.length(a), lb)
-        k1 = line.circle_curvature(b, c, lb, lc)
+        k1 = line.circle_bend(b, c, lb, lc)
         section = vec2(run.form.width, run.form.depth)
         if points.section:
             section = points.section[line.round_index(sweep.warm, run)]
@@ -194,12 +193,12 @@ def build(scalar):
         q = decay_weights(memory * run.spacing)
         value_before = scalar(0.0)
         upstream = scalar(0.0)
-        smoothed = scalar(0.0)
+        smoothed = vec2(ZERO, ZERO)
         for j in range(sweep.warm, sweep.stop):
             ahead = line.extended_point(points.xy, j + 2, run)
             d = ahead - after
             ld = wp.length(d)
-            k2 = line.circle_curvature(c, d, lc, ld)
+            k2 = line.circle_bend(c, d, lc, ld)
             if points.section:
                 k = int(j)
                 if j < run.first:
@@ -209,26 +208,27 @@ def build(scalar):
                 memory = TWO * constants.friction / section[1]
                 strength = strength_of(section[0], constants)
                 q = decay_weights(HALF * (memory_before + memory) * run.spacing)
-            bend = bend_at(channels, run, j, vec3(k0, k1, k2))
+            bend = bend_at(channels, run, j, vec3(k0, k1[0], k2[0]))
             # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
             value = strength * (bend[0] - SIXTH * bend[1])
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
             local = terms.local * junction_strength(channels, points, run, j, strength, constants)
-            rate = local * (bend[0] - TWELFTH * bend[1]) + terms.upstream * upstream
-            smoothed = (ONE - r) * rate + r * smoothed
+            felt = terms.upstream * line.end_weight(j, run, ends)
+            rate = local * (bend[0] - TWELFTH * bend[1]) + felt * upstream
+            smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed
             if j == sweep.head:
                 upstream = sweep.upstream
                 smoothed = sweep.smoothed
             if j >= sweep.begin:
-                point_rate_out[j] = smoothed
+                point_velocity_out[j] = smoothed
             value_before = value
             memory_before = memory
             after = ahead
             c = d
             lc = ld
-            k0 = k1
+            k0 = k1[0]
             k1 = k2
-        return vec2(upstream, smoothed)
+        return vec3(upstream, smoothed[0], smoothed[1])
 
     @wp.func(module=name)
     def ring_sweep(
@@ -237,9 +237,9 @@ def build(scalar):
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
-        point_rate_out: wp.array[scalar],
+        point_velocity_out: wp.array[vec2],
     ) -> Sweep:
-        """Sweep over a run of a ring: upstream mean and smoothed rate are closed over the ring at its first point.
+        """Sweep over a run of a ring: upstream mean and smoothed velocity are closed over the ring at its first point.
 
         Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
         close to 1: 1 - A is the sum of the weights of a segment of that depth.
@@ -249,13 +249,13 @@ def build(scalar):
         warm, depth = ring_warmup(points, run, constants.friction, origin)
         whole = decay_weights(depth)
         # Nothing is written before the sweep itself.
-        first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, ZERO)
-        upstream = sweep_rate(channels, points, run, terms, constants, first_lap, point_rate_out)[0] / (
+        first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, vec2(ZERO, ZERO))
+        upstream = sweep_velocity(channels, points, run, terms, constants, first_lap, point_velocity_out)[0] / (
             whole[1] + whole[2]
         )
-        second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, ZERO)
-        start = sweep_rate(channels, points, run, terms, constants, second_lap, point_rate_out)
-        smoothed = start[1] / (ONE - ring_fade(points, run, terms, constants, lap))
+        second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, vec2(ZERO, ZERO))
+        start = sweep_velocity(channels, points, run, terms, constants, second_lap, point_velocity_out)
+        smoothed = vec2(start[1], start[2]) / (ONE - ring_fade(points, run, terms, constants, lap))
         return Sweep(run.begin, run.begin, run.begin, run.stop, start[0], smoothed)
 
     @wp.func(module=name)
@@ -263,10 +263,10 @@ def build(scalar):
         """Sweep over a run of a line, from where what lies farther upstream is lost in rounding."""
         warm = warmup_start(points, run, constants.friction)
         warm = wp.max(run.first, warm - line.recurrence_reach(terms.root))
-        return Sweep(warm, run.first, run.begin, run.stop, ZERO, ZERO)
+        return Sweep(warm, run.first, run.begin, run.stop, ZERO, vec2(ZERO, ZERO))
 
     @wp.kernel(module=name, enable_backward=False)
-    def compute_rate(
+    def compute_velocity(
         # network
         channels: Channels,
         points: Points,
@@ -274,14 +274,15 @@ def build(scalar):
         constants: MigrationConstants,
         work: Work,
         # out
-        point_rate_out: wp.array[scalar],
+        point_velocity_out: wp.array[vec2],
         memory_out: Memory,
     ):
-        """Migration rate in m/yr, positive to the right of the flow, smoothed downstream where the step asks for it.
+        """Velocity n mu in m/yr, n to the right of the flow, smoothed downstream where the step asks for it.
 
-        mu = omega mu0 + sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
-        alpha = 2 f / d; the reach above a channel's head counts as straight [Paris2023, Eq. 2-5], that above the first
-        point of a ring is the ring itself, round and round. Inactive channels are skipped.
+        mu = omega mu0 + e sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
+        alpha = 2 f / d. e fades to 0 at both ends of a river, so that bends only straighten there, and is 1 on a ring.
+        The reach above a channel's head counts as straight [Paris2023, Eq. 2-5], that above the first point of a ring
+        is the ring itself, round and round. Inactive channels are skipped.
 
         A link begins here as if nothing came from the link upstream, and notes what it hands on to the one downstream.
         """
@@ -292,39 +293,52 @@ def build(scalar):
                 terms = past.terms_of(channels, points.xy, run, constants)
                 sweep = Sweep()
                 if run.closed != 0:
-                    sweep = ring_sweep(channels, points, run, terms, constants, point_rate_out)
+                    sweep = ring_sweep(channels, points, run, terms, constants, point_velocity_out)
                 else:
                     sweep = line_sweep(points, run, terms, constants)
-                state = sweep_rate(channels, points, run, terms, constants, sweep, point_rate_out)
+                state = sweep_velocity(channels, points, run, terms, constants, sweep, point_velocity_out)
                 if run.lower >= 0 and run.stop == run.last + 1:
+                    if line.foot_held(channels, run.channel):
+                        # No displacement goes on through a locked point.
+                        state = vec3(state[0], ZERO, ZERO)
                     memory_out.end[run.channel] = state
-                    memory_out.fade[run.channel] = past.fade_of(points, run, terms, constants)
+                    memory_out.fade[run.channel] = past.fade_of(channels, points, run, terms, constants)
+
+    @wp.kernel(module=name, enable_backward=False)
+    def resolve_rate(
+        # network
+        channels: Channels,
+        point_xy: wp.array[vec2],
+        # params
+        work: Work,
+        # in
+        point_velocity: wp.array[vec2],
+        # out
+        point_rate_out: wp.array[scalar],
+    ):
+        """Migration rate mu in m/yr, positive to the right of the flow, from velocities n mu that are not smoothed."""
+        run = line.begin_runs(channels, work, work.first + wp.tid())
+        while run.stop < run.end:
+            run = line.next_run(channels, run)
+            if past.is_felt(channels, run):
+                for j in range(run.begin, run.stop):
+                    normal = line.normal_at(channels, point_xy, j, run)
+                    point_rate_out[j] = wp.dot(normal, point_velocity[j])
 
     @wp.func(module=name)
     def ring_tail(
-        points: Points, point_rate: wp.array[scalar], run: Run, terms: Terms, constants: MigrationConstants
-    ) -> scalar:
-        """Rate of the point below a run of a ring, smoothed from downstream and closed over the ring."""
+        points: Points, point_velocity: wp.array[vec2], run: Run, terms: Terms, constants: MigrationConstants
+    ) -> vec2:
+        """Velocity of the point below a run of a ring, smoothed from downstream and closed over the ring."""
         r = terms.root
         lap = wp.min(run.last - run.first + 1, line.recurrence_reach(r))
-        smoothed = scalar(0.0)
+        smoothed = vec2(ZERO, ZERO)
         for k in range(lap):
             j = line.round_index(run.stop - 1 + lap - k, run)
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_rate[j] + r * smoothed
+            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
         return smoothed / (ONE - ring_fade(points, run, terms, constants, lap))
-
-    @wp.func(module=name)
-    def normal_at(channels: Channels, point_xy: wp.array[vec2], j: int, run: Run) -> vec2:
-        """Unit normal to the right of the flow at a point, at a junction with regard to how far its neighbours are."""
-        before = line.extended_point(point_xy, j - 1, run)
-        after = line.extended_point(point_xy, j + 1, run)
-        if j < run.last or run.lower < 0:
-            return line.right_normal(before, after)
-        here = point_xy[j]
-        tangent = line.central_tangent(here - before, after - here, run.spacing, channels.spacing[run.lower])
-        return line.right_normal(vec2(ZERO, ZERO), tangent)
 
     @wp.func(module=name)
     def pull_at(
@@ -340,10 +354,29 @@ def build(scalar):
         return pull
 
     @wp.func(module=name)
+    def steered(
+        channels: Channels,
+        points: Points,
+        ground: Ground,
+        run: Run,
+        constants: MigrationConstants,
+        j: int,
+        velocity: vec2,
+    ) -> vec2:
+        """Velocity of a point with the pull of controls, which fades at the ends of a river, and what holds it back."""
+        block = land.block_at(ground.steering, points.xy[j])
+        drawn = velocity
+        if block != ONE:
+            normal = line.normal_at(channels, points.xy, j, run)
+            pull = pull_at(points, ground, run, constants, j, normal, wp.dot(normal, velocity))
+            drawn = velocity + line.end_weight(j, run, past.ends_of(channels, run, constants)) * pull
+        return land.freedom_at(ground, points.xy[j], constants.slope_threshold, block) * drawn
+
+    @wp.func(module=name)
     def sweep_move(
         channels: Channels,
         points: Points,
-        point_rate: wp.array[scalar],
+        point_velocity: wp.array[vec2],
         ground: Ground,
         run: Run,
         terms: Terms,
@@ -353,19 +386,16 @@ def build(scalar):
     ) -> scalar:
         """Move the points of a run, sweeping up the channel; return the greatest speed, m/yr."""
         r = terms.root
-        ends = past.free_ends(run, constants)
-        if memory.ends:
-            ends = memory.ends[run.channel]
         # The last point moves where the river goes on, unless it is locked; the first one is the last of the link
         # upstream.
         last = int(run.last)
         if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
         fastest = scalar(0.0)
-        smoothed = scalar(0.0)
+        smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
         if run.closed != 0:
-            smoothed = ring_tail(points, point_rate, run, terms, constants)
+            smoothed = ring_tail(points, point_velocity, run, terms, constants)
         else:
             top = wp.min(run.last, run.stop - 1 + line.recurrence_reach(r))
             if top == run.last and run.lower >= 0:
@@ -374,26 +404,15 @@ def build(scalar):
             j = top - k
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_rate[j] + r * smoothed
-            if j == run.last and run.closed == 0 and run.lower < 0:
-                smoothed = past.foot_rate(run, point_rate)
+            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
+            if j == run.last and run.closed == 0:
+                smoothed = past.foot_velocity(channels, run, point_velocity, smoothed)
             if j < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j <= last):
-                    normal = normal_at(channels, points.xy, j, run)
-                    weight = ONE
-                    if run.closed == 0:
-                        weight = line.end_weight(j, run, ends)
-                    block = land.block_at(ground.steering, moved)
-                    weight = weight * land.freedom_at(ground, moved, constants.slope_threshold, block)
-                    pull = vec2(ZERO, ZERO)
-                    speed = wp.abs(smoothed)
-                    if block != ONE:
-                        pull = pull_at(points, ground, run, constants, j, normal, smoothed)
-                        if wp.dot(pull, pull) > ZERO:
-                            speed = wp.length(smoothed * normal + pull)
-                    fastest = wp.max(fastest, speed * weight)
-                    moved = moved + normal * (smoothed * weight * run.step) + (weight * run.step) * pull
+                    velocity = steered(channels, points, ground, run, constants, j, smoothed)
+                    fastest = wp.max(fastest, wp.length(velocity))
+                    moved = moved + run.step * velocity
                 moved_out.xy[j] = moved
                 if points.section:
                     moved_out.section[j] = points.section[j]
@@ -410,23 +429,24 @@ def build(scalar):
         constants: MigrationConstants,
         work: Work,
         # in
-        point_rate: wp.array[scalar],
+        point_velocity: wp.array[vec2],
         memory: Memory,
         # out
         moved_out: Points,
         channel_pace_io: wp.array[bits],
     ):
-        """Finish the smoothing upstream and move: p += (n mu + pull) g e dt [Paris2023, Eq. 1, 6 and 7].
+        """Finish the smoothing upstream and move: p += ((1 - c d2)^-1 (n mu) + e pull) g dt [Paris2023, Eq. 1, 6, 7].
 
-        e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the terrain, if there is
-        one, and with damping; the pull is that of controls. The points of inactive channels stay.
+        What is smoothed is the displacement itself, not its size: neighbours whose normals cross go on together. The
+        pull is that of controls, e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the
+        terrain, if there is one, and with damping. The points of inactive channels stay.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:
             run = line.next_run(channels, run)
             if run.step > ZERO:
                 terms = past.smoothing_of(channels, points.xy, run, constants)
-                fastest = sweep_move(channels, points, point_rate, ground, run, terms, constants, memory, moved_out)
+                fastest = sweep_move(channels, points, point_velocity, ground, run, terms, constants, memory, moved_out)
                 wp.atomic_max(channel_pace_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)
@@ -439,6 +459,7 @@ def build(scalar):
         MigrationConstants=MigrationConstants,
         Memory=Memory,
         measure_rings=measure_rings,
-        compute_rate=compute_rate,
+        compute_velocity=compute_velocity,
+        resolve_rate=resolve_rate,
         move_points=move_points,
     )

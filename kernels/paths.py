@@ -210,9 +210,7 @@ def build(scalar):
             if top - k < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j < run.last):
-                    weight = ONE
-                    if run.closed == 0:
-                        weight = line.end_weight(j, run, ends)
+                    weight = line.end_weight(j, run, ends)
                     shift = weight * push + pull
                     block = land.block_at(ground.steering, moved)
                     if run.closed != 0 or block != ONE:

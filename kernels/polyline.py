@@ -41,7 +41,8 @@ def build(scalar):
     """
     name = f"warpriver.kernels.polyline_{scalar.__name__}"
     base = channels.build(scalar)
-    vec2, Points, Run = base.vec2, base.Points, base.Run
+    vec2, vec3 = base.vec2, wp.types.vector(3, scalar)
+    Channels, Points, Run = base.Channels, base.Points, base.Run
 
     @wp.struct
     class Ends:
@@ -97,6 +98,23 @@ def build(scalar):
         if scale > ZERO:
             return TWO * (a[0] * b[1] - a[1] * b[0]) / scale
         return ZERO
+
+    @wp.func(module=name)
+    def circle_bend(a: vec2, b: vec2, la: scalar, lb: scalar) -> vec3:
+        """Curvature as ``circle_curvature``, and the unit normal to the right of the flow: (curvature, normal).
+
+        There is no normal where the line turns back on itself.
+        """
+        chord = a + b
+        size = wp.length(chord)
+        if size == ZERO:
+            return vec3(ZERO, ZERO, ZERO)
+        curvature = ZERO
+        scale = la * lb * size
+        if scale > ZERO:
+            curvature = TWO * (a[0] * b[1] - a[1] * b[0]) / scale
+        part = ONE / size
+        return vec3(curvature, chord[1] * part, -chord[0] * part)
 
     @wp.func(module=name)
     def central_tangent(a: vec2, b: vec2, la: scalar, lb: scalar) -> vec2:
@@ -166,8 +184,13 @@ def build(scalar):
 
     @wp.func(module=name)
     def end_weight(i: int, run: Run, ends: Ends) -> scalar:
-        """Smoothstep of a point's distance along the river to its nearer end, 0 there and 1 from the reach on."""
+        """Smoothstep of a point's distance along the river to its nearer end, 0 there and 1 from the reach on.
+
+        A ring has no ends.
+        """
         t = scalar(1.0)
+        if run.closed != 0:
+            return t
         away = ends.above + scalar(i - run.first) * run.spacing
         if away < ends.head_reach:
             t = away / ends.head_reach
@@ -191,15 +214,39 @@ def build(scalar):
         size = wp.length(t)
         if size == ZERO:
             return vec2(ZERO, ZERO)
-        return vec2(t[1], -t[0]) / size
+        part = ONE / size
+        return vec2(t[1] * part, -t[0] * part)
+
+    @wp.func(module=name)
+    def segment_length(channels: Channels, run: Run, i: int) -> scalar:
+        """Length of the segment from point i on to the next one, also of the links that go on from a channel."""
+        if i < run.first and run.upper >= 0:
+            return channels.spacing[run.upper]
+        if i >= run.last and run.lower >= 0:
+            return channels.spacing[run.lower]
+        return run.spacing
+
+    @wp.func(module=name)
+    def normal_at(channels: Channels, point_xy: wp.array[vec2], j: int, run: Run) -> vec2:
+        """Unit normal to the right of the flow at a point, at a junction with regard to how far its neighbours are."""
+        before = extended_point(point_xy, j - 1, run)
+        after = extended_point(point_xy, j + 1, run)
+        if (j < run.last or run.lower < 0) and (j > run.first or run.upper < 0):
+            return right_normal(before, after)
+        here = point_xy[j]
+        la = segment_length(channels, run, j - 1)
+        tangent = central_tangent(here - before, after - here, la, segment_length(channels, run, j))
+        return right_normal(vec2(ZERO, ZERO), tangent)
 
     return SimpleNamespace(
         **vars(base),
+        vec3=vec3,
         Ends=Ends,
         mirrored=mirrored,
         bits=bits,
         extended_point=extended_point,
         circle_curvature=circle_curvature,
+        circle_bend=circle_bend,
         central_tangent=central_tangent,
         fourth_order_tangent=fourth_order_tangent,
         whole_quanta=whole_quanta,
@@ -210,6 +257,8 @@ def build(scalar):
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,
         right_normal=right_normal,
+        segment_length=segment_length,
+        normal_at=normal_at,
         copy_run=copy_run,
         REACH=REACH,
         ARC_QUANTUM=ARC_QUANTUM,

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import polyline
-from warpriver.kernels.channels import RING_POINTS, Work
+from warpriver.kernels.channels import EDGE_NONE, RING_POINTS, Work
 from warpriver.kernels.polyline import ArcPlace, Arcs
 from warpriver.kernels.status import (
     CUT_POINTS,
@@ -162,12 +162,30 @@ def build(scalar):
         return j
 
     @wp.func(module=name)
+    def kept_beyond(point: wp.array[vec2], junction: int, farthest: int, count: int) -> vec2:
+        """The kept point that comes so many after the first one of the next link, seen from its end at a junction."""
+        step = wp.where(farthest > junction, 1, -1)
+        j = int(junction)
+        for _k in range(count):
+            here = point[j]
+            while j != farthest and point[j] == here:
+                j += step
+        return point[j]
+
+    @wp.func(module=name)
     def kept_point(point: wp.array[vec2], i: int, run: Run) -> vec2:
-        """Point i; beyond an end the point reflection of the kept points inside, or on round a ring."""
+        """Point i; beyond an end the kept point of the next link, or of the ring.
+
+        Where nothing goes on, the kept points inside are reflected: by the point at the end, or by the edge of the map.
+        """
         if i >= run.first and i <= run.last:
             return point[i]
         if run.closed != 0:
             return point[line.round_index(i, run)]
+        if i < run.first and run.upper >= 0:
+            return kept_beyond(point, run.head, run.head_first, run.first - i)
+        if i > run.last and run.lower >= 0:
+            return kept_beyond(point, run.foot, run.foot_last, i - run.last)
         j = int(run.last)
         beyond = i - run.last
         step = int(-1)
@@ -181,6 +199,8 @@ def build(scalar):
                 j = wp.max(kept_before(point, j, run), run.first)
             else:
                 j = wp.min(kept_after(point, j, run), run.last)
+        if step < 0 and run.edge != EDGE_NONE:
+            return line.mirrored(point[j], end, run.edge)
         return TWO * end - point[j]
 
     @wp.func(module=name)

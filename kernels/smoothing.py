@@ -20,7 +20,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.smoothing_{scalar.__name__}"
     line = polyline.build(scalar)
-    vec2, Channels = line.vec2, line.Channels
+    vec2, Channels, Run = line.vec2, line.Channels, line.Run
     ZERO, HALF, ONE, TWO = scalar(0.0), scalar(0.5), scalar(1.0), scalar(2.0)
     PI = scalar(3.14159265358979323846)
 
@@ -32,6 +32,16 @@ def build(scalar):
             half_angle = HALF * PI / scalar(count - 1)
         sine = wp.sin(half_angle)
         return TWO * sine * sine
+
+    @wp.func(module=name)
+    def is_held(channels: Channels, run: Run, j: int) -> bool:
+        """Tell whether a point stays: the end of a line, unless it is free and an active link goes on there."""
+        if run.closed != 0 or (j > run.first and j < run.last):
+            return False
+        link = wp.where(j == run.first, run.upper, run.lower)
+        if line.foot_held(channels, wp.where(j == run.first, run.upper, run.channel)):
+            return True
+        return link < 0 or channels.step[wp.max(link, 0)] == ZERO
 
     @wp.kernel(module=name, enable_backward=False)
     def smooth_points(
@@ -51,8 +61,9 @@ def build(scalar):
 
         A wave of eigenvalue K = 1 - cos a (a: its angle from point to point) is multiplied by 1 - w K. The way back has
         1 / w = pass_band - 1 / strength, so that both together give 1 - strength |w| K (K - pass_band): a wave of the
-        pass band stays. A band below 0 stands for the channel's longest wave: then none grows, and a circle of even
-        points stays. Ends of lines are held; inactive channels are copied.
+        pass band stays. A band below 0 stands for the channel's longest wave, or for none where it is the link of a
+        stem: then none grows, and a circle of even points stays. A junction within a stem goes with both of its links.
+        Ends of lines are held; inactive channels are copied.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:
@@ -61,13 +72,15 @@ def build(scalar):
             if swell != 0:
                 band = pass_band
                 if band < ZERO:
-                    band = longest_wave(run.last - run.first + 1, run.closed)
+                    band = ZERO
+                    if run.upper < 0 and run.lower < 0:
+                        band = longest_wave(run.last - run.first + 1, run.closed)
                 weight = ONE / (band - ONE / strength)
             if run.step == ZERO:
                 weight = ZERO
             for j in range(run.begin, run.stop):
                 here = point_xy[j]
-                if weight != ZERO and (run.closed != 0 or (j > run.first and j < run.last)):
+                if weight != ZERO and not is_held(channels, run, j):
                     before = line.extended_point(point_xy, j - 1, run)
                     after = line.extended_point(point_xy, j + 1, run)
                     here = here + weight * (HALF * (before + after) - here)

@@ -47,11 +47,12 @@ SAME_POINT = 1e-12
 # cpp_noisy_W50: in the grown states (steps 100 and 500), where waves have 10 points and more, measured correlations of
 # 0.996, 0.994 (curvature) and 0.957, 0.951 (rate).
 CPP_CURVATURE, CPP_RATE = 0.99, 0.94
-# Wavelength after 100 steps against the fastest wave of the linear theory on their grid: measured 528 and 569 m.
+# Wavelength after 100 steps against the fastest wave of the linear theory on their grid: measured 553 and 569 m.
 CPP_FASTEST = 0.12
-# Sinuosity and wavelength once grown, with a like damping of the ends: measured 2.79 (2.20 to 3.21) against their 2.94,
-# and 811 m against 684 m; ours has no waves as short as theirs. Chaos: from another start of theirs, 1e-9 m off, there
-# come a tenth fewer points.
+# Sinuosity and wavelength once grown, in the middle half of the line, which no damping of ends reaches: measured 3.66
+# (2.36 to 4.92) against their 3.27, and 1.11 times the wave that grows fastest in theory (831 m) against 1.11 times
+# the one that grows fastest on their grid (633 m). Chaos: from another start of theirs, 1e-9 m off, there come a tenth
+# fewer points.
 CPP_SINUOSITY, CPP_WAVELENGTH = 0.2, 0.3
 
 
@@ -339,12 +340,17 @@ def test_cpp_statistics(device):
     )
     bent, waves = {}, {}
 
+    def middle(line):
+        """Where no end is damped: there bends only straighten here, and stay as they were in theirs."""
+        along = wr.metrics.arc_length(line) / wr.metrics.arc_length(line)[-1]
+        return line[(along > 0.25) & (along < 0.75)]
+
     def look(sim):
-        line = sim.network.polylines()[0]
+        line = middle(sim.network.polylines()[0])
         bent[sim.step_count], waves[sim.step_count] = wr.metrics.sinuosity(line), wr.metrics.wavelength(line, width)
 
     sim.run(steps=500, record_every=10**6, callbacks=[(wr.history.Every(steps=10), look)])
-    early, late = case["step100_points_after"], case["step500_points_after"]
+    early, late = middle(case["step100_points_after"]), middle(case["step500_points_after"])
     their_bent = {100: wr.metrics.sinuosity(early), 500: wr.metrics.sinuosity(late)}
     their_waves = {100: wr.metrics.wavelength(early, width), 500: wr.metrics.wavelength(late, width)}
     grown = [step for step in bent if step > 300]
@@ -354,16 +360,16 @@ def test_cpp_statistics(device):
     alpha = 2.0 * params.friction / depth
     on_grid = discrete_growth(width, alpha, length, params.spacing, params.migration_rate)
     in_theory = discrete_growth(width, alpha, length, 0.01, params.migration_rate)
-    fastest = length[on_grid.argmax()]
+    fastest, ours_fastest = length[on_grid.argmax()], length[in_theory.argmax()]
     least, most = min(bent[k] for k in grown), max(bent[k] for k in grown)
     print(
         f"step 100: sinuosity {bent[100]:.3f}, theirs {their_bent[100]:.3f}; step 500: {our_bent:.2f} (mean of steps "
         f"310 to 500, {least:.2f} to {most:.2f}), theirs {their_bent[500]:.2f}; "
         f"wavelength {our_wave:.0f}, theirs {their_waves[500]:.0f} m. Fastest wave on their grid {fastest:.0f} m, "
         f"{on_grid.max():.3f}/yr (theirs after 100 steps: {their_waves[100]:.0f} m); in theory "
-        f"{length[in_theory.argmax()]:.0f} m, {in_theory.max():.3f}/yr"
+        f"{ours_fastest:.0f} m, {in_theory.max():.3f}/yr"
     )
     assert their_waves[100] == pytest.approx(fastest, rel=CPP_FASTEST)
     assert on_grid.max() > 1.3 * in_theory.max() and their_bent[100] > bent[100]
     assert our_bent == pytest.approx(their_bent[500], rel=CPP_SINUOSITY)
-    assert our_wave == pytest.approx(their_waves[500], rel=CPP_WAVELENGTH)
+    assert our_wave / ours_fastest == pytest.approx(their_waves[500] / fastest, rel=CPP_WAVELENGTH)

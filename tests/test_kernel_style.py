@@ -30,7 +30,7 @@ LAUNCHERS = {
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
     "depressions": ["hydrology/depressions.py"],
     "flats": ["hydrology/lakes.py"],
-    "junctions": ["meander/junctions.py"],
+    "junctions": ["meander/junctions.py", "meander/smoothing.py"],
     "leheny": ["erosion/leheny.py"],
     "memory": ["meander/memory.py"],
     "migration": ["meander/migration.py", "meander/rates.py"],

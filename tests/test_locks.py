@@ -52,11 +52,11 @@ def test_a_lock_holds_over_a_thousand_steps_with_cutoffs_beside_it(solver, devic
     assert np.hypot(*(sim.network.points() - places[0]).T).min() > 1e-6, "what was unlocked moves"
 
 
-def test_the_rate_fades_to_nothing_towards_a_lock():
-    """What a point moves is what it would move at a through node, times the smoothstep that the ends have, too."""
+def test_the_push_from_upstream_fades_to_nothing_towards_a_lock():
+    """What it moves a point by is what it would at a through node, times the smoothstep that the ends have, too."""
     moved = {}
     for kind in (edits.SplitChannel, edits.LockPoint):
-        sim = bends(1)
+        sim = bends(1, weight=0.0)
         sim.run(steps=5)
         sim.apply(kind(0, 6_000.0))
         state = sim.stepper.state

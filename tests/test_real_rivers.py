@@ -5,6 +5,7 @@ from datetime import date
 import numpy as np
 import phases
 import pytest
+from crossings import crossings
 from data_folder import data_folder
 
 import warpriver as wr
@@ -91,7 +92,7 @@ def test_river_runs_for_200_years(name, device):
 
     history = sim.run(years=YEARS, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
     after = sim.network.polylines()[0]
-    crossing = len(phases.crossings(after))
+    crossing = len(crossings(after))
     print(
         f"{name}: {len(after)} points at {spacing:.0f} m, widths {widths.min():.0f} to {widths.max():.0f} m, "
         f"{sim.substeps} sub-steps; sinuosity {highest[0]:.2f}, at most {max(highest):.2f}, at the end "

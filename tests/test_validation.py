@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import phases
 import pytest
+from crossings import crossings
 
 import warpriver as wr
 from warpriver import models
@@ -116,12 +117,15 @@ def test_small_waves_grow_and_travel_as_in_theory(width, alpha_wavelength, devic
     assert (orders > LINEAR_ORDER).all()
 
 
-# Widths from the end of a line, and the part of its speed that a bend has there: 3 t^2 - 2 t^3 over five widths.
+# Widths from the end of a line, and the part of what bends upstream push it that a bend feels there: 3 t^2 - 2 t^3 over
+# five widths.
 FADING = {1.25: 0.15625, 2.5: 0.5, 3.75: 0.84375, 5.0: 1.0, 7.5: 1.0}
 
 
-def test_bends_fade_over_five_widths_next_to_a_held_end(device):
-    """By default, against the bends a wavelength upstream: no kink grows at the end, nothing farther away is held."""
+@pytest.mark.parametrize("term", ["upstream", "local"])
+def test_bends_fade_over_five_widths_next_to_a_held_end(term, device):
+    """Against the bends a wavelength upstream: no kink grows at the end, and any straightens as fast as elsewhere."""
+    weights = {"local_weight": 0.0} if term == "upstream" else {"upstream_weight": 0.0}
     width, h = 50.0, 12.5
     wavelength = 12.0 * width
     # The head, from where on the rate settles down to that of the wave, is far from the bends that are compared.
@@ -130,14 +134,14 @@ def test_bends_fade_over_five_widths_next_to_a_held_end(device):
         # A crest at the place that is looked at: the rate does not vanish there.
         start = np.column_stack([x, 0.1 * np.cos(2.0 * np.pi * (x - x[-1] + distance * width) / wavelength)])
         network = wr.RiverNetwork.from_polylines([start], width=width)
-        sim = wr.Simulation(network, wr.MeanderParams(spacing=h, time_step=0.05), device=device)
+        sim = wr.Simulation(network, wr.MeanderParams(spacing=h, time_step=0.002, **weights), device=device)
         before = sim.network.polylines()[0]
         sim.step()
         after = sim.network.polylines()[0]
         at = x[-1] - width * distance - np.array([0.0, wavelength])
         moved = np.interp(at, *after.T) - np.interp(at, *before.T)
-        print(f"{distance:g} widths from the end: {moved[0] / moved[1]:.4f} of the speed")
-        assert moved[0] / moved[1] == pytest.approx(part, abs=0.003)
+        print(f"{term}, {distance:g} widths from the end: {moved[0] / moved[1]:.4f} of the speed")
+        assert moved[0] / moved[1] == pytest.approx(part if term == "upstream" else 1.0, abs=0.003)
 
 
 def test_fastest_and_neutral_wave_lie_where_theory_has_them():
@@ -187,8 +191,8 @@ def test_time_step_is_first_order(kind, device):
 # spacing halves. Second order gives 4.2 and 5.0 (the reference has a quarter of the finest spacing's error); measured
 # 5.0 and 4.8 ("upstream"), 6.4 and 5.7 ("whole").
 BEND_GAIN = (3.8, 4.3)
-# The same for halving the step from 1/2 yr down, against 1/256 yr: first order gives 2.0 to 2.3; measured 2.1 to 2.7.
-STEP_GAIN = (1.9, 3.0)
+# The same for halving the step from 1/2 yr down, against 1/256 yr: first order gives 2.0 to 2.3; measured 1.9 to 2.2.
+STEP_GAIN = (1.8, 2.5)
 
 
 def bend_train(spacing):
@@ -224,8 +228,9 @@ def test_bends_converge_with_the_spacing(scaling, device):
 
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 def test_bends_converge_with_the_time_step(scaling, device):
-    params = wr.MeanderParams(spacing=25.0, sinuosity_scaling=scaling, cutoff_distance=0.0)
-    lines = [phases.march(bend_train(25.0), 100.0, params, 8.0 / n, n, device=device) for n in (16, 32, 64, 128, 2048)]
+    # So fine that the implicit share of the local term, (8/9 D dt - h^2/4) q^2, is that of the step alone.
+    params = wr.MeanderParams(spacing=12.5, sinuosity_scaling=scaling, cutoff_distance=0.0)
+    lines = [phases.march(bend_train(12.5), 100.0, params, 8.0 / n, n, device=device) for n in (16, 32, 64, 128, 2048)]
     rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
     gain = rms[:-1] / rms[1:]
     print(f"{scaling}: rms distance {rms.round(3)} m at 1/2, 1/4, 1/8, 1/16 yr; falls by {gain.round(2)}")
@@ -239,11 +244,10 @@ OUTGROWTH = 1.15
 # Waves below half the neutral one decay. In steps of so many ``stable_dt`` one of them grows: measured 12 to 37 by the
 # grid, on some not within 100. So for small waves stable_dt is honest by a factor of ten.
 SMALL_WAVE_MARGIN = 10.0
-# Tight bends set the limit. Of the states of 300 yr, taken every 5 yr, measured, by their parts that cross themselves:
-# in steps of 1/2 stable_dt none, of 1 at most 0.8 %, of 2 2 to 23 %, of 4 33 to 62 % (spacing a quarter of the width);
-# so the longest honest step lies between 1 and 2 stable_dt. The share at 1 leaves room for chaos.
-CROSSING_ALLOWED, CROSSING_BEYOND = 0.03, 0.15
-# A channel's ends are held, and bends are pushed against the lower one: not looked at, in widths.
+# No state of 300 yr, taken every 5 yr, crossed itself in unbroken steps of up to 16 stable_dt (w 50 and 200 m, spacing
+# a quarter of the width); so tight bends leave room for a factor of four.
+TIGHT_BEND_MARGIN = 4.0
+# A channel's ends are held: not looked at, in widths.
 END = 20.0
 
 
@@ -298,7 +302,7 @@ def test_small_waves_behave_in_steps_of_stable_dt(width, part, monkeypatch, devi
 
 
 def crossing_share(width, multiple, monkeypatch, *, device):
-    """Share of states of 300 yr that cross themselves, in whole steps of so many ``stable_dt``; and the sinuosity."""
+    """Share of states of 300 yr that cross themselves in unbroken steps of so many ``stable_dt``, and the sinuosity."""
     spacing = 0.25 * width
     honest = float(stable_dt(width, bankfull_depth(width), DEFAULT))
     with monkeypatch.context() as patch:
@@ -308,9 +312,7 @@ def crossing_share(width, multiple, monkeypatch, *, device):
 
     def look(sim):
         for xy in sim.network.polylines():
-            pair = phases.crossings(xy)
-            inner = (pair[:, 0] > END * width / spacing) & (pair[:, 1] < len(xy) - END * width / spacing)
-            crossing.append(bool(inner.any()))
+            crossing.append(len(crossings(xy)) > 0)
             bent.append(wr.metrics.sinuosity(xy))
 
     history = sim.run(years=300, record_every=10**6, callbacks=[(wr.history.Every(years=5), look)])
@@ -329,15 +331,14 @@ def noisy_run(width, params, channels, length, *, device):
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_tight_bends_behave_in_steps_of_stable_dt_and_not_far_above(width, monkeypatch, device):
-    share, bent = crossing_share(width, 1.0, monkeypatch, device=device)
-    beyond, _ = crossing_share(width, 4.0, monkeypatch, device=device)
+@pytest.mark.parametrize("multiple", [1.0, TIGHT_BEND_MARGIN])
+def test_tight_bends_behave_in_steps_of_stable_dt_and_far_above(width, multiple, monkeypatch, device):
+    share, bent = crossing_share(width, multiple, monkeypatch, device=device)
     print(
-        f"w {width:g} m: states that cross themselves {share:.1%} in steps of stable_dt (sinuosity up to {bent:.2f}), "
-        f"{beyond:.1%} in steps of 4 stable_dt"
+        f"w {width:g} m: states that cross themselves {share:.1%} in steps of {multiple:g} stable_dt (sinuosity up to "
+        f"{bent:.2f})"
     )
-    assert share <= CROSSING_ALLOWED
-    assert beyond >= CROSSING_BEYOND
+    assert share == 0.0
     assert bent < SINUOSITY_LIMIT
 
 
@@ -503,9 +504,9 @@ LOGNORMAL_DISTANCE = 0.1
 # Celerity of noise while its bends are small, against the theory of the fastest wave: the waves that have grown from
 # noise are spread about it, from the neutral one at 1.6 times that celerity to long ones at half of it.
 CELERITY = (0.5, 1.6)
-# Lag of migration behind curvature, in widths, after 400 yr: measured 3.0 to 5.2 ("upstream"), 1.6 to 2.5 ("whole");
-# real rivers 2.4 to 4.4.
-LAG = (1.0, 7.0)
+# Lag of migration behind curvature, in widths, after 400 yr, mean of the channels: measured 3.2 to 5.2 ("upstream"),
+# 1.7 to 2.5 ("whole"); real rivers 2.4 to 4.4.
+LAG = (1.0, 6.0)
 
 
 @functools.cache
@@ -615,7 +616,7 @@ def test_migration_lags_curvature(width, scaling, device):
         rate, spacing = phases.rate_of(xy, width, params, device=device), wr.metrics.arc_length(xy)[-1] / (len(xy) - 1)
         lags.append(wr.metrics.lag(wr.metrics.curvature(xy)[away], -rate[away], spacing, max_lag=8.0 * width) / width)
     print(f"{scaling}, w {width:g} m: migration lags curvature by {np.round(lags, 2)} widths")
-    assert LAG[0] < min(lags) and max(lags) < LAG[1]
+    assert LAG[0] < np.mean(lags) < LAG[1]
 
 
 def test_oxbow_lengths_are_lognormal(device):
@@ -685,7 +686,7 @@ def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout(device):
 
         def look(sim, states=states):
             narrow = sim.network.point_widths()[0] < 1.01 * NARROW
-            pairs = phases.crossings(sim.network.polylines()[0])
+            pairs = crossings(sim.network.polylines()[0])
             states.append(bool(narrow[pairs].all(axis=1).any()))
 
         history = sim.run(years=400, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
@@ -696,5 +697,5 @@ def test_narrow_reach_is_cut_off_as_if_the_river_were_narrow_throughout(device):
             f"lower reach {wide:g} m wide: {len(cut)} loops of the narrow reach cut off, median {loops[wide]:.0f} m; "
             f"it crosses itself in {crossing[wide]:.0%} of the states"
         )
-    assert crossing[NARROW] <= CROSSING_ALLOWED and crossing[WIDE] <= CROSSING_ALLOWED
+    assert crossing[NARROW] == crossing[WIDE] == 0.0
     assert loops[WIDE] == pytest.approx(loops[NARROW], rel=0.5)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+from pathlib import Path
+
 __all__ = [
     "InputError",
     "InputTypeError",
@@ -17,7 +21,10 @@ __all__ = [
     "RunLockedError",
     "WarpriverError",
     "WrongPathError",
+    "warn",
 ]
+
+HOME = str(Path(__file__).parent)
 
 
 class WarpriverError(Exception):
@@ -89,3 +96,11 @@ class PathDeniedError(PathError, PermissionError):
 
 class RunLockedError(PathError, BlockingIOError):
     """The folder of a run that another process or simulation writes to."""
+
+
+def warn(text: str) -> None:
+    """Warn of what was not as expected but could be used, as of the line outside of warpriver that called it."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_code.co_filename.startswith(HOME) and frame.f_back is not None:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, UserWarning, stacklevel=level)

@@ -60,7 +60,7 @@ def _shaping(params: Any, rate: Callable[..., Any], follows: str) -> list[Phase]
     junctions: list[Phase] = []
     if follows != "nothing" or drifts:
         junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts))
-    return [*junctions, *([Smooth()] if params.taubin_passes > 0 else [])]
+    return [*([Smooth()] if params.taubin_passes > 0 else []), *junctions]
 
 
 def _joining(params: Any) -> list[Phase]:

@@ -108,7 +108,7 @@ def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
             raise InputError(f"{label} is {value!r}; give {kind.__name__}(...) or None")
         return
     if meta["choices"]:
-        if value not in meta["choices"]:
+        if not isinstance(value, (str, int)) or value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
             raise InputError(f"{label} is {shown(value)}; use one of {words}")
         return
@@ -337,7 +337,8 @@ class MeanderParams(Params):
         "widths",
         low=0.0,
         source="Paris2023",
-        doc="reach at both ends of a channel over which migration fades to nothing; 0: only the end points are held",
+        doc="reach at both ends of a channel over which what it feels of the bends upstream fades to nothing, so that "
+        "bends only straighten there; 0: only the end points are held",
     )
     taubin_passes: int = parameter(
         0,
@@ -502,6 +503,10 @@ class PathMeander(Params):
 
     k the displacement rate, b the blur length and S the smoothing: fastest at the wavelength
     2 pi b w / sqrt(1 / sqrt(S) - 1), and not at all below 2 pi b w / sqrt(1 / S - 1).
+
+    Channels are held at their nodes, also where a river goes on through them: the course that is searched for is the
+    shortest from the head of a channel to its foot, and the push comes from the bends at a point, not from those
+    upstream. So there is no ``upstream_memory`` here, as :class:`MeanderParams` has one.
 
     On rings, what area the smoothing would take, 2 pi S k w a year whatever the form, is given back all along
     [Gage1986]: it keeps the area, and a ring of radius R obeys (R^2 - R0^2) / 2 + (b w)^2 ln(R / R0) = k w t.

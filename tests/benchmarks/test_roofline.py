@@ -90,13 +90,13 @@ def test_the_table_has_each_array_of_a_kernel_once_and_as_it_is_used(launch):
 
 
 def test_bytes_of_kernels_counted_by_hand():
-    """float64: x and y are 16 bytes, a rate or an arc length 8; float32 halves all but integers and arc lengths."""
+    """float64: x and y are 16 bytes, an arc length 8; float32 halves all but integers and arc lengths."""
     by_name = {x.kernel: x for x in roofline.STEP}
     endless = {"channel_points": np.inf}
-    assert roofline.bytes_per_point(by_name["compute_rate"], **endless) == (16.0, 8.0)
-    assert roofline.bytes_per_point(by_name["compute_rate"], "float32", **endless) == (8.0, 4.0)
-    assert roofline.bytes_per_point(by_name["move_points"], **endless) == (24.0, 16.0)
-    assert roofline.bytes_per_point(by_name["move_points"], varying=True, terrain=True, **endless) == (72.0, 32.0)
+    assert roofline.bytes_per_point(by_name["compute_velocity"], **endless) == (16.0, 16.0)
+    assert roofline.bytes_per_point(by_name["compute_velocity"], "float32", **endless) == (8.0, 8.0)
+    assert roofline.bytes_per_point(by_name["move_points"], **endless) == (32.0, 16.0)
+    assert roofline.bytes_per_point(by_name["move_points"], varying=True, terrain=True, **endless) == (80.0, 32.0)
     assert roofline.bytes_per_point(by_name["insert_points"], **endless) == (20.0, 24.0)
     # Buckets of two fields: set to 0, four of them a point, and both changed by the point.
     assert roofline.bytes_per_point(by_name["insert_points"], chunk_points=32.0, **endless) == (24.0, 44.0)
@@ -110,7 +110,7 @@ def test_bytes_of_kernels_counted_by_hand():
     assert roofline.bytes_per_point(by_name["measure_arcs"], "float32", **endless) == (8.0, 8.0)
     assert roofline.bytes_per_point(by_name["resample_points"], **endless) == (24.0, 16.0)
     # A channel's width, depth, widest and spacing, its start, its even spacing and its step.
-    read, _ = roofline.bytes_per_point(by_name["compute_rate"], channel_points=100.0)
+    read, _ = roofline.bytes_per_point(by_name["compute_velocity"], channel_points=100.0)
     assert read == pytest.approx(16.0 + (4 + 32 + 8 + 8) / 100.0)
 
 

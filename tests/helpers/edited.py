@@ -15,11 +15,12 @@ def river(length=12_000.0, width=60.0, spacing=50.0, seed=3, terrain=None, param
     return Simulation(network, params(spacing=spacing), terrain=terrain, **options)
 
 
-def bends(count=3, **options):
+def bends(count=3, weight=-1.0, **options):
     """Rivers of even, smooth bends, far apart from each other."""
     x = np.linspace(0.0, 12_000.0, 400)
     lines = [np.stack([x, 150.0 * np.sin(2.0 * np.pi * x / 1_500.0) + 5_000.0 * k], axis=1) for k in range(count)]
-    return Simulation(RiverNetwork.from_polylines(lines, width=60.0), MeanderParams(spacing=50.0), **options)
+    params = MeanderParams(spacing=50.0, local_weight=weight)
+    return Simulation(RiverNetwork.from_polylines(lines, width=60.0), params, **options)
 
 
 def tree(seed=5, params=MeanderParams, ground=False, **options):

@@ -44,7 +44,7 @@ def on_hills(**options):
 
 
 def tree(**options):
-    network = random_tree(7, sources=8, size=8000.0, width=25.0)
+    network = random_tree(14, sources=8, size=8000.0, width=25.0)
     return Simulation(network, MeanderParams(spacing=20.0, reference_width=0.0), **options)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import warp as wp
-from scipy.spatial import cKDTree
 
 import warpriver as wr
 from warpriver.engine import state as engine
@@ -104,17 +103,3 @@ def cut(xy, width, params, spacing, *, device):
     after = state.inner.point_moved.numpy()[: len(xy)] + origin
     copies = np.concatenate([[False], (np.diff(after, axis=0) == 0.0).all(axis=1)])
     return after[~copies], [points[begin : begin + count] for _, begin, count, _ in records.tolist()]
-
-
-def crossings(xy):
-    """Pairs of segments of a line that cross, (k, 2), the earlier first."""
-    a, b = xy[:-1], xy[1:]
-    pair = cKDTree(0.5 * (a + b)).query_pairs(np.hypot(*(b - a).T).max(), output_type="ndarray")
-    pair = np.sort(pair[abs(pair[:, 0] - pair[:, 1]) > 1], axis=1)
-
-    def side(p, q, r):
-        return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
-
-    i, j = pair.T
-    apart = side(a[i], b[i], a[j]) * side(a[i], b[i], b[j]) < 0.0
-    return pair[apart & (side(a[j], b[j], a[i]) * side(a[j], b[j], b[i]) < 0.0)]

@@ -103,11 +103,12 @@ def strength_of(width, law):
     return law.migration_rate * relative * width
 
 
-def migration_rate(xy, spacing, width, depth, law):
+def migration_rate(xy, spacing, width, depth, law, mean_width=None):
     """Rate mu of every point before any smoothing, m/yr, positive to the right: (n,).
 
-    mu = omega mu0 + sigma^(-2/3) gamma (upstream mean of mu0), mu0 = k w C, with C corrected to fourth order: minus a
-    twelfth of its second difference, and once more for the linear quadrature.
+    mu = omega mu0 + e sigma^(-2/3) gamma (upstream mean of mu0), mu0 = k w C, with C corrected to fourth order: minus a
+    twelfth of its second difference, and once more for the linear quadrature. e fades to 0 at both ends, over a reach
+    in mean widths of the channel, by default the mean of those given.
     """
     curvature, change = curvature_and_change(xy)
     strength = strength_of(width, law)
@@ -115,7 +116,8 @@ def migration_rate(xy, spacing, width, depth, law):
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
     upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depths(spacing, depth, law.friction))
-    return local * strength * (curvature - change / 12.0) + gamma * upstream
+    fade = end_weight(len(xy), spacing, law.end_damping * (np.mean(width) if mean_width is None else mean_width))
+    return local * strength * (curvature - change / 12.0) + gamma * fade * upstream
 
 
 def implicit_share(xy, spacing, width, law):
@@ -141,8 +143,8 @@ def point_roots(xy, spacing, width, law):
 
 
 def fading_sum(value, r):
-    """u_i = (1 - r_i) v_i + r_i u_(i - 1) from u_0 = 0: the first half of the smoothing, (n,)."""
-    u, r = np.zeros(len(value)), np.broadcast_to(r, len(value))
+    """u_i = (1 - r_i) v_i + r_i u_(i - 1) from u_0 = 0: the first half of the smoothing, of numbers or vectors."""
+    u, r = np.zeros(value.shape), np.broadcast_to(r, len(value))
     for i in range(1, len(value)):
         u[i] = (1.0 - r[i]) * value[i] + r[i] * u[i - 1]
     return u
@@ -169,6 +171,11 @@ def right_normals(xy):
     size = np.linalg.norm(chord, axis=1, keepdims=True)
     right = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
     return np.divide(right, size, out=np.zeros_like(right), where=size > 0.0)
+
+
+def velocities(xy, rate):
+    """Rate times the normal to the right of the flow, at the ends that of the line's reflection: (n, 2)."""
+    return right_normals(reflect_ends(xy, 1)) * rate[:, None]
 
 
 def slope_weights(xy, height, grid, law):
@@ -199,12 +206,12 @@ def own_substeps(parts, total):
     return [math.ceil(j * total / parts) for j in range(parts)]
 
 
-def move_points(xy, rate, spacing, mean_width, width, law, ground=1.0):
-    """Points after one step, from rates smoothed downstream already: p + n mu e g dt, both ends held; ground = g."""
+def move_points(xy, velocity, spacing, width, law, ground=1.0):
+    """Points after one step, from velocities v smoothed downstream already: p + v g dt, both ends held; ground = g."""
     r = point_roots(xy, spacing, width, law)
-    speed = fading_sum(rate[::-1], r[::-1])[::-1] * end_weight(len(xy), spacing, law.end_damping * mean_width) * ground
+    smoothed = fading_sum(velocity[::-1], r[::-1])[::-1] * np.reshape(ground, (-1, 1))
     moved = xy.copy()
-    moved[1:-1] += right_normals(xy) * (speed[1:-1] * law.time_step)[:, None]
+    moved[1:-1] += smoothed[1:-1] * law.time_step
     return moved
 
 

@@ -73,16 +73,20 @@ def roots(xy, spacing, width, law):
 
 
 def fading_sum(value, r):
-    """u_i = (1 - r_i) v_i + r_i u_(i - 1) round the ring, as a dense system, (n,)."""
+    """u_i = (1 - r_i) v_i + r_i u_(i - 1) round the ring, as a dense system, of vectors: (n, 2)."""
     n = len(value)
     before = np.roll(np.eye(n), -1, axis=1)  # row i picks i - 1
-    return np.linalg.solve(np.eye(n) - r[:, None] * before, (1.0 - r) * value)
+    return np.linalg.solve(np.eye(n) - r[:, None] * before, (1.0 - r)[:, None] * value)
 
 
-def move_points(xy, rate, r, law):
-    """Points after one step, from rates smoothed downstream already and the roots; nothing is held."""
-    speed = fading_sum(rate[::-1], r[::-1])[::-1]
-    return xy + reference.right_normals(wrapped(xy, 1)) * (speed * law.time_step)[:, None]
+def velocities(xy, rate):
+    """Rate times the normal to the right of the flow: (n, 2)."""
+    return reference.right_normals(wrapped(xy, 1)) * rate[:, None]
+
+
+def move_points(xy, velocity, r, law):
+    """Points after one step, from velocities smoothed downstream already and the roots; nothing is held."""
+    return xy + law.time_step * fading_sum(velocity[::-1], r[::-1])[::-1]
 
 
 def find_necks(xy, spacing, reach, min_arc):

@@ -53,8 +53,9 @@ def curvature_and_bend(xy, spacing):
 def migration_rates(lines, spacing, widths, depths, law):
     """Rate of every point of a stem before any smoothing, by link; see ``reference.migration_rate``.
 
-    What the bends of a link leave in the upstream mean goes on in the next one. Width and depth jump at a junction:
-    each segment has those of its own link, and the local term the mean of both there. The sinuosity is the stem's.
+    What the bends of a link leave in the upstream mean goes on in the next one; it fades at both ends of the stem.
+    Width and depth jump at a junction: each segment has those of its own link, and the local term the mean of both
+    there. The sinuosity is the stem's.
 
     Args:
         lines: The links.
@@ -81,7 +82,8 @@ def migration_rates(lines, spacing, widths, depths, law):
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
     both = np.concatenate([strength[0][:1], 0.5 * (strength[0][1:] + strength[1][:-1]), strength[1][-1:]])
-    return split_links(local * both * curvature + gamma * mean, lines)
+    fade = stem_end_weights(lines, spacing, widths, law.end_damping)
+    return split_links(local * both * curvature + gamma * fade * mean, lines)
 
 
 def stem_factor(lines, spacing):
@@ -90,10 +92,16 @@ def stem_factor(lines, spacing):
     return min(np.linalg.norm(lines[-1][-1] - lines[0][0]) / length, 1.0) ** (2.0 / 3.0)
 
 
-def smooth_rates(rates, spacing, widths, factor, law):
-    """Rates smoothed down the stem and up again, by link; 0 at both ends. A junction belongs to the link above it."""
-    values, _ = join_links([rate[:, None] for rate in rates])
-    values = values[:, 0].copy()
+def join_values(values):
+    """Values at the points of links as those of the stem, (n,)."""
+    return join_links([value[:, None] for value in values])[0][:, 0]
+
+
+def smooth_velocities(lines, rates, spacing, widths, factor, law):
+    """Velocities smoothed down the stem and up again, (n, 2); 0 at both ends. A junction belongs to the link above."""
+    xy, h = join_links(lines)[0], by_segment(spacing, lines)[0]
+    values = np.zeros(xy.shape)
+    values[1:-1] = stem_normals(xy, h) * join_values(rates)[1:-1, None]
     roots = []
     for rate, h, width in zip(rates, spacing, widths, strict=True):
         for w in np.broadcast_to(width, len(rate))[(1 if roots else 0) :]:
@@ -101,19 +109,18 @@ def smooth_rates(rates, spacing, widths, factor, law):
             b = diffusivity * law.time_step / h**2
             roots.append(reference.recurrence_root(max(0.0, ((16.0 / 3.0) * b / 1.5 - 1.0) / 4.0)))
     smoothed = reference.fading_sum(values, roots)
-    up = reference.fading_sum(np.concatenate([[0.0], smoothed[-2::-1]]), roots[::-1])[::-1]
-    return split_links(up, [rate[:, None] for rate in rates])
+    return reference.fading_sum(np.concatenate([[[0.0, 0.0]], smoothed[-2::-1]]), roots[::-1])[::-1]
 
 
 def stem_end_weights(lines, spacing, widths, damping):
-    """Smoothstep of the distance along the stem to each end over ``damping`` widths of the link there, by link."""
+    """Smoothstep of the distance along the stem to each end over ``damping`` widths of the link there, (n,)."""
     h = by_segment(spacing, lines)[0]
     arc = np.concatenate([[0.0], np.cumsum(h)])
     weight = np.ones(len(arc))
     for away, width in ((arc, widths[0]), (arc[-1] - arc, widths[-1])):
         t = np.minimum(away / (damping * np.mean(width)), 1.0) if damping > 0.0 else np.ones(len(arc))
         weight = np.minimum(weight, 3.0 * t**2 - 2.0 * t**3)
-    return split_links(weight, lines)
+    return weight
 
 
 def stem_normals(xy, spacing):
@@ -127,10 +134,7 @@ def stem_normals(xy, spacing):
 def move_stem(lines, rates, spacing, widths, law):
     """Points after one step, by link, from rates before any smoothing: junctions move, both ends of the stem stay."""
     factor = stem_factor(lines, spacing)
-    smoothed = smooth_rates(rates, spacing, widths, factor, law)
-    weights = stem_end_weights(lines, spacing, widths, law.end_damping)
-    speed = join_links([(s * w)[:, None] for s, w in zip(smoothed, weights, strict=True)])[0][:, 0]
-    xy, _ = join_links(lines)
-    moved = xy.copy()
-    moved[1:-1] += stem_normals(xy, by_segment(spacing, lines)[0]) * (speed[1:-1] * law.time_step)[:, None]
+    smoothed = smooth_velocities(lines, rates, spacing, widths, factor, law)
+    moved, _ = join_links(lines)
+    moved[1:-1] += law.time_step * smoothed[1:-1]
     return split_links(moved, lines)

@@ -11,7 +11,7 @@ import warp as wp
 
 from warpriver.kernels import channels, polyline
 from warpriver.kernels import ground as grounds
-from warpriver.kernels.channels import Work
+from warpriver.kernels.channels import Stems, Work
 from warpriver.kernels.cuts import Marks
 from warpriver.kernels.status import HALT, STATUS_SIZE
 
@@ -215,6 +215,20 @@ def struct_of(kind, **members):
 def channels_of(scalar, **members):
     """The channels of a launch; their members are arrays on a device."""
     return struct_of(channels.build(scalar).Channels, **members)
+
+
+def stems_of(stems, channels, device):
+    """The stems that the kernels read, from the links of each as a list of channels; None where there are none."""
+    if not stems:
+        return None
+    upper, lower = np.full(channels, -1), np.full(channels, -1)
+    top, bottom = np.arange(channels), np.arange(channels)
+    for links in stems:
+        upper[links[1:]], lower[links[:-1]] = links[:-1], links[1:]
+        top[links], bottom[links] = links[0], links[-1]
+    arrays = {"upper": upper, "lower": lower, "top": top, "bottom": bottom}
+    arrays = {name: to_device(values.astype(np.int32), wp.int32, device) for name, values in arrays.items()}
+    return struct_of(Stems, **arrays, length=wp.zeros(channels, dtype=wp.int64, device=device))
 
 
 def points_of(scalar, xy, section=None):

@@ -17,6 +17,7 @@ from kernel_arrays import (
     share_out,
     split,
     starts_of,
+    stems_of,
     struct_of,
     structs,
     to_device,
@@ -24,7 +25,6 @@ from kernel_arrays import (
 )
 
 from warpriver.kernels import memory, migration, schedule
-from warpriver.kernels.channels import Stems
 
 # Rounding of sums over some hundred points, relative to the largest rate of the channel.
 SUM_TOLERANCE = 1e-12
@@ -75,26 +75,12 @@ def device_constants(kernel, law):
     return struct_of(kernel.MigrationConstants, **members)
 
 
-def stems_of(stems, channels, device):
-    """The stems that the kernels read, from the links of each as a list of channels; None where there are none."""
-    if not stems:
-        return None
-    upper, lower = np.full(channels, -1), np.full(channels, -1)
-    top, bottom = np.arange(channels), np.arange(channels)
-    for links in stems:
-        upper[links[1:]], lower[links[:-1]] = links[:-1], links[1:]
-        top[links], bottom[links] = links[0], links[-1]
-    arrays = {"upper": upper, "lower": lower, "top": top, "bottom": bottom}
-    arrays = {name: to_device(values.astype(np.int32), wp.int32, device) for name, values in arrays.items()}
-    return struct_of(Stems, **arrays, length=wp.zeros(channels, dtype=wp.int64, device=device))
-
-
 def memory_of(scalar, channels, device):
     """What links hand on, with room for so many channels."""
     kernel = memory.build(scalar)
-    kinds = {"end": kernel.vec2, "fade": kernel.vec3, "start": kernel.vec2, "tail": scalar}
+    kinds = {"end": kernel.vec3, "fade": kernel.vec4, "start": kernel.vec3, "tail": kernel.vec2}
     arrays = {name: unwritten(channels, kind, device) for name, kind in kinds.items()}
-    return struct_of(kernel.Memory, **arrays, ends=wp.zeros(channels, dtype=kernel.Ends, device=device))
+    return struct_of(kernel.Memory, **arrays)
 
 
 def channel_means(sections):
@@ -178,20 +164,35 @@ class Case:
         kernel = getattr(memory.build(self.scalar), name)
         wp.launch(kernel, dim=len(self.lines), inputs=given, outputs=outputs, device=self.device)
 
-    def rates(self, law, deal=64, felt=()):
-        """Rates by channel, smoothed downstream where the step asks for it; float64, 0 where a channel is inactive.
+    def velocities(self, law, deal=64, felt=()):
+        """Velocities by channel, smoothed downstream where the step asks for it; float64, 0 where it is inactive.
 
         Those of the inactive channels that are ``felt`` by an active one downstream are computed all the same.
         """
-        out = unwritten(self.capacity, self.scalar, self.device)
+        return self._written(self._compute(law, deal), felt)
+
+    def rates(self, law, deal=64, felt=()):
+        """Rates by channel, of a step so short that nothing is smoothed; otherwise as ``velocities``."""
+        velocity, out = self._compute(law, deal), unwritten(self.capacity, self.scalar, self.device)
+        inputs = [self.channels(law, deal), self.point_xy, ..., velocity]
+        self.launch(self.kernel.resolve_rate, deal, inputs, [out])
+        return self._written(out, felt)
+
+    def _compute(self, law, deal):
+        """Velocities on the device, with what comes from upstream."""
+        out = unwritten(self.capacity, self.kernel.vec2, self.device)
         channels, constants = self.channels(law, deal), device_constants(self.kernel, law)
-        self.launch(self.kernel.compute_rate, deal, [channels, self.points, constants, ...], [out, self.memory])
+        self.launch(self.kernel.compute_velocity, deal, [channels, self.points, constants, ...], [out, self.memory])
         if self.stems is not None:
             self.launch_once("chain_links", [channels, constants, ...], [self.memory])
             for part in share_out(deal, len(self.lines), self.capacity, self.device):
                 inputs = [channels, self.points, constants, part.work, self.memory]
                 add_upstream = memory.build(self.scalar).add_upstream
                 wp.launch(add_upstream, dim=part.channel_threads, inputs=inputs, outputs=[out], device=self.device)
+        return out
+
+    def _written(self, out, felt):
+        """Values of points by channel, which those of inactive channels must not have."""
         packed = out.numpy().astype(np.float64)
         for c in set(self.resting) - set(felt):
             first, stop = self.start[c : c + 2]
@@ -199,13 +200,13 @@ class Case:
             packed[first:stop] = 0.0
         return self._channels(packed)
 
-    def moved(self, law, rates, deal=64, height=None):
-        """Points by channel after a step with those rates; float64. Sections must be carried along.
+    def moved(self, law, velocities, deal=64, height=None):
+        """Points by channel after a step with those velocities; float64. Sections must be carried along.
 
         With heights on ``GRID``, (rows, columns), the ground slows the move.
         """
-        beyond = np.full(self.capacity - self.count, np.nan)
-        rate = to_device(np.concatenate([*rates, beyond]), self.scalar, self.device)
+        beyond = np.full((self.capacity - self.count, 2), np.nan)
+        rate = to_device(np.concatenate([*velocities, beyond]), self.kernel.vec2, self.device)
         out = unwritten(self.capacity, self.kernel.vec2, self.device)
         section = None if self.section is None else unwritten(self.capacity, self.kernel.vec2, self.device)
         constants, ground = device_constants(self.kernel, law), ground_of(self.scalar, height, GRID, self.device)

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -16,6 +17,7 @@ from kernel_arrays import (
     share_out,
     starts_of,
     status_of,
+    stems_of,
     struct_of,
     to_device,
     unwritten,
@@ -26,7 +28,7 @@ from warpriver.kernels import collisions
 from warpriver.kernels.channels import COARSEST_SPACING
 from warpriver.kernels.status import CONTACTS, HALT
 
-SPACING, WIDTH, REACH = 10.0, 12.0, 10.0
+SPACING, WIDTH, REACH, NECK_ARC = 10.0, 12.0, 10.0, 5.0
 
 
 def random_lines(rng, count):
@@ -40,8 +42,11 @@ def random_lines(rng, count):
     return lines
 
 
-def touching_pairs(lines, width, nodes):
-    """All pairs (i, j) of points of different channels, i of the lower one, that touch away from shared nodes."""
+def touching_pairs(lines, width, nodes, stem=()):
+    """All pairs (i, j) of points of different channels, i of the lower one, that touch away from shared nodes.
+
+    Links of a stem that follow each other count as one channel across their junction.
+    """
     pairs, start = set(), starts_of(lines)
     for c in range(len(lines)):
         for d in range(c + 1, len(lines)):
@@ -49,6 +54,8 @@ def touching_pairs(lines, width, nodes):
             for i, j in np.argwhere(away < 0.5 * (width[c] + width[d])):
                 arcs = [(i, len(lines[c]) - 1 - i), (j, len(lines[d]) - 1 - j)]
                 reach = REACH * max(width[c], width[d])
+                if any({c, d} == set(pair) for pair in itertools.pairwise(stem)):
+                    reach = NECK_ARC * max(width[c], width[d])
                 near = any(
                     nodes[c][a] == nodes[d][b] and SPACING * (arcs[0][a] + arcs[1][b]) < reach
                     for a in (0, 1)
@@ -88,6 +95,7 @@ class Search:
         sections=None,
         resting=(),
         rings=(),
+        stems=(),
         buckets=64,
         halt=0,
     ):
@@ -96,7 +104,7 @@ class Search:
         count, channels = int(start[-1]), len(lines)
         grid = Levels(width, block)
         constants = struct_of(
-            kernel.CollisionConstants, distance=1.0, node_reach=REACH, block=block, reach=grid.reach,
+            kernel.CollisionConstants, distance=1.0, node_reach=REACH, neck_arc=NECK_ARC, block=block, reach=grid.reach,
             level_count=max(grid.levels) + 1, level_mask=sum(1 << level for level in set(grid.levels)),
         )  # fmt: skip
         xy = to_device(np.concatenate(lines), vec2_of(scalar), device)
@@ -114,6 +122,8 @@ class Search:
             scalar, start=to_device(start, wp.int32, device), form=form, spacing=spacing, step=step,
             closed=ring_flags(rings, channels, device),
         )  # fmt: skip
+        if stems:
+            table.stems = stems_of(stems, channels, device)
 
         def launch(kernel, inputs, outputs):
             for part in share_out(deal, channels, count, device, halt):
@@ -194,6 +204,28 @@ def test_contacts_are_those_of_all_pairs(deal, block, device):
         levels |= set(Levels(width, block).levels)
         count += len(expected)
     assert count > 30 and len(levels) > 1
+
+
+@pytest.mark.parametrize("deal", [1, 64, "one slab", "a slab each"])
+def test_across_a_junction_links_of_a_stem_touch_as_one_channel_does(deal, device):
+    """Nearer to it than a tributary may; a third channel that ends there keeps its distance."""
+    found = {}
+    for stem in ((), (0, 1)):
+        pairs = 0
+        for seed in range(20):
+            rng = np.random.default_rng(seed)
+            # A tight loop through the junction, and a brook into it.
+            turn = np.cumsum(np.where(np.abs(np.arange(60) - 30) < 6, 0.62, 0.0) + rng.normal(0.0, 0.02, 60))
+            loop = SPACING * np.cumsum(np.stack([np.cos(turn), np.sin(turn)], axis=1), axis=0)
+            brook = loop[30] + SPACING * np.arange(20, -1, -1)[:, None] * [np.cos(turn[30]), np.sin(turn[30])]
+            lines, nodes = [loop[:31], loop[30:], brook], [(0, 1), (1, 2), (3, 1)]
+            expected = expected_contacts(lines, touching_pairs(lines, [WIDTH] * 3, nodes, stem), [WIDTH] * 3, 1.5)
+            stems = [list(stem)] if stem else []
+            search = Search(lines, [WIDTH] * 3, nodes, deal, 1.5, "float64", device, buckets=1 << 12, stems=stems)
+            assert search.contacts == expected
+            pairs += len(expected)
+        found[stem] = pairs
+    assert found[0, 1] > found[()], "and it does"
 
 
 @pytest.mark.parametrize("deal", DEALS)

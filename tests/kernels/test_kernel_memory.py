@@ -89,8 +89,7 @@ def test_a_step_of_links_matches_the_twin(device, time_step):
     law = Law(time_step=time_step)
     case = Case(lines, width=width, depth=depth, spacing=spacing, stems=STEMS, device=device)
     for deal in (1, 7, 32, 4096, "one slab", "a slab each, apart"):
-        rates = case.rates(law, deal)
-        moved = case.moved(law, rates, deal)
+        moved = case.moved(law, case.velocities(law, deal), deal)
         for links in STEMS:
             stem, own = [lines[c] for c in links], (spacing[links], width[links])
             expected = twin.move_stem(stem, twin.migration_rates(stem, *own, depth[links], law), *own, law)
@@ -114,13 +113,13 @@ def test_a_river_in_links_has_the_rates_of_one_piece(device, dtype, scales, time
     whole = Case([xy], dtype=dtype, device=device)
     links = Case(lines, stems=[list(range(len(lines)))], dtype=dtype, device=device)
     for deal in DEALS:
-        one = whole.rates(law, deal)[0]
-        many = links.rates(law, deal)
-        assert np.abs(twin.join_links([r[:, None] for r in many])[0][:, 0] - one).max() <= (
-            SAME_RIVER[dtype] * np.abs(one).max()
-        ), deal
+        one = whole.velocities(law, deal)[0]
+        many = links.velocities(law, deal)
+        assert np.abs(twin.join_links(many)[0] - one).max() <= SAME_RIVER[dtype] * np.abs(one).max(), deal
         for upper, lower in itertools.pairwise(many):
-            assert abs(upper[-1] - lower[0]) <= SAME_RIVER[dtype] * np.abs(one).max(), "a junction has one rate"
+            assert np.abs(upper[-1] - lower[0]).max() <= SAME_RIVER[dtype] * np.abs(one).max(), (
+                "a junction has one rate"
+            )
         after, moved = whole.moved(law, [one], deal)[0], links.moved(law, many, deal)
         joined = np.concatenate([moved[0], *(line[1:] for line in moved[1:])])
         np.testing.assert_allclose(joined, after, rtol=0.0, atol=1e-9 if dtype == "float64" else 5e-3)
@@ -129,18 +128,17 @@ def test_a_river_in_links_has_the_rates_of_one_piece(device, dtype, scales, time
 def test_end_damping_goes_on_through_short_links(device):
     """Over five widths: the first and the last links are two segments long, and have widths of their own."""
     _, lines = river_in_links()
-    law = Law(time_step=SHORT_STEP)
     width = np.full(len(lines), 50.0)
     width[0], width[-1] = 80.0, 30.0
     case = Case(lines, width=width, stems=[list(range(len(lines)))], device=device)
-    weights = twin.stem_end_weights(lines, np.full(len(lines), 50.0), width, law.end_damping)
-    ones = [np.ones(len(line)) for line in lines]
-    case.rates(law)  # which measures how far the ends are
-    moved = case.moved(law, ones)
-    for line, after, weight in zip(lines, moved, weights, strict=True):
-        shift = np.hypot(*(after - line).T)[1:-1]
-        np.testing.assert_allclose(shift, SHORT_STEP * weight[1:-1], rtol=0.0, atol=1e-10)
-    assert 0.0 < weights[2][1] < 1.0, "it reaches into the third link"
+    free, damped = (
+        case.rates(Law(time_step=SHORT_STEP, local_weight=0.0, end_damping=damping)) for damping in (0.0, 5.0)
+    )
+    weight = twin.stem_end_weights(lines, np.full(len(lines), 50.0), width, 5.0)
+    largest = max(np.abs(rate).max() for rate in free)
+    error = twin.join_values(damped) - weight * twin.join_values(free)
+    assert np.abs(error).max() <= SUM_TOLERANCE * largest
+    assert 0.0 < twin.split_links(weight, lines)[2][1] < 1.0, "it reaches into the third link"
 
 
 def test_an_inactive_link_hands_on_its_own_bends_and_no_more(device):

@@ -1,4 +1,4 @@
-"""Rates, by ``compute_rate``, against O(n^2) twins in reference.py, closed forms, symmetries and convergence orders."""
+"""Rates, by ``compute_velocity`` and ``resolve_rate``, against O(n^2) twins, closed forms, symmetries and orders."""
 
 import dataclasses
 from decimal import Decimal, localcontext
@@ -153,11 +153,12 @@ def test_any_channels_in_any_chunks_or_slabs(counts, deal, seed, depth, time_ste
     expected = []
     for xy, rate in zip(lines, twin_rates(lines, law, 80.0, depth), strict=True):
         r = reference.recurrence_root(reference.implicit_share(xy, 50.0, 80.0, law))
-        expected.append(reference.fading_sum(rate, r) if r > 0.0 else np.concatenate([[0.0], rate[1:]]))
-    rates = case.rates(law, deal)
-    assert_rates(rates, expected, SUM_TOLERANCE)
-    for xy, rate, moved in zip(lines, rates, case.moved(law, rates, deal), strict=True):
-        twin = reference.move_points(xy, rate, 50.0, 80.0, 80.0, law)
+        rate[0] = 0.0
+        expected.append(reference.fading_sum(reference.velocities(xy, rate), r))
+    found = case.velocities(law, deal)
+    assert_rates(found, expected, SUM_TOLERANCE)
+    for xy, velocity, moved in zip(lines, found, case.moved(law, found, deal), strict=True):
+        twin = reference.move_points(xy, velocity, 50.0, 80.0, law)
         size = np.abs(xy).max() + np.abs(twin - xy).max()
         assert np.abs(moved - twin).max() <= 1e-15 * size + SUM_TOLERANCE * np.abs(twin - xy).max()
 
@@ -168,7 +169,7 @@ def test_ten_thousand_kilometres_do_not_underflow(device):
     xy = meander(count, spacing)
     # About the origin, as the simulation holds it.
     xy -= np.round(xy.mean(axis=0))
-    law = Law(time_step=SHORT_STEP, scale_upstream=0)
+    law = Law(time_step=SHORT_STEP, scale_upstream=0, end_damping=0.0)
     case = Case([xy], device=device)
     rates = {deal: case.rates(law, deal)[0] for deal in (64, 4096, *SLABS[:1])}
     largest = np.abs(rates[64]).max()
@@ -211,7 +212,7 @@ def test_a_circle_has_the_curvature_of_its_radius(device):
     local = Law(time_step=SHORT_STEP, upstream_weight=0.0)
     rate = Case([xy], spacing=chord, device=device).rates(local)[0]
     assert rate[2:-2] == pytest.approx(-60.0 * 50.0 / radius, rel=SUM_TOLERANCE)
-    both = Law(time_step=SHORT_STEP, scale_upstream=0)
+    both = Law(time_step=SHORT_STEP, scale_upstream=0, end_damping=0.0)
     rate = Case([xy[::-1]], spacing=chord, device=device).rates(both)[0]
     assert rate[110:-2] == pytest.approx(-60.0 * 50.0 / radius * 1.5, rel=SUM_TOLERANCE)
 
@@ -259,15 +260,17 @@ def test_a_straight_line_has_no_rate(device):
 
 def test_rates_turn_with_the_line_and_change_sign_in_its_mirror(device):
     lines, law = stacked_lines(seed=6), Law(time_step=0.3)
-    rates = Case(lines, device=device).rates(law)
-    moved = Case(lines, device=device).moved(law, rates)
+    found = Case(lines, device=device).velocities(law)
+    moved = Case(lines, device=device).moved(law, found)
+    rates = Case(lines, device=device).rates(Law(time_step=SHORT_STEP))
     c, s = np.cos(0.7), np.sin(0.7)
     for image in (np.array([[c, s], [-s, c]]), np.diag([1.0, -1.0])):
         sign = np.sign(np.linalg.det(image))
         case = Case([xy @ image for xy in lines], device=device)
-        image_rates = case.rates(law)
-        assert_rates(image_rates, [sign * rate for rate in rates], SUM_TOLERANCE)
-        for a, b in zip(case.moved(law, image_rates), moved, strict=True):
+        assert_rates(case.rates(Law(time_step=SHORT_STEP)), [sign * rate for rate in rates], SUM_TOLERANCE)
+        image_velocities = case.velocities(law)
+        assert_rates(image_velocities, [velocity @ image for velocity in found], SUM_TOLERANCE)
+        for a, b in zip(case.moved(law, image_velocities), moved, strict=True):
             assert np.abs(a - b @ image).max() <= MOVE_TOLERANCE
 
 
@@ -301,7 +304,7 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
         state.begin_row()
         state.run(mover.stages(state))
         count = network.point_count
-        results.append((mover.point_rate.numpy()[:count], state.point_moved.numpy()[:count]))
+        results.append((mover.point_velocity.numpy()[:count], state.point_moved.numpy()[:count]))
     assert np.isfinite(results[0][1]).all() and np.abs(results[0][0]).max() > 1.0
     assert (results[0][0] == results[1][0]).all()
     assert (results[0][1] == results[1][1]).all()
@@ -312,11 +315,26 @@ def test_single_precision_rates_and_moves(device):
     sections = varying_sections(lines)
     for law in (Law(time_step=SHORT_STEP), Law(time_step=0.3), Law(time_step=0.3, scale_local=1)):
         wide, narrow = (Case(lines, sections=sections, dtype=d, device=device) for d in ("float64", "float32"))
-        rates = wide.rates(law)
+        found = wide.velocities(law)
         for deal in (1, 7, 4096, *SLABS):
-            assert_rates(narrow.rates(law, deal), rates, SUM_TOLERANCE_32)
-        for a, b in zip(narrow.moved(law, rates), wide.moved(law, rates), strict=True):
+            assert_rates(narrow.velocities(law, deal), found, SUM_TOLERANCE_32)
+        for a, b in zip(narrow.moved(law, found), wide.moved(law, found), strict=True):
             assert np.abs(a - b).max() <= MOVE_TOLERANCE_32
+
+
+def test_end_damping_is_a_smoothstep_of_the_distance_to_the_end(device):
+    """Of what is felt of the bends upstream; five widths of 60 m are six points of 50 m: t = k / 6, from both ends."""
+    case = Case([meander(40)], width=60.0, device=device)
+    law = Law(time_step=SHORT_STEP, local_weight=0.0, end_damping=5.0)
+    free, damped = (case.rates(dataclasses.replace(law, end_damping=d))[0] for d in (0.0, 5.0))
+    by_hand = np.array([0.0, 2.0 / 27.0, 7.0 / 27.0, 0.5, 20.0 / 27.0, 25.0 / 27.0, 1.0, 1.0])
+    assert damped[:8] == pytest.approx(by_hand * free[:8], rel=1e-14)
+    assert damped[:-9:-1] == pytest.approx(by_hand * free[:-9:-1], rel=1e-14)
+    assert (damped[6:-6] == free[6:-6]).all()
+    local = dataclasses.replace(law, local_weight=-1.0, upstream_weight=0.0)
+    np.testing.assert_array_equal(
+        case.rates(local)[0], case.rates(dataclasses.replace(local, end_damping=0.0))[0], "bends straighten everywhere"
+    )
 
 
 # ---- implicit smoothing
@@ -363,11 +381,9 @@ def test_smoothing_root_takes_the_sinuosity_only_where_it_scales_the_local_term(
     assert scaled == pytest.approx(device_roots([0.12], 200.0, 50.0, Law(), 1.0)[0], rel=1e-14)
 
 
-def smoothed_speed(case, law, xy, deal):
-    """What both kernels together make of the rates: the speed of each inner point to its right."""
-    rates = case.rates(law, deal)
-    moved = case.moved(law, rates, deal)[0]
-    return np.sum((moved - xy)[1:-1] * reference.right_normals(xy), axis=1) / law.time_step
+def smoothed_velocity(case, law, xy, deal):
+    """What both kernels together make of the rates, (n, 2)."""
+    return (case.moved(law, case.velocities(law, deal), deal)[0] - xy) / law.time_step
 
 
 @pytest.mark.parametrize("deal", DEALS)
@@ -379,22 +395,30 @@ def test_two_recurrences_solve_the_implicit_equation(deal):
     share = reference.implicit_share(xy, 50.0, width, law)
     r = reference.recurrence_root(share)
     assert 0.3 < r < 0.8
-    expected = reference.implicit_smoothing(twin_rates([xy], law, width)[0], share)
+    expected = reference.implicit_smoothing(reference.velocities(xy, twin_rates([xy], law, width)[0]), share)
     margin = int(np.log(1e-16) / np.log(r))  # where the ends, which are held, are forgotten
     assert 2 * margin < 200
-    actual = smoothed_speed(Case([xy], width=width), law, xy, deal)
+    actual = smoothed_velocity(Case([xy], width=width), law, xy, deal)
     inner = slice(margin, len(xy) - margin)
-    assert np.abs(actual - expected[1:-1])[inner].max() <= SUM_TOLERANCE * np.abs(expected).max()
+    assert np.abs(actual - expected)[inner].max() <= SUM_TOLERANCE * np.abs(expected).max()
 
 
-def test_smoothing_keeps_a_constant_rate():
-    """DC gain 1: far from the ends a circle moves as fast with as without it."""
-    angle = np.arange(220) * 0.1
-    xy = 500.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    law = Law(time_step=1.0, upstream_weight=0.0, end_damping=0.0)
-    case = Case([xy], width=200.0, spacing=1000.0 * np.sin(0.05))
-    speed = smoothed_speed(case, law, xy, 64)
-    assert speed[80:-80] == pytest.approx(-60.0 * 200.0 / 500.0, rel=SUM_TOLERANCE)
+def test_smoothing_holds_a_circle_back_as_a_backward_step_does():
+    """Far from the ends, points a apart on a circle go straight to its middle, by v / (1 + 2 c (1 - cos a)).
+
+    So the local term never carries a bend beyond its own middle, however long the step is.
+    """
+    angle, radius, width = np.arange(600) * 0.1, 500.0, 200.0
+    spacing = 2.0 * radius * np.sin(0.05)
+    xy = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for time_step in (1.0, 10.0):
+        law = Law(time_step=time_step, upstream_weight=0.0, end_damping=0.0)
+        share = reference.implicit_share(xy, spacing, width, law)
+        velocity = smoothed_velocity(Case([xy], width=width, spacing=spacing), law, xy, 64)
+        expected = -60.0 * width / radius / (1.0 + 2.0 * share * (1.0 - np.cos(0.1))) * xy / radius
+        # The ends, which are held, are forgotten after so many points.
+        middle = slice(250, -250)
+        np.testing.assert_allclose(velocity[middle], expected[middle], rtol=0.0, atol=SUM_TOLERANCE * 100.0)
 
 
 def test_a_kink_alternating_from_point_to_point_halves_and_turns():
@@ -405,7 +429,7 @@ def test_a_kink_alternating_from_point_to_point_halves_and_turns():
     for time_step in (0.1, 0.5, 5.0):
         law = Law(time_step=time_step, upstream_weight=0.0, end_damping=0.0)
         case = Case([xy], width=200.0)
-        moved = case.moved(law, case.rates(law))[0]
+        moved = case.moved(law, case.velocities(law))[0]
         middle = slice(150, 250)
         assert moved[middle, 1] / small[middle] == pytest.approx(-0.5, abs=1e-6)
 
@@ -417,7 +441,7 @@ def test_smoothing_goes_by_the_width_of_each_point(device):
     law = Law(time_step=0.6)
     expected = [
         reference.fading_sum(
-            reference.migration_rate(xy, 50.0, section[:, 0], section[:, 1], law),
+            reference.velocities(xy, reference.migration_rate(xy, 50.0, section[:, 0], section[:, 1], law)),
             reference.point_roots(xy, 50.0, section[:, 0], law),
         )
         for xy, section in zip(lines, sections, strict=True)
@@ -425,4 +449,4 @@ def test_smoothing_goes_by_the_width_of_each_point(device):
     assert any(reference.point_roots(xy, 50.0, s[:, 0], law).any() for xy, s in zip(lines, sections, strict=True))
     case = Case(lines, sections=sections, device=device)
     for deal in DEALS:
-        assert_rates(case.rates(law, deal), expected, SUM_TOLERANCE)
+        assert_rates(case.velocities(law, deal), expected, SUM_TOLERANCE)

@@ -26,6 +26,7 @@ from kernel_arrays import (
     split,
     starts_of,
     status_of,
+    stems_of,
     to_device,
     unwritten,
 )
@@ -95,7 +96,17 @@ class Case:
     """Some moved channels on a device; each kernel has its method, and ``sampled`` runs them all."""
 
     def __init__(
-        self, lines, *, spacing=50.0, sections=None, resting=(), rings=(), dtype="float64", device="cpu", spare=5
+        self,
+        lines,
+        *,
+        spacing=50.0,
+        sections=None,
+        resting=(),
+        rings=(),
+        stems=(),
+        dtype="float64",
+        device="cpu",
+        spare=5,
     ):
         self.resting, self.rings = resting, rings
         self.scalar = SCALARS[dtype]
@@ -120,6 +131,8 @@ class Case:
             "step": to_device(step, self.scalar, device),
             "closed": ring_flags(rings, len(lines), device),
         }
+        if stems:
+            self.members["stems"] = stems_of(stems, len(lines), device)
         self.channels = channels_of(self.scalar, **self.members)
 
     def launch(self, kernel, dim, inputs, outputs):
@@ -486,6 +499,51 @@ def test_copies_left_by_cutoffs_are_passed_over(device, cuts):
         assert_sampled(Case(lines, sections=sections, device=device), deal)
 
 
+@pytest.mark.parametrize("cuts", [[], [(30, 39)], [(47, 60)], [(35, 40), (42, 44), (46, 70)]], ids=str)
+def test_links_are_sampled_on_the_cubic_through_the_whole_river(device, cuts):
+    """Each at a spacing of its own; copies that cutoffs have left beside a junction are passed over there as well."""
+    rng = np.random.default_rng(12)
+    river = with_copies(smooth_line(rng, 120), cuts)
+    ends = [0, 3, 41, 45, 119]
+    lines = [river[a : b + 1] for a, b in itertools.pairwise(ends)]
+    kept = reference.distinct_points(river)
+    curve, t = reference.cubic_through(river[kept])
+    arc = reference.arc_quanta(river[kept]) * reference.QUANTUM
+    spacing = np.array([50.0, 40.0, 55.0, 50.0])
+    # Packed in another order.
+    order = [2, 0, 3, 1]
+    case = Case(
+        [lines[k] for k in order], spacing=spacing[order], stems=[[order.index(k) for k in range(4)]], device=device
+    )
+    place = np.interp(np.arange(120), kept, arc)
+    for deal in (1, 7, 64, "one slab", "a slab each, apart"):
+        sampled = case.sampled(deal)
+        for c, k in enumerate(order):
+            first, last = place[ends[k]], place[ends[k + 1]]
+            count = reference.sample_count(last - first, spacing[k])
+            expected = curve(np.interp(np.linspace(first, last, count), arc, t))
+            np.testing.assert_allclose(sampled.points[c], expected, rtol=0.0, atol=POINT_TOLERANCE)
+            np.testing.assert_array_equal(sampled.points[c][[0, -1]], lines[k][[0, -1]])
+
+
+def test_a_line_that_leaves_the_map_is_sampled_as_if_it_went_on_in_a_mirror(device):
+    """Its cubic then crosses the edge at a right angle; the other end goes on straight."""
+    rng = np.random.default_rng(4)
+    for edge, axis in ((1, 0), (2, 1)):
+        line = smooth_line(rng, 40)
+        mirror = line[-2::-1].copy()
+        mirror[:, axis] = 2.0 * line[-1, axis] - mirror[:, axis]
+        both = np.concatenate([line, mirror])
+        curve, t = reference.cubic_through(both)
+        arc = reference.arc_quanta(line) * reference.QUANTUM
+        case = Case([line], device=device)
+        case.members["edge"] = to_device(np.array([edge], np.int32), wp.int32, device)
+        case.channels = channels_of(case.scalar, **case.members)
+        count = reference.sample_count(arc[-1], 50.0)
+        expected = curve(np.interp(np.linspace(0.0, arc[-1], count), arc, t[: len(line)]))
+        np.testing.assert_allclose(case.sampled(7).points[0], expected, rtol=0.0, atol=POINT_TOLERANCE)
+
+
 def test_the_last_sample_keeps_the_section_of_the_last_point(device):
     """Twelve to ninety metres wide at the outlet, and so it stays, step after step."""
     rng = np.random.default_rng(10)
@@ -750,28 +808,38 @@ def test_curvature_of_degenerate_points_is_zero():
     assert out.numpy() == pytest.approx([0.0, 0.0, 0.0, np.sqrt(2.0), -np.sqrt(2.0)], rel=1e-15)
 
 
-def test_extended_points_are_point_reflections(device):
+def test_extended_points_are_those_of_the_next_links_or_reflections(device):
     line = polyline.build(wp.float64)
     extended_point, vec2, Run = line.extended_point, line.vec2, line.Run
 
     @wp.kernel(module="unique", enable_backward=False)
-    def evaluate(point: wp.array[vec2], first: int, last: int, closed: int, point_out: wp.array[vec2]):
+    def evaluate(point: wp.array[vec2], closed: int, edge: int, head: int, foot: int, point_out: wp.array[vec2]):
         i = wp.tid()
         run = Run()
-        run.first = first
-        run.last = last
+        run.first = 3
+        run.last = 5
         run.closed = closed
-        run.edge = 0
-        run.upper = -1
-        run.lower = -1
-        point_out[i] = extended_point(point, first + i - 2, run)
+        run.edge = edge
+        run.head = head
+        run.upper = wp.where(head >= 0, 0, -1)
+        run.foot = foot
+        run.lower = wp.where(foot >= 0, 0, -1)
+        point_out[i] = extended_point(point, 1 + i, run)
 
-    # Three points of a channel between two others.
-    xy = np.array([[9.0, 9.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [9.0, 9.0]])
-    out = unwritten(7, vec2, device)
-    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3, 0], outputs=[out], device=device)
-    by_hand = [[-5.0, 1.0], [-2.0, -1.0], [0.0, 0.0], [2.0, 1.0], [5.0, -1.0], [8.0, -3.0], [10.0, -2.0]]
-    assert out.numpy().tolist() == by_hand
-    assert reference.reflect_ends(xy[1:4]).tolist() == by_hand
-    wp.launch(evaluate, dim=7, inputs=[to_device(xy, vec2, device), 1, 3, 1], outputs=[out], device=device)
-    assert out.numpy().tolist() == [*xy[[2, 3]].tolist(), *xy[[1, 2, 3]].tolist(), *xy[[1, 2]].tolist()], "a ring"
+    # Three points of a channel between two others, which end and begin where it does.
+    own = [[0.0, 0.0], [2.0, 1.0], [5.0, -1.0]]
+    packed = [[-9.0, 7.0], [-4.0, 2.0], own[0], *own, own[2], [8.0, -4.0], [9.0, 9.0]]
+
+    def found(closed=0, edge=0, head=-1, foot=-1):
+        out = unwritten(7, vec2, device)
+        inputs = [to_device(np.array(packed), vec2, device), closed, edge, head, foot]
+        wp.launch(evaluate, dim=7, inputs=inputs, outputs=[out], device=device)
+        return out.numpy().tolist()
+
+    straight = [[-5.0, 1.0], [-2.0, -1.0], *own, [8.0, -3.0], [10.0, -2.0]]
+    assert found() == reference.reflect_ends(np.array(own)).tolist() == straight
+    assert found(closed=1) == [own[1], own[2], *own, own[0], own[1]], "a ring"
+    assert found(edge=1) == [*straight[:5], [8.0, 1.0], [10.0, 0.0]], "a mirror that runs north"
+    assert found(edge=2) == [*straight[:5], [2.0, -3.0], [0.0, -2.0]], "a mirror that runs west"
+    assert found(head=2, foot=6) == [packed[0], packed[1], *own, packed[7], packed[8]], "links"
+    assert found(foot=6) == [*straight[:5], packed[7], packed[8]]

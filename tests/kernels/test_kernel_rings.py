@@ -23,6 +23,7 @@ from kernel_arrays import (
     share_out,
     split,
     starts_of,
+    stems_of,
     to_device,
     unwritten,
 )
@@ -87,12 +88,12 @@ def test_lines_among_rings_have_the_bits_that_they_have_alone(device, dtype):
     rest = [c for c in range(len(lines)) if c not in rings]
     alone = moving.Case([lines[c] for c in rest], dtype=dtype, device=device)
     for deal in (64, SLABS[0]):
-        rates, own = case.rates(law, deal), alone.rates(law, deal)
-        moved, own_moved = case.moved(law, rates, deal), alone.moved(law, own, deal)
+        found, own = case.velocities(law, deal), alone.velocities(law, deal)
+        moved, own_moved = case.moved(law, found, deal), alone.moved(law, own, deal)
         for k, c in enumerate(rest):
             np.testing.assert_array_equal(moved[c], own_moved[k])
             if deal != 64:  # chunks warm up from where they begin
-                np.testing.assert_array_equal(rates[c], own[k])
+                np.testing.assert_array_equal(found[c], own[k])
 
 
 @functools.cache
@@ -112,13 +113,15 @@ def test_smoothed_rates_and_moves_with_sections_match_the_dense_twins(device, sc
     law = Law(time_step=time_step, scale_local=scale_local)
     case = moving.Case(lines, sections=sections, rings=rings, device=device)
     roots = {c: twin.roots(lines[c], 50.0, sections[c][:, 0], law) for c in rings}
-    expected = {c: twin.fading_sum(raw, roots[c]) for c, raw in raw_rates(scale_local).items()}
+    expected = {
+        c: twin.fading_sum(twin.velocities(lines[c], raw), roots[c]) for c, raw in raw_rates(scale_local).items()
+    }
     for deal in (1, 7, 64, 4096, *SLABS[1:3]):
-        rates = case.rates(law, deal)
-        moved = case.moved(law, rates, deal)
+        found = case.velocities(law, deal)
+        moved = case.moved(law, found, deal)
         for c in rings:
-            assert np.abs(rates[c] - expected[c]).max() <= SUM_TOLERANCE * np.abs(expected[c]).max(), (deal, c)
-            after = twin.move_points(lines[c], rates[c], roots[c], law)
+            assert np.abs(found[c] - expected[c]).max() <= SUM_TOLERANCE * np.abs(expected[c]).max(), (deal, c)
+            after = twin.move_points(lines[c], found[c], roots[c], law)
             reach = np.abs(after).max() + np.abs(after - lines[c]).max()
             assert np.abs(moved[c] - after).max() <= 1e-14 * reach + SUM_TOLERANCE * np.abs(after - lines[c]).max()
     assert time_step < 1.0 or min(roots[1]) ** 8 > 0.1
@@ -166,8 +169,8 @@ def test_rings_at_rest_are_passed_over(device, dtype):
     awake = moving.Case(lines, rings=rings, dtype=dtype, device=device)
     case = moving.Case(lines, rings=rings, resting=(1, 4, 5), dtype=dtype, device=device)
     for deal in (7, 64, *SLABS):
-        rates, found = awake.rates(law, deal), case.rates(law, deal)
-        moved, points = awake.moved(law, rates, deal), case.moved(law, found, deal)
+        velocities, found = awake.velocities(law, deal), case.velocities(law, deal)
+        moved, points = awake.moved(law, velocities, deal), case.moved(law, found, deal)
         for c, xy in enumerate(lines):
             expected = xy.astype(REALS[dtype]) if c in (1, 4, 5) else moved[c]
             np.testing.assert_array_equal(points[c], expected)
@@ -296,7 +299,7 @@ def test_rings_touch_nobody(deal, device):
     assert len({tuple(np.searchsorted(start, pair, side="right") - 1) for pair in met}) == 3
 
 
-def smoothed(lines, rings, numbers, *, deal=64, resting=(), dtype="float64", device="cpu"):
+def smoothed(lines, rings, numbers, *, deal=64, resting=(), stems=(), dtype="float64", device="cpu"):
     """One pass of the smoothing kernel; numbers = (strength, pass band, swell)."""
     scalar, start = SCALARS[dtype], starts_of(lines)
     kernel = smoothing.build(scalar)
@@ -309,6 +312,8 @@ def smoothed(lines, rings, numbers, *, deal=64, resting=(), dtype="float64", dev
         scalar, start=to_device(start, wp.int32, device), form=forms(*np.ones((4, len(lines))), scalar, device),
         spacing=steps, step=steps, closed=ring_flags(rings, len(lines), device),
     )  # fmt: skip
+    if stems:
+        channels.stems = stems_of(stems, len(lines), device)
     for part in share_out(deal, len(lines), int(start[-1]), device):
         inputs = [channels, *numbers, part.work, before]
         wp.launch(kernel.smooth_points, dim=part.threads, inputs=inputs, outputs=[after], device=device)
@@ -332,6 +337,28 @@ def test_smooth_points_matches_its_twin(device, dtype):
                     longest = 1.0 - np.cos(2.0 * np.pi / n if c in rings else np.pi / (n - 1))
                     weight = 1.0 / ((longest if band < 0.0 else band) - 1.0 / strength) if swell else strength
                     assert np.abs(found[c] - twin.smooth(xy, weight, c in rings)).max() <= tolerance
+
+
+@pytest.mark.parametrize("resting", [(), (2,)])
+def test_links_are_smoothed_as_one_line(resting, device, dtype):
+    """To the bit, in the pass band of a line without end; an inactive link is held, and with it both its nodes."""
+    river = wavy_ring(200, 4)[:160]
+    ends = [0, 2, 60, 130, 159]
+    order = [2, 0, 3, 1]
+    lines = [river[ends[k] : ends[k + 1] + 1] for k in order]
+    stem = [order.index(k) for k in range(4)]
+    for swell in (0, 1):
+        whole = smoothed([river], (), (0.5, 0.0, swell), dtype=dtype, device=device)[0]
+        for deal in DEALS:
+            options = {"deal": deal, "resting": [stem[k] for k in resting], "dtype": dtype, "device": device}
+            found = smoothed(lines, (), (0.5, -1.0, swell), stems=[stem], **options)
+            for k in range(4):
+                expected = whole[ends[k] : ends[k + 1] + 1].copy()
+                held = [0, -1] if k in resting else [-1] if k + 1 in resting else [0] if k - 1 in resting else []
+                expected[held] = lines[stem[k]].astype(REALS[dtype])[held]
+                if k in resting:
+                    expected = lines[stem[k]].astype(REALS[dtype])
+                np.testing.assert_array_equal(found[stem[k]], expected)
 
 
 def test_a_pass_of_plain_laplacian_smoothing_shrinks_a_circle_by_the_known_factor():

@@ -154,12 +154,15 @@ def test_a_captured_tributary_leaves_its_sibling_one_channel(device):
     assert network.channel_width[trunk] == pytest.approx(WIDTH * (5 / 4) ** 0.5)
 
 
-@pytest.mark.parametrize(("turn", "cases"), [(120.0, []), (160.0, ["neck"])])
-def test_the_two_nodes_of_a_short_channel_count_as_one(turn, cases, device):
+@pytest.mark.parametrize(
+    ("turn", "memory", "cases"), [(120.0, "channel", []), (160.0, "channel", ["neck"]), (120.0, "stem", ["neck"])]
+)
+def test_the_two_nodes_of_a_short_channel_count_as_one(turn, memory, cases, device):
     """Four widths part two junctions. The trunk turns back at ``turn`` and passes the upper one at 18 m.
 
     Its way there from the lower junction is 178 m, within the reach of ten widths, or 258 m. The short channel and
-    the trunk begin at one node then: from the foot of the short one, 80 m more, both would be too far.
+    the trunk begin at one node then: from the foot of the short one, 80 m more, both would be too far. As links of one
+    river they have a neck there at either turn, as one channel has.
     """
     lines = [
         line((-800.0, -400.0), (0.0, 0.0)),
@@ -168,7 +171,8 @@ def test_the_two_nodes_of_a_short_channel_count_as_one(turn, cases, device):
         line((80.0, -800.0), (80.0, 0.0)),
         line((80.0, 0.0), (turn, 0.0), (turn, 18.0), (0.0, 18.0), (0.0, 1000.0)),
     ]
-    sim = joined(lines, [4.0, 2.0, 6.0, 1.0, 7.0], STILL.replace(cutoff_distance=0.0), device=device)
+    params = STILL.replace(cutoff_distance=0.0, upstream_memory=memory)
+    sim = joined(lines, [4.0, 2.0, 6.0, 1.0, 7.0], params, device=device)
     assert [(event.case, event.channel, event.other) for event in sim.history.collisions] == [
         (case, 2, 4) for case in cases
     ]
@@ -306,7 +310,8 @@ def test_search_finds_what_comparing_all_pairs_finds(device):
     rng, ranks = np.random.default_rng(3), set()
     for seed in range(20):
         network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
-        params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0)
+        # Nothing but nodes keeps channels from touching: none are links of one river, with necks.
+        params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0, upstream_memory="channel")
         sim = Simulation(network, params.replace(collision_distance=1e-9), device=device)
         xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
         owner = np.repeat(np.arange(len(width)), np.diff(starts))
@@ -375,7 +380,9 @@ def test_random_trees_stay_forests(dtype, seeds, steps, device):
                 assert_forest(sim.network)
         assert outlet_area(sim.network) == pytest.approx(before, rel=1e-9)
         kinds |= {event.case for event in sim.history.collisions}
-    assert kinds == {"upstream", "downstream", "neck", "disconnected"} or dtype == "float32"
+    # Necks across nodes take longer to form.
+    expected = {"upstream", "downstream", "disconnected"} | ({"neck"} if steps > 100 else set())
+    assert expected <= kinds or dtype == "float32"
 
 
 def outlet_area(network):

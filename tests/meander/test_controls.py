@@ -206,7 +206,10 @@ def test_what_lies_beyond_a_map_is_not_covered(device):
         (lambda: DampingRegion(Raster(np.full((3, 3), 2.0), 1.0)), "has the factor 2 at row 0, column 0"),
         (lambda: DampingRegion(Raster(np.ones((3, 3)), 1.0), 0.5), "takes no factor and no blend beside a Raster"),
         (lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)]), "ErodibilityField.factor is missing"),
-        (lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)], -1.0), "ErodibilityField.factor is -1.0"),
+        (
+            lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)], -1.0),
+            "ErodibilityField.factor is -1; give a finite",
+        ),
         (lambda: ControlMap([]), "controls is empty"),
         (lambda: ControlMap(["here"]), "controls holds a str; give Attractor"),
         (lambda: ControlMap([Attractor((0, 0), 10.0), Attractor((1e6, 1e6), 10.0)]), "leave out what lies far off"),

@@ -22,8 +22,14 @@ def fork(lower=6000.0):
 @pytest.mark.parametrize(
     ("params", "rate"),
     [
-        # Straight channels do not migrate; the bends that the drift gives the tributaries are held back here.
-        (wr.MeanderParams(spacing=SPACING, junction_drift=0.1, local_weight=0.0, upstream_weight=0.0), 60.0),
+        # Straight channels do not migrate; the bends that the drift gives the tributaries are held back here, and no
+        # corner of a river that goes on through the junction is rounded.
+        (
+            wr.MeanderParams(
+                spacing=SPACING, junction_drift=0.1, local_weight=0.0, upstream_weight=0.0, upstream_memory="channel"
+            ),
+            60.0,
+        ),
         (wr.PathMeander(spacing=SPACING, junction_drift=0.1, displacement_rate=40.0), 40.0),
     ],
     ids=["migration", "paths"],

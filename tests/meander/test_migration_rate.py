@@ -26,7 +26,7 @@ def even_ring(count=90, radius=400.0):
 
 
 def twin(xy, closed, width, depth, params, mean_width):
-    """Rates by the twin, the ends damped over so many mean widths."""
+    """Rates by the twin, the push from upstream damped at both ends over so many mean widths."""
     law = reference.Law(
         friction=params.friction,
         scale_local=int(params.sinuosity_scaling == "whole"),
@@ -37,8 +37,7 @@ def twin(xy, closed, width, depth, params, mean_width):
         spacing = reference_rings.segments(xy).mean()
         return reference_rings.migration_rate(xy, spacing, width, depth, law)
     spacing = np.linalg.norm(np.diff(xy, axis=0), axis=1).mean()
-    rate = reference.migration_rate(xy, spacing, width, depth, law)
-    return rate * reference.end_weight(len(xy), spacing, law.end_damping * mean_width)
+    return reference.migration_rate(xy, spacing, width, depth, law, mean_width)
 
 
 @pytest.mark.parametrize("dtype", TWIN)
@@ -113,7 +112,8 @@ def test_rates_of_uneven_points_are_those_of_the_curve(closed, device):
     assert segments.max() > 2.5 * segments.min()
     fine = np.linspace(0.0, 1.0, 8 * count + 1)[: 8 * count + (not closed)]
     exact = np.interp(uneven, fine, rates(fine))
-    np.testing.assert_allclose(rates(uneven), exact, atol=5e-4 * abs(exact).max())
+    # Five widths from an end the second derivative of what is damped jumps; a cubic through even points misses that.
+    np.testing.assert_allclose(rates(uneven), exact, atol=(5e-4 if closed else 2e-3) * abs(exact).max())
 
 
 def test_rates_fade_with_the_slope_of_the_ground(device):

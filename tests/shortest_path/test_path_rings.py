@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference_paths as twin
 import reference_rings as rings
-from phases import crossings
+from crossings import crossings
 from scipy.optimize import brentq
 from test_paths import SPACING, assert_same, prepare, reserve, take, taken
 from test_rings import assert_as_alone, circle, noisy_ring, ring_network

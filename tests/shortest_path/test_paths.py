@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import reference_paths as twin
 import warp as wp
+from crossings import crossings
 from insides import shortcuts_of
-from phases import any_step, crossings
+from phases import any_step
 
 import warpriver as wr
 from warpriver.cli import main
@@ -507,3 +508,5 @@ def test_a_radius_beyond_the_length_and_strange_params_are_refused():
         wr.Simulation(network, wr.PathMeander(search_radius=4.0))
     with pytest.raises(ValueError, match="MeanderParams, a PathMeander or None"):
         wr.Simulation(network, {"search_radius": 1.0})
+    with pytest.raises(TypeError, match="upstream_memory"):
+        wr.PathMeander(upstream_memory="stem")

@@ -447,7 +447,7 @@ def test_movie_says_what_is_wrong(history, tmp_path, monkeypatch):
 def test_probe_survives_what_would_kill_this_process():
     packages = "libegl1 libgl1-mesa-dri"
     crash = gl.probe([sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"])
-    assert not crash.ok and "SIGSEGV" in crash.message and packages in crash.message
+    assert not crash.ok and "crashed" in crash.message and "SIG" not in crash.message and packages in crash.message
     error = gl.probe([sys.executable, "-c", "raise SystemExit('no display')"])
     assert not error.ok and "no display" in error.message and packages in error.message
     silent = gl.probe([sys.executable, "-c", "pass"])

@@ -13,6 +13,7 @@ on.
 from warpriver.edits.session import Session, read_edits, write_edits
 from warpriver.edits.values import (
     AddChannel,
+    AvulseChannel,
     Edit,
     EditTerrain,
     JoinChannels,
@@ -27,6 +28,7 @@ from warpriver.edits.values import (
 
 __all__ = [
     "AddChannel",
+    "AvulseChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",

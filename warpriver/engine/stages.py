@@ -72,7 +72,8 @@ def clear(array: wp.array) -> None:
 
 def put(array: wp.array, values: np.ndarray) -> None:
     """Copy all values of an array from the host, outside of any stage; on the CPU without a call that costs."""
-    if array.device.is_cpu:
+    device: Any = array.device
+    if device.is_cpu:
         np.copyto(array.numpy(), values, casting="unsafe")
     else:
         array.assign(values)

@@ -144,7 +144,7 @@ class GroundChange(Event):
 
 @dataclasses.dataclass(frozen=True)
 class ControlChange(Event):
-    """Other controls steer the channels; :func:`warpriver.meander.controls_after` makes them again.
+    """Other controls steer the channels; :func:`warpriver.meander.control_record.controls_after` makes them again.
 
     Attributes:
         time: yr; the controls hold from there on.

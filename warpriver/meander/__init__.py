@@ -7,6 +7,7 @@ long a step may be. :func:`shape_junctions` gives tributaries the angle that fit
 :class:`AvulsionParams` lets channels leave their courses.
 """
 
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.control_record import controls_after
 from warpriver.meander.controls import (
     Attractor,
@@ -33,6 +34,7 @@ __all__ = [
     "Guide",
     "JunctionParams",
     "Repeller",
+    "SetControls",
     "controls_after",
     "junction_angles",
     "migration_rate",

@@ -40,7 +40,7 @@ def collision_constants(
 
     Args:
         network: The network.
-        params: ``collision_distance`` and ``junction_reach``.
+        params: ``collision_distance``, ``junction_reach`` and ``cutoff_min_arc``.
         form: (C,) structs, as ``State.channel_form``.
         before: What holds until now; it is returned where it serves these channels as well.
     """
@@ -51,6 +51,7 @@ def collision_constants(
     constants = kernels.build(PRECISIONS[network.dtype][0]).CollisionConstants()
     constants.distance = params.collision_distance
     constants.node_reach = params.junction_reach
+    constants.neck_arc = params.cutoff_min_arc
     constants.block = BLOCK_WIDTHS
     width, spacing = form["widest"], COARSEST_SPACING * form["target_spacing"]
     reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))

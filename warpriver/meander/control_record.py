@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,9 @@ from warpriver.meander.controls import (
     Repeller,
 )
 from warpriver.raster import Raster
+from warpriver.validate import shown
 
-__all__ = ["change_to", "controls_after", "layout_after", "stroke_of"]
+__all__ = ["change_to", "control_of", "controls_after", "described", "layout_after", "stroke_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -60,6 +61,30 @@ def change_to(time: float, before: Sequence[Control], after: Sequence[Control], 
             numbers.append(own)
     place = Layout(0.0, 0.0, 0.0, 0, 0) if layout is None else layout
     return ControlChange(time, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
+
+
+def described(control: Control) -> dict[str, Any]:
+    """Return a control as JSON can hold it; :func:`control_of` makes it again.
+
+    Raises:
+        ValueError: A control of a kind that no history can keep.
+    """
+    words, numbers = _packed(control)
+    return {**words, "numbers": numbers.tolist()}
+
+
+def control_of(values: Mapping[str, Any], device: wp.DeviceLike = "cpu") -> Control:
+    """Return the control that :func:`described` told of.
+
+    Raises:
+        ValueError: It is none, or one that cannot be.
+    """
+    if values.get("kind") not in KINDS or "numbers" not in values:
+        raise InputError(f"{shown(dict(values))} is no control; it needs a kind, of {', '.join(KINDS)}, and numbers")
+    try:
+        return _unpacked(dict(values), np.asarray(values["numbers"], np.float64), device)
+    except (TypeError, IndexError, ValueError) as error:
+        raise InputError(f"a control of the kind {values['kind']} is damaged: {error}") from error
 
 
 def stroke_of(time: float, place: int, field: ControlField, window: tuple[int, int, int, int]) -> ControlStroke:

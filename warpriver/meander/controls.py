@@ -19,11 +19,11 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError, MissingExtraError, MissingFileError
+from warpriver.errors import InputError, InputTypeError, MissingExtraError, MissingFileError
 from warpriver.params import Params, parameter
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
-from warpriver.validate import checked_points, finite_numbers
+from warpriver.validate import checked_points, finite_numbers, floats, not_negative, positive
 
 if TYPE_CHECKING:
     from warpriver.meander.control_map import ControlMap
@@ -196,7 +196,7 @@ class ControlField(Control):
             return
         if cell_size is None:
             raise InputError("cell_size is missing; give the length of a cell's side in m")
-        numbers = np.asarray(values, np.float64) if not np.ma.isMaskedArray(values) else values
+        numbers = floats(values, "values") if not np.ma.isMaskedArray(values) else values
         self.raster = Raster(numbers, cell_size, origin, crs, "m", "control", device=device)
 
     @classmethod
@@ -214,8 +214,7 @@ class ControlField(Control):
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
         if not (east > west and north > south):
             raise InputError(f"bounds are {tuple(bounds)}; give (west, south, east, north) in m")
-        if not (math.isfinite(cell_size) and cell_size > 0.0):
-            raise InputError(f"cell_size is {cell_size!r}; give a positive length in m")
+        cell_size = positive(cell_size, "cell_size", "m")
         shape = tuple(max(2, math.ceil(span / cell_size - 1e-9)) for span in (north - south, east - west))
         require_memory(shape, 8, device, "a control field")
         return cls(np.zeros(shape), cell_size, (west, north), crs=crs, device=device)
@@ -245,6 +244,7 @@ class ControlField(Control):
         if not np.isfinite(gray).all() or gray.min() < 0.0 or gray.max() > 1.0:
             raise InputError("the gray values must lie from 0 to 1, or be whole numbers of 8 or 16 bits without a sign")
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
+        (height,) = finite_numbers([height], 1, "height")
         size = (east - west) / gray.shape[1], (north - south) / gray.shape[0]
         if not size[0] > 0.0 or abs(size[0] - size[1]) > 1e-3 * size[0]:
             raise InputError(
@@ -274,6 +274,8 @@ class ControlField(Control):
             imageio = importlib.import_module("imageio.v3")
         except ImportError as error:
             raise MissingExtraError('ControlField.from_image needs imageio: pip install "warpriver[viz]"') from error
+        if not isinstance(path, (str, os.PathLike)):
+            raise InputTypeError(f"path is a {type(path).__name__}; give the path of an image")
         if not os.path.isfile(path):
             raise MissingFileError(f"no image at {path}")
         try:
@@ -294,6 +296,7 @@ class ControlField(Control):
             radius: m.
             amount: m at the centre; below 0 it repels.
         """
+        (amount,) = finite_numbers([amount], 1, "amount")
         kind: Literal["raise", "lower"] = "raise" if amount >= 0.0 else "lower"
         Terrain.wrap_raster(self.raster).brush(kind, center, radius, abs(amount))
         self._note_stroke(center, radius)
@@ -361,9 +364,7 @@ class RateControl(Control):
                 a raster.
         """
         kind = type(self).__name__
-        if not (math.isfinite(blend) and blend >= 0.0):
-            raise InputError(f"{kind}.blend is {blend!r}; give a length in m, 0 or more")
-        self.blend = float(blend)
+        self.blend = not_negative(blend, f"{kind}.blend")
         self.raster: Raster | None = None
         self.polygon: FloatArray | None = None
         if isinstance(area, Raster):
@@ -381,11 +382,9 @@ class RateControl(Control):
             self.factor = None
             return
         factor = self._default_factor() if factor is None else factor
-        if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0.0 <= factor <= self.highest:
-            raise InputError(f"{kind}.factor is {factor!r}; the range is 0 to {self.highest:g}")
-        if math.isinf(factor):
-            raise InputError(f"{kind}.factor is infinite; give a finite number")
-        self.factor = float(factor)
+        self.factor = not_negative(factor, f"{kind}.factor")
+        if self.factor > self.highest:
+            raise InputError(f"{kind}.factor is {self.factor:g}; the range is 0 to {self.highest:g}")
         self.polygon = _frozen_points(area, f"{kind}.area", 3)
 
     def _default_factor(self) -> float:

@@ -32,9 +32,9 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
 class StemMemory:
     """What the links of stems hand on in a sub-step, and the launches that hand it on.
 
-    The rates of a link are computed as if nothing came from upstream. They are linear in what enters it: a few numbers
-    tell what a link makes of that, the links are chained without a walk over their points, and what enters each is
-    added to its rates afterwards.
+    The velocities of a link are computed as if nothing came from upstream. They are linear in what enters it: a few
+    numbers tell what a link makes of that, the links are chained without a walk over their points, and what enters each
+    is added to its velocities afterwards.
     """
 
     def __init__(self, count: int, scalar: Any, device: Any):
@@ -45,14 +45,14 @@ class StemMemory:
             return wp.zeros(count, dtype=kind, device=device)
 
         self._kernel, self._device, self._count = kernel, device, count
-        self.end, self.fade, self.start = zeros(kernel.vec2), zeros(kernel.vec3), zeros(kernel.vec2)
-        self.tail, self.ends = zeros(scalar), zeros(kernel.Ends)
+        self.end, self.fade, self.start = zeros(kernel.vec3), zeros(kernel.vec4), zeros(kernel.vec3)
+        self.tail = zeros(kernel.vec2)
 
     def struct(self) -> Any:
         """Return the arrays as kernels take them."""
         memory = self._kernel.Memory()
         memory.end, memory.fade, memory.start = self.end, self.fade, self.start
-        memory.tail, memory.ends = self.tail, self.ends
+        memory.tail = self.tail
         return memory
 
     def measure(self, channels: Any, length: wp.array) -> None:
@@ -61,17 +61,17 @@ class StemMemory:
         self._launch("measure_stems", self._count, [channels], [length])
 
     def chain(self, channels: Any, constants: Any, work: Any) -> None:
-        """Find what enters each link, when the rates of all are computed."""
+        """Find what enters each link, when the velocities of all are computed."""
         self._launch("chain_links", self._count, [channels, constants, work], [self.struct()])
 
-    def add(self, channels: Any, points: Any, constants: Any, share: Share, rate: wp.array) -> None:
-        """Add to the rates of a share of the channels what enters them."""
+    def add(self, channels: Any, points: Any, constants: Any, share: Share, velocity: wp.array) -> None:
+        """Add to the velocities of a share of the channels what enters them."""
         inputs = [channels, points, constants, share.work, self.struct()]
-        self._launch("add_upstream", share.channel_threads, inputs, [rate])
+        self._launch("add_upstream", share.channel_threads, inputs, [velocity])
 
-    def find_tails(self, channels: Any, points: Any, constants: Any, work: Any, rate: wp.array) -> None:
-        """Find what comes from downstream of each link where rates are smoothed, when they are complete."""
-        self._launch("find_tails", self._count, [channels, points, constants, work, rate], [self.tail])
+    def find_tails(self, channels: Any, points: Any, constants: Any, work: Any, velocity: wp.array) -> None:
+        """Find what comes from downstream of each link where velocities are smoothed, when they are complete."""
+        self._launch("find_tails", self._count, [channels, points, constants, work, velocity], [self.tail])
 
     def _launch(self, name: str, threads: int, inputs: list[Any], outputs: list[Any]) -> None:
         launch(getattr(self._kernel, name), threads, inputs, outputs, self._device)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from warpriver.engine.phase import Phase
@@ -27,7 +28,7 @@ __all__ = [
 
 
 @public
-def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any]:
+def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParams) -> tuple[Any, Any]:
     """Longest time steps in yr that follow a channel truly, (travel, carried); longer ones are done in equal parts.
 
     - the upstream term is explicit: a wave that it carries downstream must not outgrow the local term's diffusion,
@@ -36,7 +37,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
       Where no bend is as tight, it is enough that the fastest point moves by less than half a width.
 
     The diffusion of the local term sets no limit: what of it would be unstable is treated implicitly. Small waves stay
-    true up to 12 times this step and more; tight bends begin to cross themselves at twice it.
+    true up to 12 times this step and more, and no bend crosses itself in steps 16 times as long.
 
     Args:
         width: Channel width in m, a number or an array.
@@ -59,7 +60,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
 
 
 @public
-def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
+def stable_dt(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParams) -> Any:
     """Longest time step in yr that follows a channel truly whatever its bends, the lesser of :func:`step_limits`.
 
     Args:
@@ -122,23 +123,23 @@ class Migrate(Phase):
     """Moves every point by its rate over ``state.step``, into ``state.point_moved``.
 
     Attributes:
-        point_rate: (P,) migration rate, m/yr, positive to the right.
+        point_velocity: (P,) vec2, migration rate times the normal to the right of the flow, half smoothed, m/yr.
         memory: What the links of stems hand on; None where no phase follows stems.
     """
 
     name = "migrate"
-    point_rate: wp.array
+    point_velocity: wp.array
     memory: StemMemory | None
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
-        self.point_rate = state.zeros(state.point_capacity, state.scalar)
+        self.point_velocity = state.zeros(state.point_capacity, state.vec2)
         self.memory = None
         if state.stems is not None:
             self.memory = StemMemory(state.channel_capacity, state.scalar, state.device)
 
     def stages(self, state: State) -> list[Stage]:
-        """Return the stages: areas of rings, rates, what links hand on to each other, the move."""
+        """Return the stages: areas of rings, velocities, what links hand on to each other, the move."""
         kernel, constants = kernels.build(state.scalar), migration_constants(state.params, state.network.dtype)
         channels, points, ground, moved = state.channels(), state.points(), state.ground(), state.moved()
         stems, memory = state.stems, self.memory
@@ -146,10 +147,10 @@ class Migrate(Phase):
 
         def compute(share: Share) -> None:
             launch(
-                kernel.compute_rate,
+                kernel.compute_velocity,
                 dim=share.point_threads,
                 inputs=[channels, points, constants, share.work],
-                outputs=[self.point_rate, handed_on],
+                outputs=[self.point_velocity, handed_on],
                 device=state.device,
             )
 
@@ -157,7 +158,7 @@ class Migrate(Phase):
             launch(
                 kernel.move_points,
                 dim=share.point_threads,
-                inputs=[channels, points, ground, constants, share.work, self.point_rate, handed_on],
+                inputs=[channels, points, ground, constants, share.work, self.point_velocity, handed_on],
                 outputs=[moved, state.pace_bits],
                 device=state.device,
             )
@@ -173,10 +174,10 @@ class Migrate(Phase):
             memory.chain(channels, constants, whole.work)
 
         def add(share: Share) -> None:
-            memory.add(channels, points, constants, share, self.point_rate)
+            memory.add(channels, points, constants, share, self.point_velocity)
 
         def find_tails(whole: Share) -> None:
-            memory.find_tails(channels, points, constants, whole.work, self.point_rate)
+            memory.find_tails(channels, points, constants, whole.work, self.point_velocity)
 
         return [
             *areas,

@@ -37,10 +37,11 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
 
     It is the rate of the first, infinitely short step of a simulation [Howard1984, Paris2023], by the same kernel:
     omega k w C, plus the weighted mean of k w C upstream, with the sinuosity of the whole channel. Nothing is smoothed.
-    The rate is multiplied by what steers a step:
+    It is multiplied by what steers a step:
 
-    - at both ends of a line it fades to 0 over ``params.end_damping`` widths, as 3 t^2 - 2 t^3 of the distance to the
-      end. With ``end_damping=0`` it is that of the law alone, also at the end points, which a simulation holds;
+    - at both ends of a line what is felt of the bends upstream fades to 0 over ``params.end_damping`` widths, as
+      3 t^2 - 2 t^3 of the distance to the end: there bends only straighten. With ``end_damping=0`` the rate is that of
+      the law alone, also at the end points, which a simulation holds;
     - on a terrain of slope s it is multiplied by 1 - t^2 (3 - 2 t), t = s / ``params.slope_threshold``: 0 from the
       threshold on, off the map and where there is no data.
 
@@ -74,8 +75,8 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     check_ground(network, terrain)
     params = params.for_widths(network.channel_width)
     lines = [_Line(*each) for each in zip(network.polylines(), network.channel_closed.tolist(), strict=True)]
-    rates, ends = _compute_rates(network, lines, params, terrain)
-    rates = [line.at_points(rate) * line.end_weight(end) for line, rate, end in zip(lines, rates, ends, strict=True)]
+    rates = _compute_rates(network, lines, params, terrain)
+    rates = [line.at_points(rate) for line, rate in zip(lines, rates, strict=True)]
     if terrain is not None:
         weight = _slope_weight(terrain, network.points(), params.slope_threshold)
         rates = [r * w for r, w in zip(rates, np.split(weight, network.starts()[1:-1]), strict=True)]
@@ -131,58 +132,35 @@ class _Line:
         again = np.append(self.even, self.length), np.append(rate, rate[0])
         return CubicSpline(*again, bc_type="periodic")(self.arc)
 
-    def end_weight(self, ends: Any) -> np.ndarray | float:
-        """Return the factor of the channel's points: 0 at both ends of the river, 1 where these are not felt."""
-        if self.closed:
-            return 1.0
-        up: Any = self.arc
-        down: Any = self.length - self.arc
-        if self.even is None:  # exactly even, as for the kernel
-            index = np.arange(len(self.arc))
-            up, down = index * self.spacing, index[::-1] * self.spacing
-        t = np.ones(len(self.arc))
-        for away, reach in ((ends["above"] + up, ends["head_reach"]), (ends["below"] + down, ends["foot_reach"])):
-            if reach > 0.0:
-                t = np.minimum(t, away / reach)
-        return t * t * (3.0 - 2.0 * t)
-
 
 def _compute_rates(
     network: RiverNetwork, lines: list[_Line], params: MeanderParams, terrain: Terrain | None
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing.
-
-    With it, (C,) ``Ends`` of ``kernels/polyline.py`` as named columns: how far the ends of the river are.
-    """
+) -> list[np.ndarray]:
+    """Return the rates at the even points of each line, (n,) float64, of a step too short for any smoothing."""
     scalar, device, start = PRECISIONS[network.dtype][0], network.device, network.starts()
     kernel, count = kernels.build(scalar), network.channel_count
     channels, points = _as_kernels_take_it(network, lines)
     constants, whole = migration_constants(params, network.dtype), whole_share(network.point_count, device)
     if network.channel_closed.any():
         launch(kernel.measure_rings, whole.point_threads, [channels, points.xy, whole.work], [channels.area], device)
+    velocity = wp.zeros(network.point_count, dtype=kernel.vec2, device=device)
     rate = wp.zeros(network.point_count, dtype=scalar, device=device)
-    ends = np.zeros(count, [(name, np.float64) for name in ("above", "head_reach", "below", "foot_reach")])
-    ends["head_reach"] = ends["foot_reach"] = params.end_damping * network.channel_width
     stems = StemArrays(count, device, through_only=params.upstream_memory != "stem")
     # The stencil at a junction reaches two segments far into the next link.
     stems.take(network, terrain, alone=np.diff(start) < 3)
     stems.give(channels)
-    ends["foot_reach"][~stems.holds_feet()] = 0.0
     handed_on = kernel.Memory()
     if stems.joined:
         memory = StemMemory(count, scalar, device)
         handed_on = memory.struct()
         memory.measure(channels, stems.length)
-    launch(
-        kernel.compute_rate, whole.point_threads, [channels, points, constants, whole.work], [rate, handed_on], device
-    )
+    inputs = [channels, points, constants, whole.work]
+    launch(kernel.compute_velocity, whole.point_threads, inputs, [velocity, handed_on], device)
     if stems.joined:
         memory.chain(channels, constants, whole.work)
-        memory.add(channels, points, constants, whole.of_channels(count), rate)
-        linked = (stems.links.upper >= 0) | (stems.links.lower >= 0)
-        for name in ends.dtype.names or ():
-            ends[name][linked] = memory.ends.numpy()[name][linked]
-    return np.split(rate.numpy().astype(np.float64), start[1:-1]), ends
+        memory.add(channels, points, constants, whole.of_channels(count), velocity)
+    launch(kernel.resolve_rate, whole.point_threads, [channels, points.xy, whole.work, velocity], [rate], device)
+    return np.split(rate.numpy().astype(np.float64), start[1:-1])
 
 
 def _as_kernels_take_it(network: RiverNetwork, lines: list[_Line]) -> tuple[Any, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from warpriver.device import PRECISIONS
@@ -12,6 +13,7 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch, whole_share
 from warpriver.engine.state import State
 from warpriver.errors import InputError
+from warpriver.kernels import junctions
 from warpriver.kernels import smoothing as kernels
 from warpriver.network import RiverNetwork
 from warpriver.public import public
@@ -28,17 +30,21 @@ LONGEST_WAVE = -1.0
 class Smooth(Phase):
     """Smooths ``state.point_moved`` by ``params.taubin_passes`` pairs of passes; inactive channels stay as they are.
 
+    The links of a stem are smoothed as one line. What else ends at their nodes follows in the phase of the junctions.
+
     Attributes:
-        point_smoothed: (P,) vec2, what a pass gives; None without passes.
+        point_smoothed: (P,) vec2, what a pass gives; None without passes. ``shift``: (C,) vec2, scratch.
     """
 
     name = "smooth"
     point_smoothed: wp.array | None
+    shift: wp.array
 
     def allocate(self, state: State) -> None:
         """Make the device array."""
         passes = int(state.params.taubin_passes)
         self.point_smoothed = state.zeros(state.point_capacity, state.vec2) if passes > 0 else None
+        self.shift = state.zeros(state.channel_capacity, state.vec2)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stage of all passes; none without passes."""
@@ -47,23 +53,57 @@ class Smooth(Phase):
         there, back, passes = state.point_moved, self.point_smoothed, int(state.params.taubin_passes)
         kernel, channels = kernels.build(state.scalar), state.channels()
 
+        def settle(whole: Share) -> None:
+            settle_heads, inputs = junctions.build(state.scalar).settle_heads, [state.network.point_xy, whole.work]
+            launch(settle_heads, state.channel_capacity, [channels, *inputs], [self.shift, there], state.device)
+
         def run(share: Share) -> None:
             for _ in range(passes):
                 for swell, before, after in ((0, there, back), (1, back, there)):
                     inputs = [channels, STRENGTH, LONGEST_WAVE, swell, share.work, before]
                     launch(kernel.smooth_points, share.point_threads, inputs, [after], state.device)
 
-        return [Stage("smooth", run)]
+        if state.stems is None or not state.stems.joined:
+            return [Stage("smooth", run)]
+        # Links read of each other, in every pass.
+        return [Stage("smooth", settle, shared=False), Stage("smooth", run, shared=False)]
 
     def check(self, state: State) -> None:
         """Points are finite, and the ends of channels have not moved."""
         state.check_moved(self.name, anchored=not state.nodes_move)
 
 
+@overload
+def taubin_smooth(
+    channels: RiverNetwork,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> RiverNetwork: ...
+
+
+@overload
+def taubin_smooth(
+    channels: npt.ArrayLike,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> np.ndarray: ...
+
+
 @public
 def taubin_smooth(
-    channels: Any, passes: int = 10, *, strength: float = STRENGTH, pass_band: float | None = None, closed: bool = False
-) -> Any:
+    channels: RiverNetwork | npt.ArrayLike,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> RiverNetwork | np.ndarray:
     """Smooth channels without shrinking them; ends of lines are held, rings keep their area [Taubin1995].
 
     A pair of passes multiplies a wave of the line by 1 - strength |w| K (K - pass_band), K = 1 - cos a, a the angle of
@@ -90,7 +130,7 @@ def taubin_smooth(
     if pass_band is not None and not 0.0 <= pass_band < 1.0:
         raise InputError(f"pass_band is {pass_band:g}; give a number from 0 to below 1")
     given = isinstance(channels, RiverNetwork)
-    if given:
+    if isinstance(channels, RiverNetwork):
         network = channels.to()
         network.point_z = None
     else:
@@ -99,12 +139,12 @@ def taubin_smooth(
         width = length / max(line.size, 1) if length > 0.0 else 1.0
         network = RiverNetwork.from_polylines([line], width=width, closed=closed)
     band = LONGEST_WAVE if pass_band is None else pass_band
-    kernel, channels = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)
+    kernel, active = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)
     share = whole_share(network.point_count, network.device)
     there, back = network.point_xy, wp.empty_like(network.point_xy)
     for _ in range(passes):
         for swell, before, after in ((0, there, back), (1, back, there)):
-            inputs = [channels, strength, band, swell, share.work, before]
+            inputs = [active, strength, band, swell, share.work, before]
             launch(kernel.smooth_points, share.point_threads, inputs, [after], network.device)
     return network if given else network.polylines()[0]
 

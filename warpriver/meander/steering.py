@@ -90,6 +90,17 @@ class Steering:
         self._hasten(state, boxes)
         return [*painted, event]
 
+    def put_back(self, controls: tuple[Control, ...], before: ControlMap | None, state: State) -> None:
+        """Go back to controls that held between the same two steps, stamped into the map that they had."""
+        read = None if self.map is None else (self.map.pulls, self.map.scales)
+        if before is not None:
+            before.update(controls)
+        self.controls = controls
+        if before is not self.map or (before is not None and read != (before.pulls, before.scales)):
+            self.map = before
+            state.steer(before)
+        self._seen = self._strokes()
+
     def take_strokes(self, state: State, time: float) -> list[Event]:
         """Stamp what was painted since the last look, and return the events of that."""
         if self.map is None or not self._seen:
