@@ -41,6 +41,7 @@ __all__ = [
     "SetChannel",
     "SplitChannel",
     "UnlockPoint",
+    "edit_kinds",
     "edit_of",
 ]
 
@@ -84,6 +85,11 @@ class Edit:
         """Return the kind of the edit and its fields, as JSON can hold them; :func:`edit_of` takes them back."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {"edit": self.name} | fields
+
+
+def edit_kinds() -> dict[str, type[Edit]]:
+    """Return the classes of edits that there are, by name."""
+    return dict(_CLASSES)
 
 
 def edit_of(values: Any) -> Edit:
