@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import inspect
 import warnings
 from pathlib import Path
 
@@ -100,7 +100,7 @@ class RunLockedError(PathError, BlockingIOError):
 
 def warn(text: str) -> None:
     """Warn of what was not as expected but could be used, as of the line outside of warpriver that called it."""
-    level, frame = 2, sys._getframe(1)
-    while frame.f_code.co_filename.startswith(HOME) and frame.f_back is not None:
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(HOME):
         level, frame = level + 1, frame.f_back
-    warnings.warn(text, UserWarning, stacklevel=level)
+    warnings.warn(text, UserWarning, stacklevel=level - 1)
