@@ -120,7 +120,7 @@ STEP = (
     Launch("migrate", "migration", "compute_velocity", (
         *CHANNELS, *_read("channels.area", per="ring"),
         *_read("points.xy"), *_read("points.section", per="section"), *_written("point_velocity_out"),
-        *_written("memory_out.end", "memory_out.fade", per="link"),
+        *_written("memory_out.end", "memory_out.fade", "memory_out.terms", "memory_out.ends", per="link"),
     )),
     Launch("migrate", "migration", "move_points", (
         *CHANNELS, *_read("channels.area", per="ring"),

@@ -74,12 +74,15 @@ def build(scalar):
         A link turns the upstream mean I and the smoothed velocity u that enter it into A I + B and R u + T I + S, where
         u, T, S are vectors: ``end`` is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is
         the (I, u) that enters. ``tail`` is the velocity just downstream of a link, smoothed upstream to there.
+        ``terms`` is what the terms weigh in a link, ``ends`` how far the ends of its stem are.
         """
 
         end: wp.array[vec3]
         fade: wp.array[vec4]
         start: wp.array[vec3]
         tail: wp.array[vec2]
+        terms: wp.array[Terms]
+        ends: wp.array[Ends]
 
     @wp.func(module=name)
     def decay_weights(x: scalar) -> vec3:
@@ -228,10 +231,11 @@ def build(scalar):
         return ends
 
     @wp.func(module=name)
-    def fade_of(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> vec4:
+    def fade_of(
+        channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants, ends: Ends
+    ) -> vec4:
         """(A, R, T) of a link, see ``Memory``. Points from which R would not reach its end have no share in T."""
         r = terms.root
-        ends = ends_of(channels, run, constants)
         depth = segment_depth(points, run, constants.friction, run.first, run.first)
         begin = run.last - line.recurrence_reach(r)
         optical = scalar(0.0)
@@ -329,33 +333,35 @@ def build(scalar):
         """Add to the velocities of each link what enters it, n e gamma I exp(-depth), smoothed downstream alike."""
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
-            run = line.whole_run(channels, channel)
-            if run.upper >= 0 and run.step > ZERO:
-                terms = terms_of(channels, points.xy, run, constants)
-                start = memory.start[channel]
-                mean = scalar(start[0])
+            if channels.stems.upper[channel] >= 0 and channels.step[channel] > ZERO:
+                run = line.whole_run(channels, channel)
+                terms, ends, start = memory.terms[channel], memory.ends[channel], memory.start[channel]
+                push = terms.upstream * start[0]
                 smoothed = vec2(start[1], start[2])
-                lost = LOST * (wp.abs(terms.upstream * mean) + wp.length(smoothed))
+                lost = LOST * (wp.abs(push) + wp.abs(start[1]) + wp.abs(start[2]))
                 r = terms.root
-                ends = ends_of(channels, run, constants)
+                ends_felt = ends.above < ends.head_reach or ends.below < ends.foot_reach
                 q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
                 point_velocity_io[run.first] = smoothed
                 before = points.xy[run.first]
                 here = points.xy[run.first + 1]
                 j = int(run.first + 1)
-                while j <= run.last and wp.abs(terms.upstream * mean) + wp.length(smoothed) > lost:
+                while j <= run.last and wp.abs(push) + wp.abs(smoothed[0]) + wp.abs(smoothed[1]) > lost:
                     if points.section:
                         q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
                         r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-                    mean = mean * q
+                    push = push * q
+                    normal = vec2(ZERO, ZERO)
                     after = here
                     if j < run.last:
                         after = points.xy[j + 1]
-                    normal = line.right_normal(before, after)
-                    if j == run.last:
+                        normal = line.right_normal(before, after)
+                    else:
                         normal = line.normal_at(channels, points.xy, j, run)
-                    felt = terms.upstream * line.end_weight(j, run, ends)
-                    smoothed = ((ONE - r) * felt * mean) * normal + r * smoothed
+                    felt = push
+                    if ends_felt:
+                        felt = felt * line.end_weight(j, run, ends)
+                    smoothed = ((ONE - r) * felt) * normal + r * smoothed
                     point_velocity_io[j] = point_velocity_io[j] + smoothed
                     before = here
                     here = after
@@ -419,7 +425,8 @@ def build(scalar):
             return
         nearest = channels.stems.lower[channel]
         tail = vec2(ZERO, ZERO)
-        if nearest >= 0:
+        whole = line.whole_run(channels, channel)
+        if nearest >= 0 and smoothing_of(channels, points.xy, whole, constants).root > ZERO:
             left = scalar(1.0)
             link = int(channel)
             lower = int(nearest)
@@ -446,6 +453,7 @@ def build(scalar):
         MigrationConstants=MigrationConstants,
         Terms=Terms,
         Memory=Memory,
+        Ends=Ends,
         AREA_PARTS=AREA_PARTS,
         decay_weights=decay_weights,
         strength_of=strength_of,

@@ -23,7 +23,7 @@ def build(scalar):
     line, land, past = polyline.build(scalar), grounds.build(scalar), memory.build(scalar)
     vec2, vec3, bits = line.vec2, line.vec3, line.bits
     Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
-    MigrationConstants, Terms, Memory = past.MigrationConstants, past.Terms, past.Memory
+    MigrationConstants, Terms, Memory, Ends = past.MigrationConstants, past.Terms, past.Memory, line.Ends
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
     strength_of = past.strength_of
     ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
@@ -164,6 +164,7 @@ def build(scalar):
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
+        ends: Ends,
         sweep: Sweep,
         point_velocity_out: wp.array[vec2],
     ) -> vec3:
@@ -172,7 +173,6 @@ def build(scalar):
         The points are evenly spaced, so that a segment's optical depth needs no chord.
         """
         r = terms.root
-        ends = past.ends_of(channels, run, constants)
         before = line.extended_point(points.xy, sweep.warm - 1, run)
         here = line.extended_point(points.xy, sweep.warm, run)
         after = line.extended_point(points.xy, sweep.warm + 1, run)
@@ -237,6 +237,7 @@ def build(scalar):
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
+        ends: Ends,
         point_velocity_out: wp.array[vec2],
     ) -> Sweep:
         """Sweep over a run of a ring: upstream mean and smoothed velocity are closed over the ring at its first point.
@@ -250,11 +251,11 @@ def build(scalar):
         whole = decay_weights(depth)
         # Nothing is written before the sweep itself.
         first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, vec2(ZERO, ZERO))
-        upstream = sweep_velocity(channels, points, run, terms, constants, first_lap, point_velocity_out)[0] / (
+        upstream = sweep_velocity(channels, points, run, terms, constants, ends, first_lap, point_velocity_out)[0] / (
             whole[1] + whole[2]
         )
         second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, vec2(ZERO, ZERO))
-        start = sweep_velocity(channels, points, run, terms, constants, second_lap, point_velocity_out)
+        start = sweep_velocity(channels, points, run, terms, constants, ends, second_lap, point_velocity_out)
         smoothed = vec2(start[1], start[2]) / (ONE - ring_fade(points, run, terms, constants, lap))
         return Sweep(run.begin, run.begin, run.begin, run.stop, start[0], smoothed)
 
@@ -291,18 +292,22 @@ def build(scalar):
             run = line.next_run(channels, run)
             if past.is_felt(channels, run):
                 terms = past.terms_of(channels, points.xy, run, constants)
+                ends = past.ends_of(channels, run, constants)
                 sweep = Sweep()
                 if run.closed != 0:
-                    sweep = ring_sweep(channels, points, run, terms, constants, point_velocity_out)
+                    sweep = ring_sweep(channels, points, run, terms, constants, ends, point_velocity_out)
                 else:
                     sweep = line_sweep(points, run, terms, constants)
-                state = sweep_velocity(channels, points, run, terms, constants, sweep, point_velocity_out)
+                state = sweep_velocity(channels, points, run, terms, constants, ends, sweep, point_velocity_out)
+                if run.upper >= 0 and run.stop == run.last + 1:
+                    memory_out.terms[run.channel] = terms
+                    memory_out.ends[run.channel] = ends
                 if run.lower >= 0 and run.stop == run.last + 1:
                     if line.foot_held(channels, run.channel):
                         # No displacement goes on through a locked point.
                         state = vec3(state[0], ZERO, ZERO)
                     memory_out.end[run.channel] = state
-                    memory_out.fade[run.channel] = past.fade_of(channels, points, run, terms, constants)
+                    memory_out.fade[run.channel] = past.fade_of(channels, points, run, terms, constants, ends)
 
     @wp.kernel(module=name, enable_backward=False)
     def resolve_rate(

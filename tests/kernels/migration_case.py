@@ -80,7 +80,9 @@ def memory_of(scalar, channels, device):
     kernel = memory.build(scalar)
     kinds = {"end": kernel.vec3, "fade": kernel.vec4, "start": kernel.vec3, "tail": kernel.vec2}
     arrays = {name: unwritten(channels, kind, device) for name, kind in kinds.items()}
-    return struct_of(kernel.Memory, **arrays)
+    structs = {name: wp.zeros(channels, dtype=kind, device=device) for name, kind in
+               (("terms", kernel.Terms), ("ends", kernel.Ends))}  # fmt: skip
+    return struct_of(kernel.Memory, **arrays, **structs)
 
 
 def channel_means(sections):

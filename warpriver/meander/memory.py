@@ -46,13 +46,13 @@ class StemMemory:
 
         self._kernel, self._device, self._count = kernel, device, count
         self.end, self.fade, self.start = zeros(kernel.vec3), zeros(kernel.vec4), zeros(kernel.vec3)
-        self.tail = zeros(kernel.vec2)
+        self.tail, self.terms, self.ends = zeros(kernel.vec2), zeros(kernel.Terms), zeros(kernel.Ends)
 
     def struct(self) -> Any:
         """Return the arrays as kernels take them."""
         memory = self._kernel.Memory()
         memory.end, memory.fade, memory.start = self.end, self.fade, self.start
-        memory.tail = self.tail
+        memory.tail, memory.terms, memory.ends = self.tail, self.terms, self.ends
         return memory
 
     def measure(self, channels: Any, length: wp.array) -> None:
