@@ -125,7 +125,9 @@ def build(scalar):
         """Take the lower reach of each tributary along with its junction, the less the farther away, by a smoothstep.
 
         So the tributaries keep apart and go on to meet at an angle. ``reach`` is in widths, half the channel at most.
-        The link that the stem comes from has moved by itself: only its last point follows.
+        A reach that is pushed or pulled about straightens on the way, so that it does not end in a hook: by a part
+        |shift| / W of its distance from the chord, W the width of the river. The link that the stem comes from has
+        moved by itself: only its last point follows.
         """
         channel = wp.tid()
         downstream = junctions.downstream[channel]
@@ -138,10 +140,16 @@ def build(scalar):
                 if channels.stems.lower:
                     if channels.stems.lower[channel] >= 0:
                         count = 1
+                mouth = point_moved_io[channels.start[downstream]]
+                base = point_moved_io[last - count]
+                straighter = wp.min(wp.length(shift) / channels.form[downstream].widest, ONE)
                 for k in range(1, count):
                     t = ONE - scalar(k) / scalar(count)
-                    point_moved_io[last - k] = point_moved_io[last - k] + shift * (t * t * (THREE - TWO * t))
-                point_moved_io[last] = point_moved_io[channels.start[downstream]]
+                    weight = t * t * (THREE - TWO * t)
+                    moved = point_moved_io[last - k] + weight * shift
+                    chord = base + t * (mouth - base)
+                    point_moved_io[last - k] = moved + (weight * straighter) * (chord - moved)
+                point_moved_io[last] = mouth
 
     return SimpleNamespace(
         vec2=vec2,

@@ -12,7 +12,7 @@ import warpriver as wr
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits
 from warpriver.engine import state as engine_state
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import AppliedEdit, History
+from warpriver.history import AppliedEdit, History, StopReason
 
 # A curve that is sampled anew: its samples are on the cubic through the old ones, spacings.
 SAME_CURVE = 1e-3
@@ -329,7 +329,7 @@ def test_a_session_is_the_same_in_a_gpu_s_layout(monkeypatch):
     np.testing.assert_allclose(again.network.points(), sim.network.points(), rtol=0.0, atol=1e-9)
 
 
-def test_a_replay_refuses_what_is_another_session():
+def test_a_replay_refuses_what_is_another_session(monkeypatch):
     sim = river()
     sim.run(steps=5)
     with pytest.raises(InputError, match="the session has the seed 3, the run 0"):
@@ -338,6 +338,10 @@ def test_a_replay_refuses_what_is_another_session():
         Simulation.replay(sim, [(2, edits.SplitChannel(0, 5_000.0))])
     with pytest.raises(InputError, match=r"give a list of them, a history or a Session"):
         Simulation.replay(sim, [3])
+    monkeypatch.setattr(sim.stepper, "step", lambda count: (_ for _ in ()).throw(FloatingPointError("lost")))
+    stopped = Simulation.replay(sim, [(7, edits.SplitChannel(0, 5_000.0))])
+    assert stopped is sim and sim.step_count == 5 and not sim.history.edits
+    assert sim.history.stop_reason is StopReason.NOT_FINITE
 
 
 def test_a_run_that_is_resumed_has_its_edits(tmp_path):
@@ -566,22 +570,43 @@ def test_controls_are_edits_as_any_other(tmp_path, device):
         assert bits(again) == bits(sim) and again.controls == sim.controls
 
 
-def test_painted_controls_are_no_edits_and_that_is_told():
+def test_painted_controls_are_edits():
     sim = river()
     field = wr.meander.ControlField.blank((-1_000.0, -3_000.0, 13_000.0, 3_000.0), 200.0)
     sim.controls = field
     sim.run(steps=2)
-    assert not sim.history.edits
-    with pytest.raises(
-        InputError, match="controls of the run were painted or set at 0 yr, which its edits do not tell"
-    ):
-        Simulation.replay(river(), sim.history)
-    told = river()
-    told.apply(wr.meander.SetControls(field))
-    told.run(steps=2)
-    again = Simulation.replay(river(), told.history, steps=2)
-    assert bits(again) == bits(told) and again.controls == (field,)
+    field.paint((5_000.0, 500.0), 1_500.0, 300.0)
+    sim.run(steps=2)
+    assert [event.step for event in sim.history.edits] == [0, 2]
+    again = Simulation.replay(river(), sim.history)
+    assert bits(again) == bits(sim) and again.controls == (field,)
     with pytest.raises(InputError, match="is no control; it needs a kind"):
         wr.meander.SetControls([{"kind": "Dam"}])
     with pytest.raises(InputError, match="controls holds a str"):
         wr.meander.SetControls("dam")
+
+
+def test_edits_that_come_and_go_outdate_no_recording():
+    """Where there is room, and locks have been looked for, the next step replays what was recorded."""
+    sim = tree(ground=True)
+    sim.step(3)
+    long = int(sim.network.channel_id[sim.network.channel_lengths().argmax()])
+
+    def place(part):
+        return tuple(lines(sim)[long][int(part * len(lines(sim)[long]))])
+
+    sim.lock(long, place(0.5))
+    sim.step()
+    edition = sim.stepper.state.edition
+    for _ in range(3):
+        sim.apply(edits.MovePoint(long, place(0.3), tuple(np.add(place(0.3), 20.0)), 300.0))
+        sim.step()
+        sim.unlock(long, place(0.0))
+        sim.apply(edits.EditTerrain("raise", center=place(0.2), radius=300.0, amount=2.0))
+        sim.step()
+        sim.apply(edits.SetChannel(long, width=26.0))
+        sim.lock(long, place(0.5))
+        sim.undo()
+        sim.redo()
+        sim.step()
+    assert sim.stepper.state.edition == edition

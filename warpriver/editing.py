@@ -17,7 +17,7 @@ from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
 from warpriver.meander.courses import Refusal
@@ -46,14 +46,14 @@ class EditStack:
     def __init__(
         self,
         check: Callable[[RiverNetwork], None],
-        doers: Mapping[type[edits.Edit], Callable[[Any], Back]] | None = None,
+        doers: Mapping[type[edits.Edit], Callable[[Any], tuple[Back, edits.Edit]]] | None = None,
     ):
         """Start without any.
 
         Args:
             check: Raises ``ValueError`` for a network that the run cannot go on with.
             doers: What does edits of further kinds: it does one, or raises and changes nothing, and returns what takes
-                it back.
+                it back, and the edit as the history shall tell it.
         """
         self._check, self._doers = check, doers or {}
         # Each with the number of events before it, and what takes it back.
@@ -82,7 +82,11 @@ class EditStack:
             )
         edit, events, back = self._done.pop()
         back()
+        # What was painted on a field since stays.
+        own = isinstance(edit, edits.PaintControl)
+        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
         history.forget_events(events)
+        history.events.extend(painted)
         self._undone.append(edit)
         return edit
 
@@ -99,16 +103,17 @@ class EditStack:
         return edit
 
     def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
-        events, steps = len(history.events), stepper.step_count
+        events, steps, told = len(history.events), stepper.step_count, edit
         if type(edit) in self._doers:
-            back = self._doers[type(edit)](edit)
+            back, told = self._doers[type(edit)](edit)
         elif isinstance(edit, edits.EditTerrain):
             back = _edit_ground(stepper, edit)
         elif isinstance(edit, edits.AvulseChannel):
             back = _avulse(stepper, history, edit)
         else:
             back = self._edit_network(stepper, edit)
-        history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, edit))
+        if not isinstance(edit, edits.PaintControl):  # told as a stroke
+            history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, told))
         self._done.append((edit, events, back))
 
     def _edit_network(self, stepper: Stepper, edit: edits.Edit) -> Back:

@@ -17,7 +17,7 @@ import warp as wp
 from warpriver import progress as progress_bar
 from warpriver.editing import EditStack, untold
 from warpriver.edits.session import session_of
-from warpriver.edits.values import Edit, LockPoint, UnlockPoint
+from warpriver.edits.values import Edit, LockPoint, PaintControl, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
@@ -26,7 +26,7 @@ from warpriver.errors import InputError, InputTypeError, warn
 from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
-from warpriver.meander.control_edit import SetControls, refuse_untold
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import Control
 from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
@@ -209,6 +209,8 @@ class Simulation:
     ) -> Simulation:
         """Do a session again: the steps of a run, and between them its edits, to the same bits.
 
+        It ends early where :meth:`run` does; ``history.stop_reason`` says why.
+
         Args:
             start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
                 first record is taken up in a history of its own.
@@ -232,9 +234,6 @@ class Simulation:
         else:
             options = {"check": check, "capture": capture, "threads": threads}
             self = cls._from_start(start, terrain, device, phases, **options)
-        source = getattr(edits, "history", edits)
-        if isinstance(source, History) and len(source):
-            refuse_untold(source.events[source.record(0).events_before :])
         session = session_of(edits, self.seed)
         if session.seed != self.seed:
             raise InputError(f"the session has the seed {session.seed}, the run {self.seed}; start it with that one")
@@ -243,6 +242,8 @@ class Simulation:
                 raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
             if step > self.step_count:
                 self.run(steps=step - self.step_count, record_every=record_every)
+            if step > self.step_count:
+                return self  # interrupted, or no longer finite: the history says why
             self.apply(edit)
         left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
         if left > 0:
@@ -378,19 +379,15 @@ class Simulation:
     def controls(self) -> tuple[Control, ...]:
         """What attracts, repels or damps the channels.
 
-        Set others between two steps, and the next one goes by them; it is recorded, and a resumed run has them. A
-        :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
+        Set others between two steps, and the next one goes by them: that is an edit, which is recorded, taken back and
+        replayed as any. A :class:`~warpriver.meander.controls.ControlField` may also be painted as it is; that cannot
+        be taken back.
         """
         return self._steering.controls
 
     @controls.setter
     def controls(self, controls: Control | Sequence[Control]) -> None:
-        edit = SetControls(controls)  # type: ignore[arg-type]
-        if edit.has_rasters:
-            # These are kept by what changes of them, which no edit tells.
-            self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
-        else:
-            self.apply(edit)
+        self.apply(SetControls(controls))  # type: ignore[arg-type]
 
     @property
     def device(self) -> Any:
@@ -530,6 +527,7 @@ class Simulation:
         Raises:
             ValueError: It cannot be done, and nothing has changed.
         """
+        self._note_strokes()
         self._edits.apply(self.stepper, self.history, edit)
 
     @public
@@ -551,6 +549,7 @@ class Simulation:
         Raises:
             ValueError: No edit was done since the last step.
         """
+        self._note_strokes()
         return self._edits.undo(self.stepper, self.history)
 
     def redo(self) -> Edit:
@@ -559,6 +558,7 @@ class Simulation:
         Raises:
             ValueError: None was taken back since the last edit or step.
         """
+        self._note_strokes()
         return self._edits.redo(self.stepper, self.history)
 
     # ---- inside
@@ -605,22 +605,32 @@ class Simulation:
         finally:
             self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
 
-    def _set_controls(self, edit: SetControls) -> Callable[[], None]:
-        """Do a change of controls as an edit; return what takes it back."""
+    def _set_controls(self, edit: SetControls) -> tuple[Callable[[], None], Edit]:
+        """Do a change of controls as an edit; return what takes it back, and how it is told."""
         steering, stepper = self._steering, self.stepper
-        before = stepper.snapshot()
-        self._note_strokes()
-        controls, stamped = steering.controls, steering.map
-        self.history.events.extend(steering.replace(edit.controls, stepper.state, self.time))
+        before, controls, stamped = stepper.snapshot(), steering.controls, steering.map
+        self.history.events.extend(steering.replace(edit.after(controls), stepper.state, self.time))
 
         def back() -> None:
             steering.put_back(controls, stamped, stepper.state)
             stepper.put_back(before)
 
-        return back
+        return back, edit.told_after(controls)
+
+    def _paint_control(self, edit: PaintControl) -> tuple[Callable[[], None], Edit]:
+        """Paint a control field as an edit; return what takes it back, and the edit."""
+        before = self.stepper.snapshot()
+        events, unpaint = self._steering.paint(edit, self.stepper.state)
+        self.history.events.extend(events)
+
+        def back() -> None:
+            unpaint()
+            self.stepper.put_back(before)
+
+        return back, edit
 
     def _new_stack(self) -> EditStack:
-        return EditStack(self._check, {SetControls: self._set_controls})
+        return EditStack(self._check, {SetControls: self._set_controls, PaintControl: self._paint_control})
 
     def _check(self, network: RiverNetwork) -> None:
         _check_network(network, self.params, model_of(self.params).with_phases(self._added))

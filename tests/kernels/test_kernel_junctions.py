@@ -8,7 +8,7 @@ from warpriver.kernels.channels import Stems
 
 SPACING, WIDTH, STEP, REACH = 20.0, 8.0, 0.4, 12.0
 # Sums of coordinates of some hundred metres.
-TOLERANCE = {"float64": 1e-12, "float32": 1e-4}
+TOLERANCE = {"float64": 1e-12, "float32": 4e-4}
 
 
 def random_forest(rng, count):
@@ -29,6 +29,18 @@ def random_forest(rng, count):
     return lines, below, arrivals
 
 
+def follow(line, shift, mouth):
+    """A tributary whose mouth went by ``shift``: its last reach is taken along, and drawn towards its chord."""
+    count = min(int(REACH * WIDTH / SPACING), (len(line) - 1) // 2)
+    t = np.clip(1.0 - np.arange(len(line))[::-1] / max(count, 1), 0.0, 1.0)
+    weight = (t * t * (3.0 - 2.0 * t))[:, None]
+    moved = line + shift * weight
+    base = line[-1 - count]
+    moved += weight * min(np.hypot(*shift) / WIDTH, 1.0) * (base + t[:, None] * (mouth - base) - moved)
+    moved[-1] = mouth
+    return moved
+
+
 def twin(lines, below, arrivals, drift, step, number):
     """The same lines after the drift."""
     moved = [line.copy() for line in lines]
@@ -42,10 +54,7 @@ def twin(lines, below, arrivals, drift, step, number):
         moved[c][0] = line[0] + along / size * min(drift[c] * STEP, 0.5 * size)
         shift = moved[c][0] - line[0]
         for u in upper:
-            count = min(int(REACH * WIDTH / SPACING), (len(lines[u]) - 1) // 2)
-            t = np.clip(1.0 - np.arange(len(lines[u]))[::-1] / max(count, 1), 0.0, 1.0)
-            moved[u] = moved[u] + shift * (t * t * (3.0 - 2.0 * t))[:, None]
-            moved[u][-1] = moved[c][0]
+            moved[u] = follow(moved[u], shift, moved[c][0])
     return moved
 
 
@@ -111,11 +120,8 @@ def test_heads_of_links_settle_where_the_link_upstream_ends(device, dtype):
     wp.launch(kernel.settle_heads, 3, [channels, before, work], [shift, after], device=device)
     wp.launch(kernel.follow_heads, 3, [channels, meet, scalar(REACH), shift], [after], device=device)
     found = np.split(after.numpy().astype(np.float64), starts_of(lines)[1:-1])
-    by = moved[1][-1] - node
-    t = np.clip(1.0 - np.arange(21)[::-1] / min(int(REACH * WIDTH / SPACING), 10), 0.0, 1.0)
-    expected = [moved[0].copy(), moved[1], moved[2] + by * (t * t * (3.0 - 2.0 * t))[:, None]]
+    expected = [moved[0].copy(), moved[1], follow(moved[2], moved[1][-1] - node, moved[1][-1])]
     expected[0][0] = moved[1][-1]
-    expected[2][-1] = moved[1][-1]
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_allclose(a, b, atol=TOLERANCE[dtype], rtol=0.0)
     np.testing.assert_array_equal(found[0][0], found[1][-1])

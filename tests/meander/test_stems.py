@@ -270,16 +270,21 @@ def test_links_are_smoothed_with_their_junctions(device):
 # ---- mouths on the edge of the map
 
 
-def river_to_the_edge(east=6000.0, edge=True):
-    """A river that leaves flat ground eastward, or ends a kilometre before its edge."""
+def river_to_the_edge(east=6000.0, edge=True, rim=0):
+    """A river that leaves flat ground eastward, or ends a kilometre before its edge; ``rim`` columns have no data."""
     line = wr.generate.noisy_line(12_000.0, SPACING, WIDTH, 5)
     line = line - line[-1] + [east, 0.0]
-    ground = wr.Terrain(np.zeros((200, 200)), 100.0, origin=(east + (50.0 if edge else 1050.0) - 20_000.0, 10_000.0))
+    height = np.zeros((200, 200))
+    height[:, 200 - rim :] = np.nan
+    west = east + (50.0 if edge else 1050.0) + 100.0 * rim - 20_000.0
+    ground = wr.Terrain(height, 100.0, origin=(west, 10_000.0))
     return wr.RiverNetwork.from_polylines([line], width=WIDTH), ground
 
 
-def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(device):
-    network, ground = river_to_the_edge()
+@pytest.mark.parametrize("rim", [0, 2])
+def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(rim, device):
+    """Where the data end, if the outermost columns have none."""
+    network, ground = river_to_the_edge(rim=rim)
     slid, square = [], []
     sim = wr.Simulation(network, terrain=ground, device=device, check=True)
     for _ in range(8):

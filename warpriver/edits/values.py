@@ -18,6 +18,7 @@ from warpriver.validate import (
     checked_line,
     checked_points,
     finite_numbers,
+    floats,
     not_negative,
     one_of,
     positive,
@@ -33,6 +34,7 @@ __all__ = [
     "JoinChannels",
     "LockPoint",
     "MovePoint",
+    "PaintControl",
     "Place",
     "RedrawSection",
     "RemoveChannel",
@@ -430,6 +432,36 @@ class AvulseChannel(Edit):
             raise InputError(f"angle is {angle:g} degrees; give -90 (right) to 90 (left)")
         to = None if self.to is None else _place(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to, "angle": angle}
+
+
+@dataclasses.dataclass(frozen=True)
+class PaintControl(Edit):
+    """Set cells of a painted control field; what is painted on a field itself is told by this.
+
+    Attributes:
+        control: Place of the field among the controls.
+        window: First row, first column, rows and columns of the cells.
+        values: Their values in m, row by row.
+    """
+
+    control: int
+    window: tuple[int, int, int, int]
+    values: tuple[float, ...]
+
+    def check(self) -> dict[str, Any]:
+        """Check the fields."""
+        if not isinstance(self.window, Sequence) or len(self.window) != 4:
+            raise InputError(f"window is {self.window!r}; give first row, first column, rows and columns")
+        row, column = (whole(value, "window") for value in self.window[:2])
+        rows, columns = (whole(value, "window", 1) for value in self.window[2:])
+        values = floats(self.values, "values")
+        if values.shape != (rows * columns,):
+            raise InputError(f"values have the shape {values.shape}; give one for each of {rows} x {columns} cells")
+        return {
+            "control": whole(self.control, "control"),
+            "window": (row, column, rows, columns),
+            "values": tuple(values.tolist()),
+        }
 
 
 def _channel(value: Any, name: str = "channel") -> int:

@@ -23,7 +23,7 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError, warn
 from warpriver.extras import need
-from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
+from warpriver.history.changes import AppliedEdit, ControlStroke, Ground, ground_after, params_after
 from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -230,9 +230,11 @@ class History:
         return self.events.of(Split)
 
     @property
-    def edits(self) -> Sequence[AppliedEdit]:
+    def edits(self) -> Sequence[AppliedEdit | ControlStroke]:
         """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
-        return self.events.of(AppliedEdit)
+        if not self.events.of(ControlStroke):
+            return self.events.of(AppliedEdit)
+        return [event for event in self.events if isinstance(event, (AppliedEdit, ControlStroke))]
 
     def __len__(self) -> int:
         return len(self._records)

@@ -8,7 +8,6 @@ long a step may be. :func:`shape_junctions` gives tributaries the angle that fit
 """
 
 from warpriver.meander.control_edit import SetControls
-from warpriver.meander.control_record import controls_after
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -35,7 +34,6 @@ __all__ = [
     "JunctionParams",
     "Repeller",
     "SetControls",
-    "controls_after",
     "junction_angles",
     "migration_rate",
     "shape_junctions",

@@ -50,6 +50,10 @@ CELLS_ACROSS = 16.0
 ACROSS_POLYGON, MAX_POINTS = 128.0, 10_000
 
 
+# The kinds that there are.
+GIVEN = "Attractor, Repeller, Guide, ControlField, DampingRegion or ErodibilityField"
+
+
 class Control:
     """What a control is: a value that stamps itself into the rasters of a :class:`ControlMap`."""
 
@@ -65,13 +69,22 @@ class Control:
         """Add itself to the cells of a window of the map."""
         raise NotImplementedError
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return what it is as a few words and as numbers, of which a history and files can make it again.
+
+        Raises:
+            ValueError: It is of a kind of which they cannot.
+        """
+        raise InputError(f"a control is a {type(self).__name__}, which no history can keep; give {GIVEN}")
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not dataclasses.is_dataclass(self):
             return self is other
         names = [field.name for field in dataclasses.fields(self)]
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self.bounds()))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,10 +107,11 @@ class Guide(Params, Control):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "xy", _frozen_points(self.xy, "Guide.xy", 2))
+        object.__setattr__(self, "_bounds", _around(np.asarray(self.xy), self.radius))
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.asarray(self.xy), self.radius)
+        return self._bounds  # type: ignore[attr-defined]
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -106,6 +120,10 @@ class Guide(Params, Control):
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.asarray(self.xy), self.radius, self.strength, window)
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and radius, strength and points."""
+        return {"kind": "Guide"}, np.concatenate([[self.radius, self.strength], np.asarray(self.xy).ravel()])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,7 +150,8 @@ class Attractor(Params, Control):
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.array([self.center]), self.radius)
+        (x, y), reach = self.center, self.radius
+        return x - reach, y - reach, x + reach, y + reach
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -141,6 +160,10 @@ class Attractor(Params, Control):
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.array([self.center]), self.radius, self.strength, window)
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and centre, radius and strength."""
+        return {"kind": type(self).__name__}, np.array([*self.center, self.radius, self.strength])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -338,10 +361,14 @@ class ControlField(Control):
         """Add itself to the cells of a window of the map."""
         target.apply_field("add_field", self.raster, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind and CRS, and the place and the values of its raster."""
+        return _packed_raster(self, self.raster)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ControlField) and _same_raster(self.raster, other.raster)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
 
 class RateControl(Control):
@@ -386,6 +413,7 @@ class RateControl(Control):
         if self.factor > self.highest:
             raise InputError(f"{kind}.factor is {self.factor:g}; the range is 0 to {self.highest:g}")
         self.polygon = _frozen_points(area, f"{kind}.area", 3)
+        self._bounds = _around(self.polygon, 0.0)
 
     def _default_factor(self) -> float:
         raise InputError(f"{type(self).__name__}.factor is missing; give the factor of the rate in the polygon")
@@ -394,7 +422,7 @@ class RateControl(Control):
         """Return what it reaches, (west, south, east, north) in m."""
         if self.raster is not None:
             return self.raster.bounds
-        return _around(np.asarray(self.polygon), 0.0)
+        return self._bounds
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -411,6 +439,13 @@ class RateControl(Control):
             assert self.polygon is not None and self.factor is not None
             target.scale_inside(self.polygon, self.factor, self.blend, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and factor, blend and corners; or as a :class:`ControlField` its raster."""
+        if self.raster is not None:
+            return _packed_raster(self, self.raster)
+        assert self.polygon is not None and self.factor is not None
+        return {"kind": type(self).__name__}, np.concatenate([[self.factor, self.blend], self.polygon.ravel()])
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not isinstance(other, RateControl):
             return False
@@ -419,7 +454,7 @@ class RateControl(Control):
         assert self.polygon is not None and other.polygon is not None
         return (self.factor, self.blend) == (other.factor, other.blend) and np.array_equal(self.polygon, other.polygon)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
     def __repr__(self) -> str:
         what = repr(self.raster) if self.polygon is None else f"{len(self.polygon)} corners, factor={self.factor:g}"
@@ -448,10 +483,7 @@ def checked_controls(controls: object, crs: str | None) -> tuple[Control, ...]:
         found = (controls,)
     for control in found:
         if not isinstance(control, Control):
-            raise InputError(
-                f"controls holds a {type(control).__name__}; give Attractor, Repeller, Guide, ControlField, "
-                "DampingRegion or ErodibilityField"
-            )
+            raise InputError(f"controls holds a {type(control).__name__}; give {GIVEN}")
         raster = getattr(control, "raster", None)
         if raster is not None and crs is not None and raster.crs is not None and raster.crs != crs:
             raise InputError(f"a {type(control).__name__} has the CRS {raster.crs}, the network {crs}; reproject it")
@@ -470,6 +502,12 @@ def _frozen_points(xy: ArrayLike, label: str, count: int) -> FloatArray:
 def _around(points: FloatArray, reach: float) -> Bounds:
     (west, south), (east, north) = points.min(axis=0) - reach, points.max(axis=0) + reach
     return float(west), float(south), float(east), float(north)
+
+
+def _packed_raster(control: Control, raster: Raster) -> tuple[dict[str, Any], FloatArray]:
+    place = [raster.cell_size, *raster.origin, *raster.shape]
+    words = {"kind": type(control).__name__, "raster": True, "crs": raster.crs}
+    return words, np.concatenate([place, raster.numpy().ravel()])
 
 
 def _same_raster(a: Raster, b: Raster) -> bool:
