@@ -157,9 +157,9 @@ class RiverSource:
 
 
 def _densified(line: Line) -> Line:
-    """The line with a point every half a width or closer, so that its last reach can be bent."""
+    """The line with a point every quarter of a width or closer, so that its last reach can be bent."""
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line.xy, axis=0).T))])
-    parts = np.maximum(1, np.ceil(np.diff(arc) / (0.5 * line.width))).astype(int)
+    parts = np.maximum(1, np.ceil(np.diff(arc) / (0.25 * line.width))).astype(int)
     # The points themselves stay.
     places = [arc[k] + (arc[k + 1] - arc[k]) * np.arange(count) / count for k, count in enumerate(parts)]
     at = np.concatenate([*places, arc[-1:]])
