@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.edits.values import edit_kinds
 from warpriver.hydrology.extraction import extract_network
 from warpriver.io.raster.terrains import read_terrain
 from warpriver.io.tables import describe_fields, shown
@@ -20,7 +19,7 @@ from warpriver.params import SOLVER_PARAMS, AvulsionParams
 from warpriver.scenes.output_tables import OUTPUT, PICTURE
 from warpriver.scenes.outputs import PICTURES, picture_options
 from warpriver.scenes.parts import Line, line_generators, terrain_generators
-from warpriver.scenes.reading import CONTROLS, PLAN, TABLES, file_arguments
+from warpriver.scenes.reading import CONTROLS, PLAN, TABLES, edit_names, file_arguments
 from warpriver.scenes.scene import Scene
 
 __all__ = ["describe_scene", "scene_schema"]
@@ -88,9 +87,9 @@ def _parts_of_changes() -> Iterator[list[str]]:
     yield [_row("from", "0", "yr", "when it begins to work"), _row("until", "(the end)", "yr", "when it ceases to")]
     for name, control in CONTROLS.items():
         yield _headed(f'kind = "{name}": {_summary(control)}', *_control_keys(control))
-    yield _headed("[[edit]]", _row("kind", "(needed)", "", f"one of {', '.join(edit_kinds())}"))
+    yield _headed("[[edit]]", _row("kind", "(needed)", "", f"one of {', '.join(edit_names())}"))
     yield [_row("time", "(needed)", "yr", "done between two steps, at the end of the first that reaches this time")]
-    for name, edit in edit_kinds().items():
+    for name, edit in edit_names().items():
         rows = _documented(edit)
         if {"xy", "line"} & {field.name for field in dataclasses.fields(edit)}:
             rows.append(_row("file", "(none)", "", "file of lines in place of the points; channel_of_file: which one"))

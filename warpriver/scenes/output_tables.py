@@ -14,7 +14,7 @@ from warpriver.io.tables import check_keys, list_of_tables, nearest, shown
 from warpriver.io.vector.histories import HISTORY_SUFFIXES
 from warpriver.io.vector.layers import NEEDS
 from warpriver.io.vector.networks import line_formats
-from warpriver.scenes.outputs import PICTURES, picture_options
+from warpriver.scenes.outputs import MAPS, PICTURES, picture_options
 from warpriver.scenes.parts import Outputs, Picture
 from warpriver.validate import finite_numbers, not_negative, whole
 
@@ -33,6 +33,7 @@ PICTURE = {
     "file": "name of the picture",
     "of": "belt, before_after, network, movie or preview; by default as the ending says: belt or movie",
     "relief": "draw the ground (default true)",
+    "controls": "draw the outlines of the controls that work then: of belt, before_after and network (default false)",
     "until": "time that is shown in yr (default: the end)",
 }
 MOVIE_NEEDS, PICTURE_NEEDS = {".mp4": ("imageio_ffmpeg",)}, {"preview": ("pyvista",)}
@@ -135,7 +136,14 @@ def _picture(row: Mapping[str, Any], where: str, has_terrain: bool) -> Picture:
     until = None if "until" not in row else not_negative(row["until"], f"{where}.until", "years")
     if until is not None and of == "movie":
         raise InputError(f"{where}.until = {until:g}; a movie shows all times; leave it out")
-    return Picture(name, of, relief, until, {key: _option(key, row[key], where) for key in options if key in row})
+    controls = row.get("controls", False)
+    if not isinstance(controls, bool) or (controls and of not in MAPS):
+        raise InputError(
+            f"{where}.controls = {shown(controls)}; give true or false, and true of {', '.join(MAPS)} only"
+        )
+    return Picture(
+        name, of, relief, controls, until, {key: _option(key, row[key], where) for key in options if key in row}
+    )
 
 
 def _option(key: str, value: Any, where: str) -> Any:

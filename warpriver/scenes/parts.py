@@ -141,7 +141,8 @@ class RiverSource:
         Raises:
             ValueError: It cannot be made; where it stands in the scene is named.
         """
-        network = raising(self.where, lambda: self._made(terrain, {"dtype": dtype, "device": device}), {})
+        options = {"dtype": dtype, "device": device}
+        network: RiverNetwork = raising(self.where, lambda: self._made(terrain, options), {})
         return shape_junctions(network) if self.shaped else network
 
     def _made(self, terrain: Terrain | None, options: Mapping[str, Any]) -> RiverNetwork:
@@ -151,7 +152,18 @@ class RiverSource:
             if terrain is None:
                 raise InputError("the rivers are to be found on a terrain, and there is none; give [terrain]")
             return extract_network(terrain, **self.arguments, **options)
-        return _network_of(self.lines, self.crs, options)
+        lines = tuple(map(_densified, self.lines)) if self.shaped else self.lines
+        return _network_of(lines, self.crs, options)
+
+
+def _densified(line: Line) -> Line:
+    """The line with a point every quarter of a width or closer, so that its last reach can be bent."""
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line.xy, axis=0).T))])
+    parts = np.maximum(1, np.ceil(np.diff(arc) / (0.25 * line.width))).astype(int)
+    # The points themselves stay.
+    places = [arc[k] + (arc[k + 1] - arc[k]) * np.arange(count) / count for k, count in enumerate(parts)]
+    at = np.concatenate([*places, arc[-1:]])
+    return dataclasses.replace(line, xy=np.column_stack([np.interp(at, arc, line.xy[:, axis]) for axis in (0, 1)]))
 
 
 def _network_of(lines: tuple[Line, ...], crs: str | None, options: Mapping[str, Any]) -> RiverNetwork:
@@ -230,6 +242,7 @@ class Picture:
         file: Its name.
         of: "belt", "before_after", "network", "movie" or "preview".
         relief: Whether the ground is drawn.
+        controls: Whether the outlines of the controls are drawn that work at that time.
         until: Time that is shown, yr; None for the end.
         options: Arguments of the function of ``warpriver.viz`` that draws it.
     """
@@ -237,6 +250,7 @@ class Picture:
     file: str
     of: str = "belt"
     relief: bool = True
+    controls: bool = False
     until: float | None = None
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 

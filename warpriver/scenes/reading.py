@@ -30,6 +30,7 @@ from warpriver.io.tables import (
     shown,
 )
 from warpriver.io.vector.networks import line_formats, read_network
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -55,7 +56,7 @@ from warpriver.scenes.parts import (
 from warpriver.scenes.scene import Scene, first_step
 from warpriver.validate import MOST_SEED, checked_line, finite, finite_numbers, not_negative, one_of, positive, whole
 
-__all__ = ["CONTROLS", "PLAN", "TABLES", "file_arguments", "read_scene"]
+__all__ = ["CONTROLS", "PLAN", "TABLES", "edit_names", "file_arguments", "read_scene"]
 
 # Tables of the file, and what each holds.
 TABLES = {
@@ -92,6 +93,11 @@ OTHERS = {"terrain", "flow", "area", "device", "dtype", "path", "extra"}
 def file_arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the arguments of a reader or a generator that a scene can give."""
     return {name: p for name, p in inspect.signature(function).parameters.items() if name not in OTHERS}
+
+
+def edit_names() -> dict[str, type[Edit]]:
+    """Return the classes of edits that stand in a scene, by name; controls have their times in it instead."""
+    return {name: kind for name, kind in edit_kinds().items() if kind is not SetControls}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -503,7 +509,9 @@ def _edits(
 
 
 def _edit(file: _File, row: Mapping[str, Any], key: str) -> Edit:
-    where, kinds = file.at(key), edit_kinds()
+    where, kinds = file.at(key), edit_names()
+    if row.get("kind") == SetControls.name:
+        raise file.refusal(f"{key}.kind", SetControls.name, "give each control in [[control]], with from and until")
     kind = file.word(f"{key}.kind", row.get("kind"), kinds)
     fields = {name: value for name, value in row.items() if name != "kind"}
     known = [f.name for f in dataclasses.fields(kinds[kind])]

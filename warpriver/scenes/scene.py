@@ -11,6 +11,7 @@ from typing import Any
 
 from warpriver.errors import InputError, OutputExistsError, WrongPathError
 from warpriver.history import History, StopReason
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import Control
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.scenes.outputs import write_outputs
@@ -137,8 +138,8 @@ class Scene:
 
     def _act(self, simulation: Simulation, step: int) -> None:
         wanted = self.controls_at(step)
-        if [*map(id, wanted)] != [*map(id, simulation.controls)]:
-            simulation.controls = wanted
+        if step > 0 and [*map(id, wanted)] != [*map(id, self.controls_at(step - 1))]:
+            simulation.apply(SetControls(wanted))
         for each in self.edits:
             if each.step == step:
                 try:
@@ -183,7 +184,7 @@ class Scene:
 
     def write(self, simulation: Simulation, folder: str | os.PathLike[str]) -> list[Path]:
         """Write what is to be written of a simulation that was run, but for the run itself; return the files."""
-        return write_outputs(self.outputs, simulation, Path(folder))
+        return write_outputs(self.outputs, simulation, self.controls, Path(folder))
 
     def check_folder(self, folder: str | os.PathLike[str]) -> Path:
         """Return a folder for the results as a path; one that holds some of them already is refused."""
