@@ -1,5 +1,6 @@
 """Scenes: read, refused, run to the bits of the same calls in Python, described, and run from the command line."""
 
+import copy
 import dataclasses
 import json
 
@@ -10,6 +11,7 @@ import warpriver as wr
 from warpriver import edits
 from warpriver.cli import main
 from warpriver.errors import WarpriverError
+from warpriver.io.tables import read_toml
 from warpriver.meander import Attractor, DampingRegion, Guide, Repeller, SetControls
 from warpriver.scenes import describe_scene, read_scene, scene_schema
 from warpriver.scenes.output_tables import OUTPUT, PICTURE
@@ -164,7 +166,7 @@ def test_a_run_writes_what_the_scene_names_and_nothing_else(folder):
     scene = wr.io.read_scene(folder / "bend.toml")
     history = scene.run(folder / "out")
     names = sorted(path.name for path in (folder / "out").iterdir())
-    assert names == ["belt.png", "channels.csv", "ground.npz", "run", "session.json"]
+    assert names == ["belt.png", "channels.csv", "ground.npz", "run", "session.json", "start.npz"]
     assert wr.read_history(folder / "out" / "run").times.tolist() == history.times.tolist()
     with pytest.raises(WarpriverError, match="holds an earlier run"):
         scene.run(folder / "out")
@@ -180,7 +182,7 @@ def test_a_run_writes_what_the_scene_names_and_nothing_else(folder):
 def test_a_run_goes_on_from_its_folder(folder):
     scene = read_scene(folder / "bend.toml")
     scene.run(folder / "out")
-    sim = wr.Simulation.resume(folder / "out" / "run", terrain=scene.terrain.make())
+    sim = wr.Simulation.resume(folder / "out" / "run")  # it finds the ground that it began with
     sim.step(5)
     straight = scene.simulation()
     scene.play(straight)
@@ -257,6 +259,54 @@ def test_each_wrong_key_and_value_is_refused_by_name(folder, old, new, match):
     assert old in SCENE
     refused(folder, SCENE.replace(old, new, 1), match)
     assert not (folder / "out").exists()
+
+
+def places(value, above=()):
+    """Where each value of nested tables and lists stands."""
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield (*above, key)
+        yield from places(value[key], (*above, key))
+
+
+# One more of each kind, with the keys that the scene above does not have.
+MORE = {
+    "edit": [
+        {"kind": "MovePoint", "channel": 0, "at": 2000.0, "to": [3000.0, 3100.0], "radius": 500.0},
+        {"kind": "SplitChannel", "channel": 0, "at": 2000.0, "width_above": 40.0},
+        {"kind": "AddChannel", "xy": [[0, 0], [10, 10], [900, 900]], "width": 20.0, "max_rise": 3.0},
+        {"kind": "SetChannel", "channel": 0, "reach": [100.0, 900.0], "width": 33.0},
+        {"kind": "RedrawSection", "channel": 0, "file": "guide.csv", "channel_of_file": 0},
+    ],
+    "control": [
+        {"kind": "ControlField", "bounds": [0, 0, 900, 900], "cell_size": 50.0,
+         "stroke": [{"center": [100, 100], "radius": 90, "amount": 4.0}]},
+    ],
+}  # fmt: skip
+WRONG = (1e308, "x", [[1]])
+
+
+def test_whatever_stands_in_a_place_is_read_or_refused_in_one_line(folder, monkeypatch):
+    scene = read_toml(folder / "bend.toml", "a scene")
+    scene["edit"] += [{"time": 1.0, **edit} for edit in MORE["edit"]]
+    scene["control"] += MORE["control"]
+    faults, refusals = [], 0
+    for place in places(scene):
+        for wrong in WRONG:
+            table = given = copy.deepcopy(scene)
+            for key in place[:-1]:
+                table = table[key]
+            table[place[-1]] = wrong
+            for module in ("warpriver.scenes.reading", "warpriver.io.tables"):
+                monkeypatch.setattr(f"{module}.read_toml", lambda path, what, given=given: given)
+            try:
+                read_scene(folder / "bend.toml")
+            except WarpriverError as error:
+                refusals += 1
+                if "bend.toml" not in str(error) or "\n" in str(error):
+                    faults.append((place, wrong, str(error)))
+            except Exception as error:
+                faults.append((place, wrong, repr(error)))
+    assert faults == [] and refusals > 300
 
 
 @pytest.mark.parametrize(

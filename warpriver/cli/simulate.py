@@ -149,9 +149,10 @@ def _play(source: Path, options: argparse.Namespace) -> int:
         raise InputError(f"{useless[0]}: the scene {source} says that itself; change it there, or leave it out")
     scene = read_scene(source, folders=options.allow or ())
     folder = scene.check_folder(options.out or f"out/{scene.name}")
-    simulation = scene.simulation(device=options.device, threads=options.threads)
+    simulation = scene.simulation(device=options.device, threads=options.threads, folder=folder)
     store = scene.store(folder)
     with results_in(folder):
+        scene.write_start(simulation, folder)
         watch = foretell(simulation, scene.years, scene.run_plan.record_every, store or folder, options.name)
         begin = time.perf_counter()
         scene.play(simulation, store=store, callbacks=watch, progress=not options.no_progress)

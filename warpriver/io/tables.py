@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError, PathError
+from warpriver.errors import InputError, PathError, WarpriverError
 
 __all__ = [
     "as_toml",
@@ -145,8 +145,10 @@ def raising(where: Any, make: Callable[[], Any], names: Mapping[str, str]) -> An
     """
     try:
         return make()
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, WarpriverError) as error:
         text = str(error)
+        if not isinstance(error, (ValueError, TypeError)):  # no memory, no file, no module
+            raise type(error)(f"{where}: {text}") from error
         for name, instead in names.items():
             if text.startswith(name):
                 joint = ": " if not instead else ""

@@ -45,6 +45,8 @@ Bounds = tuple[float, float, float, float]
 
 # Cells across the radius of a control.
 CELLS_ACROSS = 16.0
+# Cells along a side of a field, at most.
+MAX_CELLS = 1e6
 # Cells across a polygon whose edge is blended over less than four of them; corners of a polygon, or points of a guide,
 # at most.
 ACROSS_POLYGON, MAX_POINTS = 128.0, 10_000
@@ -238,6 +240,8 @@ class ControlField(Control):
         if not (east > west and north > south):
             raise InputError(f"bounds are {tuple(bounds)}; give (west, south, east, north) in m")
         cell_size = positive(cell_size, "cell_size", "m")
+        if max(north - south, east - west) > MAX_CELLS * cell_size:
+            raise InputError(f"bounds span more than {MAX_CELLS:g} cells of {cell_size:g} m; give a coarser cell_size")
         shape = tuple(max(2, math.ceil(span / cell_size - 1e-9)) for span in (north - south, east - west))
         require_memory(shape, 8, device, "a control field")
         return cls(np.zeros(shape), cell_size, (west, north), crs=crs, device=device)

@@ -15,7 +15,7 @@ from warpriver.io.vector.histories import HISTORY_SUFFIXES
 from warpriver.io.vector.layers import NEEDS
 from warpriver.io.vector.networks import line_formats
 from warpriver.scenes.outputs import MAPS, PICTURES, picture_options
-from warpriver.scenes.parts import Outputs, Picture
+from warpriver.scenes.parts import START, Outputs, Picture
 from warpriver.validate import finite_numbers, not_negative, whole
 
 __all__ = ["OUTPUT", "PICTURE", "default_outputs", "read_outputs"]
@@ -87,6 +87,10 @@ def read_outputs(path: Path, table: Mapping[str, Any], given: Any, has_terrain: 
         for k, row in enumerate(list_of_tables(path, "output.picture", table.get("picture", [])))
     )
     outputs = Outputs(run=run, layers=None if layers is None else tuple(layers), pictures=pictures, **names)
+    if START in outputs.names():
+        raise InputError(
+            f"{where} names {START}, where the ground is kept that the run begins with; choose another name"
+        )
     twice = [name for name in outputs.names() if outputs.names().count(name) > 1]
     if twice:
         raise InputError(f"{where} names {twice[0]} twice; choose another name")

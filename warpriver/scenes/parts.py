@@ -27,6 +27,7 @@ from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 __all__ = [
+    "START",
     "GroundSource",
     "Line",
     "Outputs",
@@ -38,6 +39,10 @@ __all__ = [
     "line_generators",
     "terrain_generators",
 ]
+
+
+# Where a stored run keeps the ground that it began with, if no other file holds that.
+START = "start.npz"
 
 
 def terrain_generators() -> dict[str, Callable[..., Terrain]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -11,12 +12,15 @@ from typing import Any
 
 from warpriver.errors import InputError, OutputExistsError, WrongPathError
 from warpriver.history import History, StopReason
+from warpriver.io.raster.terrains import write_terrain
+from warpriver.io.tables import raising
 from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import Control
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.scenes.outputs import write_outputs
-from warpriver.scenes.parts import GroundSource, Outputs, RiverSource, RunPlan, TimedControl, TimedEdit
+from warpriver.scenes.parts import START, GroundSource, Outputs, RiverSource, RunPlan, TimedControl, TimedEdit
 from warpriver.simulation import Simulation
+from warpriver.terrain import TerrainFile
 
 __all__ = ["Scene"]
 
@@ -54,31 +58,38 @@ class Scene:
         """Length of the run, yr."""
         return self.run_plan.steps * self.params.time_step
 
-    def simulation(self, *, device: Any = "cpu", threads: int | None = None) -> Simulation:
+    def simulation(
+        self, *, device: Any = "cpu", threads: int | None = None, folder: str | os.PathLike[str] | None = None
+    ) -> Simulation:
         """Make the terrain and the network, and prepare the run, at its beginning.
 
         Args:
             device: Warp device.
             threads: Threads on the CPU, in place of those of the scene.
+            folder: Folder of the results, where a stored run finds the ground that it began with; see
+                :meth:`write_start`.
 
         Raises:
             ValueError: Terrain, network or controls cannot be made; where they stand in the scene is named.
             OSError: A file cannot be read.
         """
         terrain = None if self.terrain is None else self.terrain.make(device)
+        start = None if folder is None else self.start(Path(folder))
+        if terrain is not None and start is not None:
+            terrain.file = TerrainFile(str(start.resolve()))
         network = self.network.make(terrain, self.run_plan.dtype, device)
-        try:
-            return Simulation(
-                network,
-                self.params,
-                terrain=terrain,
-                seed=self.run_plan.seed,
-                check=self.run_plan.check,
-                threads=threads or self.run_plan.threads,
-                controls=self.controls_at(0),
-            )
-        except InputError as error:
-            raise type(error)(f"{self.label}: {error}") from error
+        make = functools.partial(
+            Simulation,
+            network,
+            self.params,
+            terrain=terrain,
+            seed=self.run_plan.seed,
+            check=self.run_plan.check,
+            threads=threads or self.run_plan.threads,
+            controls=self.controls_at(0),
+        )
+        simulation: Simulation = raising(self.label, make, {})
+        return simulation
 
     def controls_at(self, step: int) -> tuple[Control, ...]:
         """Return the controls that work from a step on."""
@@ -170,9 +181,10 @@ class Scene:
             OSError: The folder holds results already, or cannot be written to.
         """
         place = None if folder is None else self.check_folder(folder)
-        simulation = self.simulation(device=device, threads=threads)
+        simulation = self.simulation(device=device, threads=threads, folder=place)
         if place is not None:
             place.mkdir(parents=True, exist_ok=True)
+            self.write_start(simulation, place)
         history = self.play(simulation, store=self.store(place), progress=progress)
         if place is not None:
             self.write(simulation, place)
@@ -182,6 +194,17 @@ class Scene:
         """Return where the run is stored in a folder of results, None where it is not."""
         return folder / "run" if folder is not None and self.outputs.run else None
 
+    def start(self, folder: Path) -> Path | None:
+        """Return where the ground that the run begins with is kept; None where the run needs none, or has a file."""
+        made = self.terrain is not None and (self.terrain.file is None or len(self.terrain.brushes) > 0)
+        return folder / START if made and self.outputs.run else None
+
+    def write_start(self, simulation: Simulation, folder: str | os.PathLike[str]) -> None:
+        """Write the ground of a simulation before it is run, so that the stored run can go on over it."""
+        start = self.start(Path(folder))
+        if start is not None and simulation.terrain is not None:
+            write_terrain(simulation.terrain, start)
+
     def write(self, simulation: Simulation, folder: str | os.PathLike[str]) -> list[Path]:
         """Write what is to be written of a simulation that was run, but for the run itself; return the files."""
         return write_outputs(self.outputs, simulation, self.controls, Path(folder))
@@ -189,7 +212,8 @@ class Scene:
     def check_folder(self, folder: str | os.PathLike[str]) -> Path:
         """Return a folder for the results as a path; one that holds some of them already is refused."""
         place = Path(folder)
-        for name in self.outputs.names():
+        start = self.start(place)
+        for name in (*self.outputs.names(), *([] if start is None else [start.name])):
             if (place / name).exists():
                 raise OutputExistsError(f"{place} holds an earlier {name}; remove it, or choose another folder")
         if place.exists() and not place.is_dir():
