@@ -18,6 +18,7 @@ $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 	  { echo "Python's venv is missing: apt-get install python3-venv"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+	@echo "installing into $(VENV), about 2 GB; this takes some minutes ..."
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
 	@touch $@
 

@@ -65,6 +65,7 @@ def things(tmp_path_factory):
     wr.io.write_valley(params, folder / "a.toml")
     wr.write_mesh(terrain, folder / "a.obj")
     history.save(folder / "run.npz")
+    wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
     return {
         "folder": folder,
@@ -84,6 +85,12 @@ def things(tmp_path_factory):
 
 def topology(t):
     return {"channel_from": t["network"].channel_from, "channel_to": t["network"].channel_to}
+
+
+def locked(t):
+    sim = wr.Simulation(t["network"], threads=1)
+    sim.lock(0, 600.0)
+    return sim
 
 
 def drawn(function, first):
@@ -139,6 +146,45 @@ CALLS = {
         wr.Simulation.resume,
         {"history": t["history"], "params": None, "terrain": None, "change_terrain": False, "threads": 1},
     ),
+    "replay": lambda t: (
+        wr.Simulation.replay,
+        {
+            "start": t["history"],
+            "edits": [(1, wr.edits.SplitChannel(0, 500.0))],
+            "steps": 2,
+            "terrain": None,
+            "record_every": 1,
+            "threads": 1,
+            "phases": (),
+        },
+    ),
+    "apply": lambda t: (t["simulation"].apply, {"edit": wr.edits.SetChannel(0, width=31.0)}),
+    "lock": lambda t: (wr.Simulation(t["network"], threads=1).lock, {"channel": 0, "at": 600.0}),
+    "unlock": lambda t: (locked(t).unlock, {"channel": 0, "at": 600.0}),
+    "write_edits": lambda t: (
+        wr.edits.write_edits,
+        {"path": t["folder"] / "b.json", "edits": [(1, wr.edits.RemoveChannel(0))], "seed": 1, "steps": 2},
+    ),
+    "read_edits": lambda t: (wr.edits.read_edits, {"path": t["folder"] / "a.json"}),
+    "LockPoint": lambda t: (wr.edits.LockPoint, {"channel": 1, "at": (3.0, 4.0)}),
+    "MovePoint": lambda t: (wr.edits.MovePoint, {"channel": 1, "at": 5.0, "to": (3.0, 4.0), "radius": 5.0}),
+    "SplitChannel": lambda t: (wr.edits.SplitChannel, {"channel": 1, "at": 5.0, "width_above": 3.0}),
+    "JoinChannels": lambda t: (wr.edits.JoinChannels, {"upper": 1, "lower": 2}),
+    "AddChannel": lambda t: (
+        wr.edits.AddChannel,
+        {"xy": t["line"], "width": 3.0, "depth": 1.0, "discharge": 2.0, "ends": "any", "max_rise": 1.0},
+    ),
+    "RedrawSection": lambda t: (wr.edits.RedrawSection, {"channel": 1, "xy": t["line"]}),
+    "SetChannel": lambda t: (wr.edits.SetChannel, {"channel": 1, "width": 3.0, "reach": (0.0, (3.0, 4.0))}),
+    "EditTerrain": lambda t: (
+        wr.edits.EditTerrain,
+        {"operation": "flatten", "center": (0.0, 0.0), "radius": 5.0, "amount": 0.5, "level": 3.0},
+    ),
+    "EditTerrain ridge": lambda t: (
+        wr.edits.EditTerrain,
+        {"operation": "ridge", "line": t["line"], "height": 5.0, "width": 5.0},
+    ),
+    "Session": lambda t: (wr.edits.Session, {"edits": ((1, wr.edits.RemoveChannel(0)),), "seed": 1, "steps": 3}),
     "Every": lambda t: (wr.Every, {"steps": 1}),
     "Every years": lambda t: (wr.Every, {"years": 1.0}),
     "History": lambda t: (wr.History, {"params": wr.MeanderParams(), "origin": (0.0, 0.0), "crs": None, "seed": 0}),
@@ -408,8 +454,9 @@ def test_every_public_function_holds_its_arguments_against_their_annotations():
 
 @pytest.mark.usefixtures("coarse_pictures")
 @pytest.mark.parametrize("name", CALLS)
-def test_what_is_wrong_is_refused_by_name(name, things):
+def test_what_is_wrong_is_refused_by_name(name, things, monkeypatch):
     """One argument at a time; what is left over is an error of ours, whose message is one line that is not long."""
+    monkeypatch.chdir(things["folder"])  # where a text that is taken for a path may be written
     function, good = CALLS[name](things)
     faults = []
     with warnings.catch_warnings():
@@ -428,3 +475,15 @@ def test_what_is_wrong_is_refused_by_name(name, things):
                     place = traceback.extract_tb(error.__traceback__)[-1]
                     faults.append(f"{name}({argument}={what}): {place.filename}:{place.lineno}: {error!r}")
     assert not faults, "\n".join(faults)
+
+
+def test_warnings_tell_the_line_of_the_user(tmp_path):
+    """Not one within warpriver, however deep the function lies that warns."""
+    wr.write_network(
+        wr.RiverNetwork.from_polylines([[[0.0, 0.0], [900.0, 0.0], [1800.0, 9.0]]], 30.0), tmp_path / "a.csv"
+    )
+    text = (tmp_path / "a.csv").read_text().replace("width_m", "other").replace("depth_m", "another")
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.warns(UserWarning, match="no width") as told:
+        wr.read_network(tmp_path / "a.csv")
+    assert {warning.filename for warning in told} == {__file__}

@@ -12,7 +12,7 @@ import warpriver as wr
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits
 from warpriver.engine import state as engine_state
 from warpriver.errors import InputError, InputTypeError
-from warpriver.history import AppliedEdit, History
+from warpriver.history import AppliedEdit, History, StopReason
 
 # A curve that is sampled anew: its samples are on the cubic through the old ones, spacings.
 SAME_CURVE = 1e-3
@@ -329,7 +329,7 @@ def test_a_session_is_the_same_in_a_gpu_s_layout(monkeypatch):
     np.testing.assert_allclose(again.network.points(), sim.network.points(), rtol=0.0, atol=1e-9)
 
 
-def test_a_replay_refuses_what_is_another_session():
+def test_a_replay_refuses_what_is_another_session(monkeypatch):
     sim = river()
     sim.run(steps=5)
     with pytest.raises(InputError, match="the session has the seed 3, the run 0"):
@@ -338,6 +338,10 @@ def test_a_replay_refuses_what_is_another_session():
         Simulation.replay(sim, [(2, edits.SplitChannel(0, 5_000.0))])
     with pytest.raises(InputError, match=r"give a list of them, a history or a Session"):
         Simulation.replay(sim, [3])
+    monkeypatch.setattr(sim.stepper, "step", lambda count: (_ for _ in ()).throw(FloatingPointError("lost")))
+    stopped = Simulation.replay(sim, [(7, edits.SplitChannel(0, 5_000.0))])
+    assert stopped is sim and sim.step_count == 5 and not sim.history.edits
+    assert sim.history.stop_reason is StopReason.NOT_FINITE
 
 
 def test_a_run_that_is_resumed_has_its_edits(tmp_path):
@@ -496,7 +500,7 @@ def end_of(sim, dx=0.0, dy=0.0):
         (river, lambda s: edits.SetChannel(0, width=90.0, reach=(5_000.0, 5_050.0)), "spacings long"),
         (locked, lambda s: edits.SetChannel(0, width=90.0, reach=(4_000.0, 6_000.0)), "a locked point of channel 0"),
         (river, lambda s: edits.EditTerrain("raise", (0.0, 0.0), 500.0, 5.0), "lies on a plain, which cannot be"),
-        (river, lambda s: "lock", "is no edit; make one of warpriver.edits"),
+        (river, lambda s: "lock", "edit is .lock.; give an Edit .wr.edits has them"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_told_and_nothing_changes(make, edit, words):
@@ -518,3 +522,91 @@ def junction(sim):
 def lock_of(sim, dy=0.0):
     network = sim.network
     return tuple(network.node_xy[network.channel_to[network.channel_joint == 2][0]] + [0.0, dy])
+
+
+# ---- controls
+
+
+def steered(**options):
+    """A tree with an attractor, over ground."""
+    sim = tree(ground=True)
+    attractor = wr.meander.Attractor((500.0, 400.0), 3_000.0, 0.5)
+    return Simulation(sim.network, sim.params, terrain=sim.terrain, controls=attractor, **options)
+
+
+def test_controls_are_edits_as_any_other(tmp_path, device):
+    """Taken back and done again to the bit, however fine the raster is that they are stamped into, and replayed."""
+    sim = steered(device=device)
+    sim.run(steps=3)
+    middle = sim.network.points().mean(axis=0)
+    choices = [
+        (*sim.controls, wr.meander.Repeller(tuple(middle), 2_000.0, 1.0)),
+        (wr.meander.Guide([tuple(middle), tuple(middle + 900.0)], 40.0, 0.7),),
+        (),
+        (wr.meander.DampingRegion([middle, middle + [900.0, 0.0], middle + [0.0, 900.0]]), *sim.controls),
+    ]
+    states = [bits(sim)]
+    for controls in choices:
+        sim.apply(wr.meander.SetControls(controls))
+        states.append(bits(sim))
+    assert len(sim.history.edits) == 4 and sim.controls == choices[-1]
+    for state in states[-2::-1]:
+        sim.undo()
+        assert bits(sim) == state
+    assert len(sim.controls) == 1 and not sim.history.edits
+    once = steered(device=device)
+    once.run(steps=3)
+    for each in (sim, once):
+        each.controls = choices[0]
+        each.step(4)
+    assert bits(sim) == bits(once), "as if nothing had been taken back"
+    edits.write_edits(tmp_path / "session.json", sim)
+    session = edits.read_edits(tmp_path / "session.json")
+    assert session.edits == ((3, wr.meander.SetControls(choices[0])),)
+    for again in (
+        Simulation.replay(steered(device=device, threads=2), session),
+        Simulation.replay(sim.history, session, terrain=steered().terrain, device=device),
+    ):
+        assert bits(again) == bits(sim) and again.controls == sim.controls
+
+
+def test_painted_controls_are_edits():
+    sim = river()
+    field = wr.meander.ControlField.blank((-1_000.0, -3_000.0, 13_000.0, 3_000.0), 200.0)
+    sim.controls = field
+    sim.run(steps=2)
+    field.paint((5_000.0, 500.0), 1_500.0, 300.0)
+    sim.run(steps=2)
+    assert [event.step for event in sim.history.edits] == [0, 2]
+    again = Simulation.replay(river(), sim.history)
+    assert bits(again) == bits(sim) and again.controls == (field,)
+    with pytest.raises(InputError, match="is no control; it needs a kind"):
+        wr.meander.SetControls([{"kind": "Dam"}])
+    with pytest.raises(InputError, match="controls holds a str"):
+        wr.meander.SetControls("dam")
+
+
+def test_edits_that_come_and_go_outdate_no_recording():
+    """Where there is room, and locks have been looked for, the next step replays what was recorded."""
+    sim = tree(ground=True)
+    sim.step(3)
+    long = int(sim.network.channel_id[sim.network.channel_lengths().argmax()])
+
+    def place(part):
+        return tuple(lines(sim)[long][int(part * len(lines(sim)[long]))])
+
+    sim.lock(long, place(0.5))
+    sim.step()
+    edition = sim.stepper.state.edition
+    for _ in range(3):
+        sim.apply(edits.MovePoint(long, place(0.3), tuple(np.add(place(0.3), 20.0)), 300.0))
+        sim.step()
+        sim.unlock(long, place(0.0))
+        sim.apply(edits.EditTerrain("raise", center=place(0.2), radius=300.0, amount=2.0))
+        sim.step()
+        sim.apply(edits.SetChannel(long, width=26.0))
+        sim.lock(long, place(0.5))
+        sim.undo()
+        sim.redo()
+        sim.step()
+    assert sim.stepper.state.edition == edition

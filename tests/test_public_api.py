@@ -45,6 +45,7 @@ LEVELS = [
     {"simulation"},
     {"bench", "estimate"},
     {"viz"},
+    {"scenes"},
     {"cli", "__main__"},
 ]
 HEAVY = (

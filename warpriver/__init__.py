@@ -11,7 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, valley, viz
+    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -51,6 +51,7 @@ __all__ = [
     "read_history",
     "read_network",
     "read_terrain",
+    "scenes",
     "synthetic_valley",
     "to_xarray",
     "valley",
@@ -85,6 +86,7 @@ _HOMES = {
     "from_xarray": "warpriver.io.raster.xarrays",
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
+    "read_scene": "warpriver.scenes",  # listed by its room
     "read_terrain": "warpriver.io.raster.terrains",
     "synthetic_valley": "warpriver.valley.valley",
     "taubin_smooth": "warpriver.meander.smoothing",  # listed by its room
@@ -93,7 +95,7 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "valley", "viz")
+_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
 
 
 def __getattr__(name: str) -> Any:

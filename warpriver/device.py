@@ -10,7 +10,6 @@ import os
 import sys
 import tempfile
 import threading
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpriver.errors import InputError, OutOfMemoryError, PathError
+from warpriver.errors import InputError, OutOfMemoryError, PathError, warn
 
 __all__ = [
     "PRECISIONS",
@@ -173,7 +172,7 @@ def present_device(alias: str, what: str) -> Any:
     if alias in [device.alias for device in wp.get_devices()]:
         return wp.get_device(alias)
     text = f"{what} was pickled on {alias!r}, which this machine does not have; it lies on the CPU now"
-    warnings.warn(text, UserWarning, stacklevel=3)
+    warn(text)
     return wp.get_device("cpu")
 
 

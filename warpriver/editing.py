@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,16 @@ import numpy as np
 from warpriver import edits
 from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
 from warpriver.edits.values import Place
-from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
+from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
+from warpriver.meander.courses import Refusal
 from warpriver.network import RiverNetwork
+from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
 __all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
@@ -34,32 +36,28 @@ PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
 MOVE_SPACINGS = 2.0
 
 
-@dataclasses.dataclass(frozen=True)
-class _Done:
-    """An edit that was done since the last step, and what it takes to take it back.
-
-    Attributes:
-        edit: The edit.
-        events_before: Events of the history before it.
-        network: The network before it; None where the ground was edited.
-        window: First row and column, rows and columns of the ground that it may have changed, and ``cells``, the
-            heights that were there.
-    """
-
-    edit: edits.Edit
-    events_before: int
-    network: Snapshot | None = None
-    window: tuple[int, int, int, int] | None = None
-    cells: np.ndarray | None = None
+# Takes an edit back that was done.
+Back = Callable[[], None]
 
 
 class EditStack:
     """The edits that were done between the same two steps, to be taken back and done again."""
 
-    def __init__(self, check: Callable[[RiverNetwork], None]):
-        """Start without any; ``check`` raises ``ValueError`` for a network that the run cannot go on with."""
-        self._check = check
-        self._done: list[_Done] = []
+    def __init__(
+        self,
+        check: Callable[[RiverNetwork], None],
+        doers: Mapping[type[edits.Edit], Callable[[Any], tuple[Back, edits.Edit]]] | None = None,
+    ):
+        """Start without any.
+
+        Args:
+            check: Raises ``ValueError`` for a network that the run cannot go on with.
+            doers: What does edits of further kinds: it does one, or raises and changes nothing, and returns what takes
+                it back, and the edit as the history shall tell it.
+        """
+        self._check, self._doers = check, doers or {}
+        # Each with the number of events before it, and what takes it back.
+        self._done: list[tuple[edits.Edit, int, Back]] = []
         self._undone: list[edits.Edit] = []
 
     def apply(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
@@ -82,14 +80,15 @@ class EditStack:
                 "no edit was done since the last step, and none before it can be taken back; replay the session "
                 "without it: Simulation.replay(start, edits)"
             )
-        done, terrain = self._done.pop(), stepper.state.terrain
-        if done.network is not None:
-            stepper.put_back(done.network)
-        elif done.window is not None and done.cells is not None and terrain is not None:
-            terrain.raster.put_cells(done.window, done.cells)
-        history.forget_events(done.events_before)
-        self._undone.append(done.edit)
-        return done.edit
+        edit, events, back = self._done.pop()
+        back()
+        # What was painted on a field since stays.
+        own = isinstance(edit, edits.PaintControl)
+        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
+        history.forget_events(events)
+        history.events.extend(painted)
+        self._undone.append(edit)
+        return edit
 
     def redo(self, stepper: Stepper, history: History) -> edits.Edit:
         """Do the edit again that was taken back last, and return it.
@@ -104,27 +103,84 @@ class EditStack:
         return edit
 
     def _do(self, stepper: Stepper, history: History, edit: edits.Edit) -> None:
-        events, state = len(history.events), stepper.state
-        if isinstance(edit, edits.EditTerrain):
-            terrain = state.terrain
-            if terrain is None:
-                raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
-            window = terrain_window(terrain, edit)
-            cells = None if window is None else terrain.raster.cells(window)
-            edit_terrain(terrain, edit)
-            done = _Done(edit, events, window=window, cells=cells)
+        events, steps, told = len(history.events), stepper.step_count, edit
+        if type(edit) in self._doers:
+            back, told = self._doers[type(edit)](edit)
+        elif isinstance(edit, edits.EditTerrain):
+            back = _edit_ground(stepper, edit)
+        elif isinstance(edit, edits.AvulseChannel):
+            back = _avulse(stepper, history, edit)
         else:
-            before = stepper.snapshot()
-            try:
-                _do(edit, stepper)
-                self._check(state.network)
-            except BaseException:
-                stepper.put_back(before)
-                raise
-            done = _Done(edit, events, network=before)
-        steps = stepper.step_count
-        history.events.append(AppliedEdit.of(steps * state.params.time_step, steps, edit))
-        self._done.append(done)
+            back = self._edit_network(stepper, edit)
+        if not isinstance(edit, edits.PaintControl):  # told as a stroke
+            history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, told))
+        self._done.append((edit, events, back))
+
+    def _edit_network(self, stepper: Stepper, edit: edits.Edit) -> Back:
+        before = stepper.snapshot()
+        try:
+            _do(edit, stepper)
+            self._check(stepper.state.network)
+        except BaseException:
+            stepper.put_back(before)
+            raise
+        return lambda: stepper.put_back(before)
+
+
+def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
+    terrain = stepper.state.terrain
+    if terrain is None:
+        raise InputError("the run lies on a plain, which cannot be edited; give it a terrain, terrain=")
+    raster, window = terrain.raster, terrain_window(terrain, edit)
+    cells = None if window is None else raster.cells(window)
+    edit_terrain(terrain, edit)
+    if window is None or cells is None:
+        return lambda: None
+    return lambda: raster.put_cells(window, cells)
+
+
+def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
+    new, state, before = _new_course(edit, stepper), stepper.state, stepper.snapshot()
+    raster = None if state.terrain is None else state.terrain.raster
+    window = None if state.terrain is None else new.window(state.terrain)
+    cells = None if raster is None or window is None else raster.cells(window)
+
+    def back() -> None:
+        stepper.put_back(before)
+        if raster is not None and window is not None and cells is not None:
+            raster.put_cells(window, cells)
+
+    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+    carve(state, new)
+    _adopt(stepper, rework_courses(state, [new]))
+    return back
+
+
+def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:
+    """Find the course that a channel is to take, or raise ``ValueError`` that says why there is none."""
+    state = stepper.state
+    state.place_nodes()
+    river = _River(state.network, edit.channel)
+    channel, point = river.inner(edit.at, JUNCTION_CLEARANCE, "leave its course")
+    head = int(state.network.starts()[channel])
+    target = None
+    if edit.to is not None:
+        k, i = river.locate(edit.to, "to")
+        target = river.first[k] + i
+        if river.parts[k] != channel or target < point + JUNCTION_CLEARANCE:
+            raise InputError(
+                f"to does not lie downstream of at on channel {river.identity}, or a locked point lies between them; "
+                "choose another place"
+            )
+    params = state.params.avulsions or AvulsionParams()
+    identity = int(state.network.channel_id[channel])
+    chance = np.random.default_rng([state.seed, stepper.step_count, identity, point - head])
+    angle = None if edit.angle is None else math.radians(edit.angle)
+    found = plan_course(state, channel, point, params, chance, target=target, angle=angle)
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
 
 
 def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
@@ -142,7 +198,7 @@ def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:
 
 @functools.singledispatch
 def _do(edit: Any, stepper: Stepper) -> None:
-    raise InputError(f"{edit!r} is no edit that can be done; make one of warpriver.edits")
+    raise InputError(f"{edit.name} is no edit that can be done; make one of warpriver.edits")
 
 
 # ---- where

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import warnings
+from pathlib import Path
+
 __all__ = [
     "InputError",
     "InputTypeError",
@@ -17,7 +21,10 @@ __all__ = [
     "RunLockedError",
     "WarpriverError",
     "WrongPathError",
+    "warn",
 ]
+
+HOME = str(Path(__file__).parent)
 
 
 class WarpriverError(Exception):
@@ -89,3 +96,11 @@ class PathDeniedError(PathError, PermissionError):
 
 class RunLockedError(PathError, BlockingIOError):
     """The folder of a run that another process or simulation writes to."""
+
+
+def warn(text: str) -> None:
+    """Warn of what was not as expected but could be used, as of the line outside of warpriver that called it."""
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(HOME):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, UserWarning, stacklevel=level)

@@ -369,7 +369,7 @@ class RiverNetwork:
         return self._copied(channels)
 
     @public
-    def with_elevations(self, point_z: Any) -> RiverNetwork:
+    def with_elevations(self, point_z: npt.ArrayLike) -> RiverNetwork:
         """Return a copy whose points have these elevations, (P,) in m, or None for none: ``point_z``."""
         return RiverNetwork(**(self._host_values() | {"point_z": point_z}))
 
@@ -439,11 +439,11 @@ class RiverNetwork:
         return float(west), float(south), float(east), float(north)
 
     @public
-    def to(self, device: Any = None, dtype: str | None = None) -> RiverNetwork:
+    def to(self, device: wp.DeviceLike = None, dtype: str | None = None) -> RiverNetwork:
         """Return a copy on another device or in another precision."""
         return self._copied(self._channels, device, dtype)
 
-    def _copied(self, channels: ChannelTable, device: Any = None, dtype: str | None = None) -> RiverNetwork:
+    def _copied(self, channels: ChannelTable, device: wp.DeviceLike = None, dtype: str | None = None) -> RiverNetwork:
         values = self._host_values()
         values |= {"channels": channels, "dtype": dtype or self.dtype, "device": device or self.device}
         return RiverNetwork(**values)

@@ -108,7 +108,7 @@ def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
             raise InputError(f"{label} is {value!r}; give {kind.__name__}(...) or None")
         return
     if meta["choices"]:
-        if value not in meta["choices"]:
+        if not isinstance(value, (str, int)) or value not in meta["choices"]:
             words = ", ".join(repr(c) for c in meta["choices"])
             raise InputError(f"{label} is {shown(value)}; use one of {words}")
         return

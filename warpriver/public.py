@@ -34,6 +34,7 @@ REMEDIES = {
     "Raster": "wr.io.read_raster(path) makes one",
     "RiverNetwork": "wr.RiverNetwork.from_polylines([line], width) or wr.read_network(path) makes one",
     "History": "Simulation.run and wr.read_history(path) return one",
+    "Edit": "wr.edits has them, such as wr.edits.MovePoint(...)",
     "Flow": "wr.hydrology.route(terrain) makes one",
 }
 

@@ -269,6 +269,12 @@ class Raster:
             return None
         return first_row, first_column, last_row - first_row + 1, last_column - first_column + 1
 
+    def centers(self, window: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
+        """Return (west, south, east, north) in m of the outer centres in (first row, first column, rows, columns)."""
+        (row, column, rows, columns), (west, north), size = window, self.origin, self.cell_size
+        left, top = west + (column + 0.5) * size, north - (row + 0.5) * size
+        return left, top - (rows - 1) * size, left + (columns - 1) * size, top
+
     def cells(self, window: tuple[int, int, int, int]) -> np.ndarray:
         """Return a copy of the values in (first row, first column, rows, columns), on the host."""
         return self._cut(window).numpy().copy()

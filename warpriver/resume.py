@@ -11,7 +11,17 @@ from warpriver.editing import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.engine.phase import Phase
 from warpriver.errors import InputError, WarpriverError
-from warpriver.history import AppliedEdit, Avulsion, Event, Ground, GroundChange, History, ParameterChange, Record
+from warpriver.history import (
+    AppliedEdit,
+    Avulsion,
+    ControlStroke,
+    Event,
+    Ground,
+    GroundChange,
+    History,
+    ParameterChange,
+    Record,
+)
 from warpriver.io.raster.terrains import read_terrain
 from warpriver.meander.courses import carve_course
 from warpriver.models import Model, model_of
@@ -131,7 +141,7 @@ def edits_after(history: History, record: Record) -> list[Edit]:
     return [
         event.edit
         for event in history.events[record.events_before :]
-        if isinstance(event, AppliedEdit) and event.step == record.step
+        if isinstance(event, (AppliedEdit, ControlStroke)) and event.step == record.step
     ]
 
 

@@ -8,24 +8,25 @@ import math
 import os
 import signal
 import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from warpriver import progress as progress_bar
 from warpriver.editing import EditStack, untold
 from warpriver.edits.session import session_of
-from warpriver.edits.values import Edit, LockPoint, Place, UnlockPoint
+from warpriver.edits.values import Edit, LockPoint, PaintControl, UnlockPoint
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
 from warpriver.engine.saved import check_saved
 from warpriver.engine.stepper import Stepper, check_ground
-from warpriver.errors import InputError, InputTypeError
+from warpriver.errors import InputError, InputTypeError, warn
 from warpriver.history import ControlChange, ControlStroke, Ground, History, ParameterChange, Record, StopReason
 from warpriver.history.changes import ground_after, params_after
 from warpriver.history.schedule import Every
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import Control
 from warpriver.meander.steering import Steering
 from warpriver.models import Model, model_of
@@ -73,7 +74,7 @@ class Simulation:
         *,
         terrain: Terrain | None = None,
         seed: int = 0,
-        device: Any = None,
+        device: wp.DeviceLike = None,
         dtype: str | None = None,
         check: bool = False,
         capture: bool = True,
@@ -107,7 +108,7 @@ class Simulation:
                 proportion; or a control is none, or in another CRS.
         """
         params = params if params is not None else MeanderParams()
-        self._added = tuple(phases)
+        self._added = _checked_phases(phases)
         model = model_of(params).with_phases(self._added)
         params = params.for_widths(network.channel_width)
         _check_network(network, params, model)
@@ -123,7 +124,7 @@ class Simulation:
         self._history = History(params, seed=seed, origin=own.origin, crs=own.crs, dtype=own.dtype, ground=ground)
         self._history.events.extend(self._steering.begin(0.0))
         self._ground, self._ground_sum = ground, _sum_of(terrain)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self._record()
 
     @classmethod
@@ -135,7 +136,7 @@ class Simulation:
         params: MeanderParams | PathMeander | None = None,
         terrain: Terrain | None = None,
         change_terrain: bool = False,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
         check: bool = False,
         capture: bool = True,
         threads: int | None = None,
@@ -184,13 +185,14 @@ class Simulation:
         again = edits_after(history, record)
         history.rewind()
         history.events.extend(changes)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         for edit in again:
             self.apply(edit)
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         return self
 
     @classmethod
+    @public
     def replay(
         cls,
         start: Simulation | History | str | os.PathLike,
@@ -198,7 +200,7 @@ class Simulation:
         *,
         steps: int | None = None,
         terrain: Terrain | None = None,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
         record_every: int | Every = 10,
         check: bool = False,
         capture: bool = True,
@@ -206,6 +208,8 @@ class Simulation:
         phases: Sequence[Phase] = (),
     ) -> Simulation:
         """Do a session again: the steps of a run, and between them its edits, to the same bits.
+
+        It ends early where :meth:`run` does; ``history.stop_reason`` says why.
 
         Args:
             start: Where it begins: a simulation, which does the steps; or a history, or the path of a stored run, whose
@@ -238,6 +242,8 @@ class Simulation:
                 raise InputError(f"{edit.name} was done after {step} steps, and {self.step_count} are done already")
             if step > self.step_count:
                 self.run(steps=step - self.step_count, record_every=record_every)
+            if step > self.step_count:
+                return self  # interrupted, or no longer finite: the history says why
             self.apply(edit)
         left = (session.steps if steps is None else whole(steps, "steps")) - self.step_count
         if left > 0:
@@ -275,7 +281,7 @@ class Simulation:
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self._record()
         return self
 
@@ -290,7 +296,7 @@ class Simulation:
         **options: Any,
     ) -> None:
         """Go on from a record, and with the history that it belongs to."""
-        self._added = tuple(phases)
+        self._added = _checked_phases(phases)
         network = history.network_of(record)
         # The record is on the scale of the constants that it was made with.
         check_saved(
@@ -326,7 +332,7 @@ class Simulation:
         parts = (state[name] for name in ("history", "record", "params", "terrain", "device", "phases"))
         self._take_up(*parts, **state["options"])
         self._ground, self._ground_sum = state["ground"], None
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         self.stepper.state.substeps = state["substeps"]
 
     # ---- state
@@ -373,14 +379,15 @@ class Simulation:
     def controls(self) -> tuple[Control, ...]:
         """What attracts, repels or damps the channels.
 
-        Set others between two steps, and the next one goes by them; it is recorded, and a resumed run has them. A
-        :class:`~warpriver.meander.controls.ControlField` may also be painted as it is.
+        Set others between two steps, and the next one goes by them: that is an edit, which is recorded, taken back and
+        replayed as any. A :class:`~warpriver.meander.controls.ControlField` may also be painted as it is; that cannot
+        be taken back.
         """
         return self._steering.controls
 
     @controls.setter
     def controls(self, controls: Control | Sequence[Control]) -> None:
-        self.history.events.extend(self._steering.replace(controls, self.stepper.state, self.time))
+        self.apply(SetControls(controls))  # type: ignore[arg-type]
 
     @property
     def device(self) -> Any:
@@ -485,7 +492,7 @@ class Simulation:
             self.history.store_in(store)
         with self.history.writing():
             self.history.stop_reason = None
-            self._edits = EditStack(self._check)
+            self._edits = self._new_stack()
             self._note_ground()
             with _interruption() as interrupted, progress_bar.bar("steps", count, show=progress) as advance:
                 try:
@@ -498,7 +505,7 @@ class Simulation:
                     raise
                 except _StoreError as error:
                     self.history.stop_reason = StopReason.STORE_FAILED
-                    warnings.warn(f"{error.__cause__}", UserWarning, stacklevel=2)
+                    warn(f"{error.__cause__}")
                 except BaseException:
                     # Of a callback, or a second Ctrl-C: what was recorded before is not lost with it.
                     with contextlib.suppress(OSError):
@@ -508,6 +515,7 @@ class Simulation:
 
     # ---- edits
 
+    @public
     def apply(self, edit: Edit) -> None:
         """Do an edit between two steps; it is recorded in the history with its time.
 
@@ -519,17 +527,18 @@ class Simulation:
         Raises:
             ValueError: It cannot be done, and nothing has changed.
         """
-        if not isinstance(edit, Edit):
-            raise InputTypeError(f"{edit!r} is no edit; make one of warpriver.edits, such as MovePoint(...)")
+        self._note_strokes()
         self._edits.apply(self.stepper, self.history, edit)
 
-    def lock(self, channel: int, at: Place) -> None:
+    @public
+    def lock(self, channel: int, at: float | Sequence[float] | np.ndarray) -> None:
         """Hold a point of a channel in place; see :class:`warpriver.edits.LockPoint`."""
-        self.apply(LockPoint(channel, at))
+        self.apply(LockPoint(channel, at))  # type: ignore[arg-type]
 
-    def unlock(self, channel: int, at: Place) -> None:
+    @public
+    def unlock(self, channel: int, at: float | Sequence[float] | np.ndarray) -> None:
         """Let a locked point of a channel go; see :class:`warpriver.edits.UnlockPoint`."""
-        self.apply(UnlockPoint(channel, at))
+        self.apply(UnlockPoint(channel, at))  # type: ignore[arg-type]
 
     def undo(self) -> Edit:
         """Take the last edit back, to the bit, and return it.
@@ -540,6 +549,7 @@ class Simulation:
         Raises:
             ValueError: No edit was done since the last step.
         """
+        self._note_strokes()
         return self._edits.undo(self.stepper, self.history)
 
     def redo(self) -> Edit:
@@ -548,6 +558,7 @@ class Simulation:
         Raises:
             ValueError: None was taken back since the last edit or step.
         """
+        self._note_strokes()
         return self._edits.redo(self.stepper, self.history)
 
     # ---- inside
@@ -588,11 +599,38 @@ class Simulation:
     def _advance(self, steps: int) -> None:
         """Do so many steps, and note their events also where the last one fails."""
         self._note_strokes()
-        self._edits = EditStack(self._check)
+        self._edits = self._new_stack()
         try:
             self.stepper.step(steps)
         finally:
             self.history.events.extend(untold(self.history.events, self.stepper.take_events()))
+
+    def _set_controls(self, edit: SetControls) -> tuple[Callable[[], None], Edit]:
+        """Do a change of controls as an edit; return what takes it back, and how it is told."""
+        steering, stepper = self._steering, self.stepper
+        before, controls, stamped = stepper.snapshot(), steering.controls, steering.map
+        self.history.events.extend(steering.replace(edit.after(controls), stepper.state, self.time))
+
+        def back() -> None:
+            steering.put_back(controls, stamped, stepper.state)
+            stepper.put_back(before)
+
+        return back, edit.told_after(controls)
+
+    def _paint_control(self, edit: PaintControl) -> tuple[Callable[[], None], Edit]:
+        """Paint a control field as an edit; return what takes it back, and the edit."""
+        before = self.stepper.snapshot()
+        events, unpaint = self._steering.paint(edit, self.stepper.state)
+        self.history.events.extend(events)
+
+        def back() -> None:
+            unpaint()
+            self.stepper.put_back(before)
+
+        return back, edit
+
+    def _new_stack(self) -> EditStack:
+        return EditStack(self._check, {SetControls: self._set_controls, PaintControl: self._paint_control})
 
     def _check(self, network: RiverNetwork) -> None:
         _check_network(network, self.params, model_of(self.params).with_phases(self._added))
@@ -663,14 +701,20 @@ def _sum_of(terrain: Terrain | None) -> int | None:
     return None if terrain is None else int(terrain.height.numpy().view(np.uint64).sum())
 
 
+def _checked_phases(phases: Sequence[Phase]) -> tuple[Phase, ...]:
+    """Return phases, or raise ``TypeError`` for what is none."""
+    for phase in phases:
+        if Phase not in type(phase).__mro__:
+            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
+    return tuple(phases)
+
+
 def _check_network(network: RiverNetwork, params: MeanderParams | PathMeander, model: Model) -> None:
     """Raise ``ValueError`` for a network that a simulation cannot take."""
     looped = (network.channel_from == network.channel_to) & ~network.channel_closed
     if looped.any():
         raise InputError(f"channel {int(looped.argmax())}: its ends coincide; make it a ring, closed=True, or open it")
     for phase in model.phases:
-        if Phase not in type(phase).__mro__:
-            raise InputTypeError(f"phases holds {shown(phase)}; give phases, see warpriver.engine.phase.Phase")
         phase.check_network(network)
     if params.spacing_in_widths > 0.0:
         return

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -15,7 +14,7 @@ import warp as wp
 
 from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import launch_kernel, require_memory, resolve_device
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.kernels import terrain as kernels
 from warpriver.public import public
 from warpriver.raster import (
@@ -103,11 +102,7 @@ class Terrain:
         _require_data(array)
         found = find_sentinels(array)
         if found:
-            warnings.warn(
-                f"height: of its cells {listed(found)}; if that stands for no data, write NaN there",
-                UserWarning,
-                stacklevel=2,
-            )
+            warn(f"height: of its cells {listed(found)}; if that stands for no data, write NaN there")
         values: wp.array = wp.array(array, dtype=wp.float64, device=target)
         self.raster = Raster.wrap(values, *place, UNIT, NAME)
 

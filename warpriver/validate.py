@@ -104,9 +104,10 @@ def position(xy: Any, name: str = "origin") -> np.ndarray:
 
 def one_of(value: T, name: str, choices: Sequence[T]) -> T:
     """Return a value that is one of a few."""
-    if value not in choices:
+    # An array is equal to each of its elements.
+    if isinstance(value, np.ndarray) or value not in choices:
         *first, last = (repr(choice) for choice in choices)
-        raise InputError(f"{name} is {value!r}; use {', '.join(first)} or {last}")
+        raise InputError(f"{name} is {shown(value)}; use {', '.join(first)} or {last}")
     return value
 
 

@@ -14,6 +14,10 @@ from warpriver.errors import InputError, InputTypeError
 LINE = [(0.0, 0.0), (100.1, 1 / 3), (200.0, -5.0)]
 ALL = [
     edits.LockPoint(3, 1234.5),
+    edits.AvulseChannel(3, (5.0, 6.0), to=99.5, angle=-20),
+    edits.AvulseChannel(3, 99.5),
+    wr.meander.SetControls([wr.Attractor((1.0, 2.0), 300.0), wr.DampingRegion(LINE, 0.25), {"kept": 4}]),
+    edits.PaintControl(2, (5, 6, 1, 2), [0.5, -3.0]),
     edits.UnlockPoint(3, (1.0, 2.0)),
     edits.MovePoint(3, 10.0, (5.0, -6.0), 300.0),
     edits.SplitChannel(3, 1e3 / 7, width_above=12.0, depth_below=1.5),
@@ -30,7 +34,12 @@ ALL = [
 
 
 def test_every_kind_is_tried():
-    assert {edit.name for edit in ALL} == set(edits.__all__) - {"Edit", "Session", "read_edits", "write_edits"}
+    assert {edit.name for edit in ALL} == {"SetControls", *edits.__all__} - {
+        "Edit",
+        "Session",
+        "read_edits",
+        "write_edits",
+    }
 
 
 @pytest.mark.parametrize("edit", ALL, ids=lambda edit: edit.name)
@@ -70,7 +79,7 @@ def test_a_session_comes_back_from_its_file(tmp_path):
         (lambda: edits.SetChannel(1), "sets nothing; give width, depth or discharge"),
         (lambda: edits.SetChannel(1, width=0.0), "width is 0"),
         (lambda: edits.SetChannel(1, discharge=3.0, reach=(0.0, 5.0)), "discharge cannot be set in a reach"),
-        (lambda: edits.SetChannel(1, width=3.0, reach=5.0), "reach is 5.0; give two places"),
+        (lambda: edits.SetChannel(1, width=3.0, reach=5.0), "reach is 5; give two places"),
         (lambda: edits.EditTerrain("dig", (0.0, 0.0), 5.0, 1.0), "operation is 'dig'; use 'raise'"),
         (
             lambda: edits.EditTerrain("raise", (0.0, 0.0), 5.0),

@@ -165,7 +165,7 @@ def ring_push(xy, spacing, width, law):
 
 def ring_fade(value, r):
     """Both coordinates of a recurrence down a ring, (n, 2)."""
-    return np.stack([rings.fading_sum(column, r) for column in value.T], axis=1)
+    return rings.fading_sum(value, r)
 
 
 def ring_shift(xy, half, spacing, mean_width, width, law):

@@ -1,6 +1,7 @@
 """Crevasses and avulsions: how often banks break, which new courses there are, and what a run knows of them."""
 
 import copy
+import dataclasses
 import math
 
 import models
@@ -9,7 +10,17 @@ import pytest
 from insides import phase_of
 from models import assert_same
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate, metrics, write_terrain
+from warpriver import (
+    MeanderParams,
+    PathMeander,
+    RiverNetwork,
+    Simulation,
+    Terrain,
+    edits,
+    generate,
+    metrics,
+    write_terrain,
+)
 from warpriver.history import Avulsion, History
 from warpriver.kernels.status import CREVASSES
 from warpriver.meander.avulsions import Avulse, NewCourse, plan_course
@@ -298,3 +309,73 @@ def test_constants_out_of_range_are_refused():
         MeanderParams(avulsions=3)
     assert MeanderParams(avulsions={"jitter": 1.0}).avulsions == AvulsionParams(jitter=1.0)
     assert Avulsion.kind == "avulsion"
+
+
+# ---- by hand
+
+
+def by_hand():
+    """A river over ground, the place where it shall leave, and where it shall come back."""
+    line = bow(1500.0, 3000.0, 5000.0, 4000.0)
+    x = np.arange(-1000.0, 11_000.0, 40.0)
+    height = np.broadcast_to(30.0 - 1e-3 * x + 0.2 * np.sin(x / 90.0), (130, len(x)))
+    sim = Simulation(
+        RiverNetwork.from_polylines([line], WIDTH), MeanderParams(), terrain=Terrain(height, 40.0, (-1000.0, 3000.0))
+    )
+    sim.step(5)
+    return sim, edits.AvulseChannel(0, (2500.0, 0.0), to=(6000.0, 0.0), angle=20.0)
+
+
+def test_a_channel_leaves_by_hand_and_that_is_taken_back():
+    """To the bit, the ground as well; done again it is the same."""
+    sim, edit = by_hand()
+    before, ground = sim.network.points().copy(), sim.terrain.to_numpy()
+    sim.apply(edit)
+    (event,) = sim.history.avulsions
+    after, carved = sim.network.points().copy(), sim.terrain.to_numpy()
+    assert metrics.sinuosity(after) < metrics.sinuosity(before) - 0.1 and (carved < ground).sum() > 50
+    assert np.hypot(*(after - event.course[len(event.course) // 2]).T).min() < 26.0
+    assert sim.undo() == edit and not sim.history.avulsions
+    np.testing.assert_array_equal(sim.network.points(), before)
+    np.testing.assert_array_equal(sim.terrain.to_numpy(), ground)
+    sim.redo()
+    np.testing.assert_array_equal(sim.network.points(), after)
+    np.testing.assert_array_equal(sim.terrain.to_numpy(), carved)
+    sim.step(10)
+
+
+def test_a_session_with_avulsions_by_hand_is_done_again(tmp_path):
+    sim, edit = by_hand()
+    start = by_hand()[0]
+    ground = start.terrain.copy()
+    sim.apply(edit)
+    sim.run(steps=10, record_every=5)
+    sim.apply(edits.AvulseChannel(0, 1500.0))
+    sim.run(steps=5, record_every=5)
+    again = Simulation.replay(start, sim.history)
+    assert_same(sim, again)
+    assert sim.history.avulsions == again.history.avulsions and len(again.history.avulsions) == 2
+    sim.history.save(tmp_path / "run.npz")
+    for terrain in (ground, sim.terrain):
+        resumed = Simulation.resume(History.load(tmp_path / "run.npz"), terrain=terrain.copy())
+        np.testing.assert_array_equal(resumed.terrain.to_numpy(), sim.terrain.to_numpy())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"to": (1000.0, 0.0)}, "to does not lie downstream of at"),
+        ({"at": 20.0}, "to leave its course keep 2 spacings away"),
+        ({"channel": 4}, "there is no channel 4"),
+        ({"angle": 120.0}, "angle is 120 degrees"),
+        ({"to": (9900.0, 0.0), "angle": 90.0}, "channel 0 finds no course: there is no ground"),
+    ],
+)
+def test_what_cannot_be_done_by_hand_is_refused(change, message):
+    sim, edit = by_hand()
+    before, ground, events = sim.network.points().copy(), sim.terrain.to_numpy(), len(sim.history.events)
+    with pytest.raises(ValueError, match=message):
+        sim.apply(dataclasses.replace(edit, **change))
+    np.testing.assert_array_equal(sim.network.points(), before)
+    np.testing.assert_array_equal(sim.terrain.to_numpy(), ground)
+    assert len(sim.history.events) == events

@@ -65,6 +65,18 @@ def test_gradients_are_those_of_the_field_to_second_order(name, monkeypatch, dev
     assert errors[2] < 2e-3
 
 
+def test_gradients_of_painted_fields_are_of_second_order(device):
+    xy, errors = scattered(reach=700.0), []
+    expected = numeric_gradient(radial, xy)
+    for across in (8, 16, 32):
+        size = RADIUS / across
+        x = -1000.0 + size * (np.arange(round(2000.0 / size)) + 0.5)
+        places = np.stack(np.meshgrid(x, -x), axis=-1).reshape(-1, 2)
+        field = ControlField(radial(places).reshape(len(x), len(x)), size, (-1000.0, 1000.0))
+        errors.append(np.sqrt(np.mean((ControlMap([field], device=device).gradient(xy) - expected) ** 2)))
+    assert 3.4 < errors[0] / errors[1] < 4.6 and 3.4 < errors[1] / errors[2] < 4.6, errors
+
+
 @pytest.mark.parametrize("strength", [0.3, 1.0, 2.5])
 def test_the_greatest_gradient_is_the_strength(strength, device):
     line = np.column_stack([np.linspace(0.0, RADIUS, 400), np.zeros(400)])
@@ -206,7 +218,10 @@ def test_what_lies_beyond_a_map_is_not_covered(device):
         (lambda: DampingRegion(Raster(np.full((3, 3), 2.0), 1.0)), "has the factor 2 at row 0, column 0"),
         (lambda: DampingRegion(Raster(np.ones((3, 3)), 1.0), 0.5), "takes no factor and no blend beside a Raster"),
         (lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)]), "ErodibilityField.factor is missing"),
-        (lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)], -1.0), "ErodibilityField.factor is -1.0"),
+        (
+            lambda: ErodibilityField([(0, 0), (1, 1), (0, 1)], -1.0),
+            "ErodibilityField.factor is -1; give a finite",
+        ),
         (lambda: ControlMap([]), "controls is empty"),
         (lambda: ControlMap(["here"]), "controls holds a str; give Attractor"),
         (lambda: ControlMap([Attractor((0, 0), 10.0), Attractor((1e6, 1e6), 10.0)]), "leave out what lies far off"),

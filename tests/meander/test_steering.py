@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from models import MODELS, assert_same, some_controls
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.history import ControlChange, ControlStroke, History
-from warpriver.meander import control_map, migration_rate
+from warpriver.meander import SetControls, control_map, migration_rate
 from warpriver.meander.control_record import controls_after
 from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
 
@@ -336,3 +336,103 @@ def test_a_river_follows_a_guide_that_lies_beside_it():
     middle = middle[(middle[:, 0] > 2500.0) & (middle[:, 0] < 4000.0)]
     # In 58 yr, at 6 m/yr and less: the nearer the slower, as exp(-t / 29 yr) in the end; small bends have grown.
     assert 140.0 < middle[:, 1].mean() < 200.0 and np.abs(middle[:, 1] - 200.0).max() < 120.0
+
+
+# ---- as edits
+
+
+def bits_of(sim):
+    fields = [control.raster.numpy() for control in sim.controls if isinstance(control, ControlField)]
+    made = sim.stepper.state.controls
+    stamped = [] if made is None else [made.raster.numpy(), made.factor.numpy()]
+    return [sim.network.points(), sim.stepper.state.pace.numpy().copy(), *fields, *stamped]
+
+
+def assert_bits(sim, expected):
+    for a, b in zip(bits_of(sim), expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_controls_are_taken_back_and_set_again():
+    """Whether they fit the raster, need another one, or are painted: to the bit, with the plan of the next step."""
+    sim = wandering(controls=[*CONTROLS, painted_field()])
+    sim.step(2)
+    point = tuple(sim.network.polylines()[0][30].tolist())
+    kinds = [
+        lambda: setattr(sim, "controls", [*sim.controls[1:], Attractor((900.0, 2400.0), 700.0)]),
+        lambda: sim.apply(edits.MovePoint(0, point, to=(point[0], point[1] + 60.0), radius=400.0)),
+        lambda: sim.apply(SetControls([Attractor((900.0, 2400.0), 30.0), *sim.controls])),
+        lambda: sim.apply(edits.PaintControl(3, (20, 30, 2, 3), np.arange(6.0))),
+        lambda: sim.apply(SetControls(())),
+    ]
+    seen, events = [bits_of(sim)], [len(sim.history.events)]
+    for do in kinds:
+        do()
+        seen.append(bits_of(sim))
+        events.append(len(sim.history.events))
+    last = copy.deepcopy(sim)
+    for k in reversed(range(len(kinds))):
+        sim.undo()
+        assert_bits(sim, seen[k])
+        assert len(sim.history.events) == events[k]
+    for expected in seen[1:]:
+        sim.redo()
+        assert_bits(sim, expected)
+    for each in (sim, last):
+        each.step(4)
+    assert_same(sim, last)
+
+
+def test_what_was_painted_stays_when_another_edit_is_taken_back():
+    field = painted_field()
+    sim = wandering(controls=[field])
+    point = tuple(sim.network.polylines()[0][30].tolist())
+    sim.apply(edits.MovePoint(0, point, to=(point[0], point[1] + 60.0), radius=400.0))
+    field.paint((700.0, 2600.0), 300.0, 150.0)
+    sim.controls = [field, *CONTROLS]
+    sim.undo()
+    sim.undo()
+    assert len(sim.history.events.of(ControlStroke)) == 1
+    (found,) = controls_after(sim.history.events)
+    assert found == field and field.raster.numpy().max() > 140.0
+
+
+def test_a_session_with_controls_is_done_again_to_the_bit(tmp_path):
+    """Of its history, of its file, and over a run that is resumed between an edit and the next step."""
+    sim = wandering()
+    start = copy.deepcopy(sim)
+    act(sim, painted_field())
+    edits.write_edits(tmp_path / "session.json", sim)
+    for source in (sim.history, tmp_path / "session.json"):
+        again = Simulation.replay(copy.deepcopy(start), source)
+        assert_same(sim, again)
+        assert again.controls == sim.controls and list(again.history.edits) == list(sim.history.edits)
+    # Set after the last record, before the next step.
+    sim.controls = [*sim.controls, Repeller((700.0, 2600.0), 500.0, 2.0)]
+    resumed = Simulation.resume(copy.deepcopy(sim.history), terrain=sim.terrain)
+    assert resumed.controls == sim.controls
+    for each in (sim, resumed):
+        each.step(5)
+    assert_same(sim, resumed)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SetControls("x"), "controls holds a str"),
+        (lambda: SetControls([{"kind": "Magnet"}]), "is no control; it needs a kind"),
+        (lambda: SetControls([{"kept": 7}]), "control 7 is to stay, and there are 4"),
+        (lambda: SetControls([{"kind": "Attractor", "numbers": [1.0, 2.0]}]), "of the kind Attractor is damaged"),
+        (lambda: edits.PaintControl(9, (0, 0, 1, 1), (1.0,)), "control 9 is no field"),
+        (lambda: edits.PaintControl(0, (0, 0, 1, 1), (1.0,)), "control 0 is no field"),
+        (lambda: edits.PaintControl(3, (0, 0, 1000, 1), np.zeros(1000)), "lies beyond the field"),
+        (lambda: edits.PaintControl(3, (0, 0, 2, 2), (1.0,)), "give one for each of 2 x 2 cells"),
+    ],
+)
+def test_edits_of_controls_that_cannot_be_are_refused(make, message):
+    sim = wandering(controls=[*CONTROLS, painted_field()])
+    before, events = bits_of(sim), len(sim.history.events)
+    with pytest.raises(ValueError, match=message):
+        sim.apply(make())
+    assert_bits(sim, before)
+    assert len(sim.history.events) == events

@@ -73,6 +73,8 @@ def _convert(options: argparse.Namespace) -> int:
     kind = kind_of(source)
     if kind == "valley":
         raise InputError(f"{source} is a valley file; warpriver valley {source} -o {out} makes what it describes")
+    if kind == "scene":
+        raise InputError(f"{source} is a scene; warpriver simulate {source} -o FOLDER runs it")
     useless = []
     if kind != "run":
         useless += given_flags(options, ["until", "salvage"])

@@ -11,7 +11,7 @@ from warpriver.errors import InputError, MissingFileError
 
 __all__ = ["Kind", "kind_of", "written_terrains"]
 
-Kind = Literal["lines", "raster", "run", "terrain", "valley"]
+Kind = Literal["lines", "raster", "run", "scene", "terrain", "valley"]
 
 
 def kind_of(path: Path) -> Kind:
@@ -22,6 +22,7 @@ def kind_of(path: Path) -> Kind:
         FileNotFoundError: There is nothing.
     """
     from warpriver.io.raster.terrains import terrain_formats
+    from warpriver.io.tables import holds_scene
     from warpriver.io.vector.networks import line_formats
 
     if not path.exists():
@@ -31,7 +32,7 @@ def kind_of(path: Path) -> Kind:
     if path.is_dir():
         raise InputError(f"{path} is a folder without a run; give a file, or the folder of a run")
     if path.suffix.lower() == ".toml":
-        return "valley"
+        return "scene" if holds_scene(path) else "valley"
     lines, cells = line_formats(), terrain_formats()
     ending = ending_of(path, ())
     if ending in lines:
@@ -39,7 +40,7 @@ def kind_of(path: Path) -> Kind:
     if ending not in cells:
         raise InputError(
             f"{path}: {ending or 'no ending'} names no format; known are {', '.join(lines)} (lines), "
-            f"{', '.join(cells)} (terrains and rasters), .toml (valleys) and folders of runs"
+            f"{', '.join(cells)} (terrains and rasters), .toml (scenes and valleys) and folders of runs"
         )
     return "raster" if ending == ".npz" and not _holds_heights(path) else "terrain"
 

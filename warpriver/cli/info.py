@@ -41,8 +41,8 @@ def add(commands: Any) -> None:
         _info,
         help="what this installation can do, or what a file holds",
         description="Without FILE: versions, devices, optional parts, and whether 3-D previews can be drawn.\n"
-        "With FILE: what the run, the lines, the terrain or raster, or the valley file holds. A file in degrees is\n"
-        "shown in its UTM zone, one without widths without them.",
+        "With FILE: what the run, the lines, the terrain or raster, the valley file or the scene holds. A file in\n"
+        "degrees is shown in its UTM zone, one without widths without them.",
         epilog="examples:\n"
         "  warpriver info\n"
         "  warpriver info rivers.gpkg\n"
@@ -50,7 +50,13 @@ def add(commands: Any) -> None:
         "  warpriver info out/river/run",
     )
     parser.add_argument(
-        "file", nargs="?", metavar="FILE", help="a run, river lines, a terrain or raster, a valley file"
+        "file", nargs="?", metavar="FILE", help="a run, river lines, a terrain or raster, a valley file, a scene"
+    )
+    parser.add_argument(
+        "--allow",
+        action="append",
+        metavar="FOLDER",
+        help="of a scene: it may also name files of this folder, beside those of its own; may be given again",
     )
     add_lines(parser)
     add_heights(parser.add_argument_group("terrain or raster"))
@@ -189,7 +195,7 @@ def _told(added: dict[str, Any], crs: str | None) -> list[str]:
 def _info_file(options: argparse.Namespace) -> int:
     source = Path(options.file)
     kind = kind_of(source)
-    tell = {"run": _tell_run, "lines": _tell_lines, "valley": _tell_valley}.get(kind, _tell_cells)
+    tell = {"run": _tell_run, "lines": _tell_lines, "scene": _tell_scene, "valley": _tell_valley}.get(kind, _tell_cells)
     for line in tell(source, options):
         say(line)
     return OK
@@ -240,6 +246,12 @@ def _read_cells(source: Path, options: argparse.Namespace) -> Any:
     if kind_of(source) == "terrain":
         return read_ground(source, options).raster
     return read_raster(source, crs=options.crs, to_crs=options.to_crs, nodata=options.nodata, band=options.band or 1)
+
+
+def _tell_scene(source: Path, options: argparse.Namespace) -> list[str]:
+    from warpriver.scenes import describe_scene, read_scene
+
+    return describe_scene(read_scene(source, folders=options.allow or ())).splitlines()
 
 
 def _tell_valley(source: Path, options: argparse.Namespace) -> list[str]:

@@ -22,7 +22,16 @@ if TYPE_CHECKING:
     from warpriver.simulation import Simulation
     from warpriver.terrain import Terrain
 
-__all__ = ["add_run_options", "draw_map", "given_params", "make_params", "run_simulation", "write_results"]
+__all__ = [
+    "add_run_options",
+    "draw_map",
+    "foretell",
+    "given_params",
+    "make_params",
+    "run_simulation",
+    "told_end",
+    "write_results",
+]
 
 # A run of fewer steps times points takes a second or two: no estimate is made.
 SHORT_RUN = 20_000_000
@@ -146,31 +155,43 @@ def schedule_of(every: Interval) -> Every:
 
 def run_simulation(simulation: Simulation, options: argparse.Namespace, store: Path) -> tuple[int, list[str]]:
     """Tell what the run will take, do it with a progress bar, and return the exit code and what came of it."""
-    from warpriver.history import StopReason
-
-    begin_step = simulation.step_count
-    callbacks: list[Any] = []
-    watch = _estimate(simulation, options, store)
-    if watch is not None:
-        callbacks.append((schedule_of(options.record_every), watch))
-    begin = time.perf_counter()
-    history = simulation.run(
+    every = schedule_of(options.record_every)
+    begin_step, begin = simulation.step_count, time.perf_counter()
+    simulation.run(
         years=options.years,
-        record_every=schedule_of(options.record_every),
+        record_every=every,
         store=store,
-        callbacks=callbacks,
+        callbacks=foretell(simulation, options.years, every, store, options.name),
         progress=not options.no_progress,
     )
-    seconds, steps = time.perf_counter() - begin, simulation.step_count - begin_step
+    return told_end(simulation, begin_step, time.perf_counter() - begin, store, options.name)
+
+
+def told_end(
+    simulation: Simulation, begin_step: int, seconds: float, store: Path | None, name: str
+) -> tuple[int, list[str]]:
+    """Return the exit code of a run that ended, and what came of it.
+
+    Args:
+        simulation: The run.
+        begin_step: Steps that were done before.
+        seconds: What it took.
+        store: Where it is stored, or None.
+        name: Name of the command.
+    """
+    from warpriver.history import StopReason
+
+    history, steps = simulation.history, simulation.step_count - begin_step
     told = [repr(simulation)]
     if steps:
         told.append(f"  {steps} steps in {seconds:.2f} s, {1e3 * seconds / steps:.3g} ms a step")
-    told.append(f"  run      {store}")
+    told += [f"  run      {store}"] if store is not None else []
     reason = history.stop_reason or StopReason.COMPLETED
     if reason is StopReason.COMPLETED:
         return OK, told
-    advice = in_flags(reason.advice) if reason is not StopReason.STORE_FAILED else _stored_advice(history, store)
-    complain(f"warpriver {options.name}: {reason.value}: {advice}")
+    failed = reason is StopReason.STORE_FAILED and store is not None
+    advice = _stored_advice(history, store) if failed and store is not None else in_flags(reason.advice)
+    complain(f"warpriver {name}: {reason.value}: {advice}")
     return (INTERRUPTED if reason is StopReason.INTERRUPTED else STOPPED_EARLY), told
 
 
@@ -182,17 +203,27 @@ def _stored_advice(history: History, store: Path) -> str:
     return f"it is stored up to {at:.6g} yr; make room, then go on from there with warpriver simulate {store}"
 
 
-def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) -> Callable[[Simulation], None] | None:
-    """Say what a long run will take, and return what watches that it is no more."""
+def foretell(
+    simulation: Simulation, years: float, every: Every, store: Path, name: str
+) -> list[tuple[Every, Callable[[Simulation], None]]]:
+    """Say what a long run will take, and return callbacks that watch that it is no more.
+
+    Args:
+        simulation: The run before it begins.
+        years: How long it will be.
+        every: When it is recorded.
+        store: Where it is stored.
+        name: Name of the command.
+    """
     from warpriver.estimate import estimate_run
 
-    steps = int(options.years / simulation.params.time_step) + 1
+    steps = int(years / simulation.params.time_step) + 1
     if steps * simulation.network.point_count < SHORT_RUN:
-        return None
+        return []
     try:
-        found = estimate_run(simulation, steps, schedule_of(options.record_every))
+        found = estimate_run(simulation, steps, every)
     except WarpriverError:  # a copy cannot be made of every state of a run
-        return None
+        return []
     (now, grown), (soon, late), (small, large) = found.points, found.seconds, found.bytes
     more = ""
     if grown > 1.1 * now:
@@ -201,7 +232,7 @@ def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) 
     above = next(p for p in (store, *store.absolute().parents) if p.exists())
     free = shutil.disk_usage(above).free
     if free < large:
-        complain(f"warpriver {options.name}: warning: {_size(free)} are free on the disk of {store}")
+        complain(f"warpriver {name}: warning: {_size(free)} are free on the disk of {store}")
     limit = OUTGROWN * max(grown, now)
     told: list[bool] = []
 
@@ -209,13 +240,13 @@ def _estimate(simulation: Simulation, options: argparse.Namespace, store: Path) 
         if running.network.point_count > limit and not told:
             told.append(True)
             complain(
-                f"warpriver {options.name}: warning: at {running.time:.4g} yr the network has "
+                f"warpriver {name}: warning: at {running.time:.4g} yr the network has "
                 f"{running.network.point_count:,} points, more than twice the estimate: steps take longer and longer. "
                 "Small channels may migrate too fast: look at --reference-width and --migration-rate. Ctrl-C ends the "
                 "run at a step and keeps it"
             )
 
-    return watch
+    return [(every, watch)]
 
 
 def _time(seconds: float) -> str:

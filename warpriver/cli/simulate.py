@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.output import say
-from warpriver.cli.parser import number
+from warpriver.cli.parser import interval, number
 from warpriver.cli.results import write_run
-from warpriver.cli.runs import add_run_options, draw_map, make_params, run_simulation, write_results
+from warpriver.cli.runs import add_run_options, draw_map, foretell, make_params, run_simulation, told_end, write_results
 from warpriver.cli.shared import (
     LINE_FLAGS,
+    OK,
     add_line_options,
     add_systems,
     add_terrain,
@@ -32,6 +34,10 @@ if TYPE_CHECKING:
 
 __all__ = ["add"]
 
+# Defaults of runs that are no scenes.
+YEARS, RECORDS = 200.0, "10steps"
+# Flags that a scene takes.
+SCENE_FLAGS = {"allow", "device", "threads", "no_progress", "out", "input", "schema", "help"}
 # What is written into the folder of results.
 RESULTS = ("run", "channels.csv", "belt.png", "rivers.gpkg", "rivers.geojson")
 
@@ -42,7 +48,7 @@ def add(commands: Any) -> None:
         commands,
         "simulate",
         _simulate,
-        help="let the rivers of a file migrate, or go on with a stored run",
+        help="let the rivers of a file migrate, go on with a stored run, or play a scene",
         description="Read river lines (CSV, GeoJSON, GeoPackage, GeoParquet, shapefile ...; points run downstream),\n"
         "let them migrate and cut off their bends, and write into a folder the run, the final lines, a map, and for a\n"
         "GIS the rivers, courses with times, oxbow lakes and abandoned courses, in the format of INPUT or as .gpkg.\n"
@@ -50,16 +56,33 @@ def add(commands: Any) -> None:
         "INPUT may also be the run of an earlier command: it goes on from its last record, over the terrain\n"
         "that it was run on, and grows. With -o it is copied first, and the copy goes on. Flags of the model\n"
         "change constants from there on; the change is recorded in the run. Flags that only say how lines\n"
-        "are read are refused.",
+        "are read are refused.\n"
+        "\n"
+        "A scene, a TOML file, says all of that itself: terrain, rivers, constants, controls, edits, outputs. With it\n"
+        "go only --allow, --device, --threads, --no-progress and -o.",
         epilog="examples:\n"
         "  warpriver simulate river.csv --width 80 --years 200 -o out/river\n"
         "  warpriver simulate rivers.gpkg --layer main --to-crs utm --years 500 --record-every 10yr -o out/rivers\n"
         "  warpriver simulate rivers.gpkg --terrain dem.tif --years 300\n"
         "  warpriver simulate river.csv --solver path --search-radius 2 --years 300\n"
         "  warpriver simulate out/river/run --years 100\n"
-        "  warpriver simulate out/river/run --migration-rate 20 --years 100 -o out/slower",
+        "  warpriver simulate out/river/run --migration-rate 20 --years 100 -o out/slower\n"
+        "  warpriver simulate scene.toml -o out/scene\n"
+        "  warpriver simulate --schema                           # every key of a scene",
     )
-    parser.add_argument("input", metavar="INPUT", help="river lines, or the run folder of an earlier command")
+    parser.add_argument(
+        "input",
+        nargs="?",
+        metavar="INPUT",
+        help="river lines, the run folder of an earlier command, or a scene (.toml)",
+    )
+    parser.add_argument("--schema", action="store_true", help="print the keys of a scene and stop")
+    parser.add_argument(
+        "--allow",
+        action="append",
+        metavar="FOLDER",
+        help="of a scene: it may also name files of this folder, beside those of its own; may be given again",
+    )
     lines = parser.add_argument_group("river lines")
     lines.add_argument(
         "--width", type=number(above=0.0, unit="m"), metavar="M", help="bankfull width in m (default: the file's)"
@@ -79,14 +102,28 @@ def add(commands: Any) -> None:
         action="store_true",
         help="let a run go on over the --terrain that is given, or over a plain without one, also if it is not its own",
     )
-    add_run_options(parser, out=None, years=200.0)
+    add_run_options(parser, out=None, years=YEARS, record_every=RECORDS)
+    # So that what was typed can be told from what was not: scenes have their own.
+    parser.set_defaults(years=None, record_every=None)
 
 
 def _simulate(options: argparse.Namespace) -> int:
     from warpriver.history import StopReason
+    from warpriver.scenes import scene_schema
 
+    if options.schema:
+        say(scene_schema())
+        return OK
+    if options.input is None:
+        raise InputError("name river lines, the folder of a run, or a scene (.toml)")
     quiet_warp()
     source = Path(options.input)
+    if source.suffix.lower() == ".toml":
+        return _play(source, options)
+    if options.allow:
+        raise InputError(f"--allow is for a scene, and {source} is none; leave it out")
+    options.years = YEARS if options.years is None else options.years
+    options.record_every = options.record_every or interval(RECORDS)
     run = stored_run(source)
     simulation, folder, store = _begun(source, options) if run is None else _resumed(run, options)
     with results_in(folder):
@@ -96,6 +133,32 @@ def _simulate(options: argparse.Namespace) -> int:
                 told += write_results(simulation, folder)
                 told += write_run(simulation.history, folder, source)
                 told += draw_map(simulation.history, folder, simulation.terrain)
+        finally:
+            for line in told:
+                say(line)
+    return code
+
+
+def _play(source: Path, options: argparse.Namespace) -> int:
+    """Run a scene and write what it says."""
+    from warpriver.history import StopReason
+    from warpriver.scenes import read_scene
+
+    useless = given_flags(options, [name for name in options.parser.flags() if name not in SCENE_FLAGS])
+    if useless:
+        raise InputError(f"{useless[0]}: the scene {source} says that itself; change it there, or leave it out")
+    scene = read_scene(source, folders=options.allow or ())
+    folder = scene.check_folder(options.out or f"out/{scene.name}")
+    simulation = scene.simulation(device=options.device, threads=options.threads)
+    store = scene.store(folder)
+    with results_in(folder):
+        watch = foretell(simulation, scene.years, scene.run_plan.record_every, store or folder, options.name)
+        begin = time.perf_counter()
+        scene.play(simulation, store=store, callbacks=watch, progress=not options.no_progress)
+        code, told = told_end(simulation, 0, time.perf_counter() - begin, store, options.name)
+        try:
+            if simulation.history.stop_reason is not StopReason.STORE_FAILED:
+                told += [f"  written  {path}" for path in scene.write(simulation, folder)]
         finally:
             for line in told:
                 say(line)

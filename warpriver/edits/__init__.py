@@ -13,11 +13,13 @@ on.
 from warpriver.edits.session import Session, read_edits, write_edits
 from warpriver.edits.values import (
     AddChannel,
+    AvulseChannel,
     Edit,
     EditTerrain,
     JoinChannels,
     LockPoint,
     MovePoint,
+    PaintControl,
     RedrawSection,
     RemoveChannel,
     SetChannel,
@@ -27,11 +29,13 @@ from warpriver.edits.values import (
 
 __all__ = [
     "AddChannel",
+    "AvulseChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",
     "LockPoint",
     "MovePoint",
+    "PaintControl",
     "RedrawSection",
     "RemoveChannel",
     "Session",

@@ -12,7 +12,8 @@ from typing import Any
 from warpriver.edits.values import Edit, edit_of
 from warpriver.errors import InputError, MissingFileError, PathError
 from warpriver.files import beside
-from warpriver.validate import whole
+from warpriver.public import public
+from warpriver.validate import shown, whole
 
 __all__ = ["Session", "read_edits", "write_edits"]
 
@@ -34,18 +35,18 @@ class Session:
     steps: int = 0
 
     def __post_init__(self) -> None:
-        edits = tuple((whole(step, "step of an edit"), edit) for step, edit in self.edits)
-        for _, edit in edits:
-            if not isinstance(edit, Edit):
-                raise InputError(f"{edit!r} is no edit; make one of warpriver.edits")
+        edits = _pairs(self.edits)
         steps = [step for step, _ in edits]
         if steps != sorted(steps):
-            raise InputError(f"the steps of the edits are {steps}; give the edits in the order in which they are done")
+            raise InputError(
+                f"the steps of the edits are {shown(steps)}; give the edits in the order in which they are done"
+            )
         object.__setattr__(self, "edits", edits)
         object.__setattr__(self, "seed", whole(self.seed, "seed"))
         object.__setattr__(self, "steps", max([whole(self.steps, "steps"), *steps]))
 
 
+@public
 def write_edits(path: str | os.PathLike, edits: Any, *, seed: int = 0, steps: int = 0) -> None:
     """Write a session to a JSON file.
 
@@ -69,6 +70,7 @@ def write_edits(path: str | os.PathLike, edits: Any, *, seed: int = 0, steps: in
         temporary.write_text(text, encoding="utf-8")
 
 
+@public
 def read_edits(path: str | os.PathLike) -> Session:
     """Read a session from a JSON file.
 
@@ -119,14 +121,14 @@ def session_of(edits: Any, seed: int = 0, steps: int = 0) -> Session:
     return Session(_pairs(edits), seed, steps)
 
 
-def _pairs(edits: Iterable[Any]) -> tuple[tuple[int, Edit], ...]:
+def _pairs(edits: Any) -> tuple[tuple[int, Edit], ...]:
     """(step, edit) of pairs, or of events of a history."""
     pairs: list[tuple[int, Edit]] = []
-    for each in edits:
-        if isinstance(each, Sequence) and len(each) == 2:
-            pairs.append((each[0], each[1]))
-        elif hasattr(each, "edit") and hasattr(each, "step"):
-            pairs.append((each.step, each.edit))
-        else:
-            raise InputError(f"{each!r} is no (step, edit) pair; give a list of them, a history or a Session")
+    for each in edits if isinstance(edits, Iterable) else [edits]:
+        pair = (each.step, each.edit) if isinstance(getattr(each, "edit", None), Edit) else each
+        if not isinstance(pair, Sequence) or isinstance(pair, (str, bytes)) or len(pair) != 2:
+            raise InputError(f"{shown(each)} is no (step, edit) pair; give a list of them, a history or a Session")
+        if not isinstance(pair[1], Edit):
+            raise InputError(f"{shown(pair[1])} is no edit; make one of warpriver.edits")
+        pairs.append((whole(pair[0], "step of an edit"), pair[1]))
     return tuple(pairs)

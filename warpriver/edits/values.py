@@ -14,21 +14,34 @@ from typing import Any, ClassVar
 import numpy as np
 
 from warpriver.errors import InputError, InputTypeError
-from warpriver.validate import checked_line, checked_points, finite_numbers, not_negative, one_of, positive, whole
+from warpriver.validate import (
+    checked_line,
+    checked_points,
+    finite_numbers,
+    floats,
+    not_negative,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
 
 __all__ = [
     "AddChannel",
+    "AvulseChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",
     "LockPoint",
     "MovePoint",
+    "PaintControl",
     "Place",
     "RedrawSection",
     "RemoveChannel",
     "SetChannel",
     "SplitChannel",
     "UnlockPoint",
+    "edit_kinds",
     "edit_of",
 ]
 
@@ -74,6 +87,11 @@ class Edit:
         return {"edit": self.name} | fields
 
 
+def edit_kinds() -> dict[str, type[Edit]]:
+    """Return the classes of edits that there are, by name."""
+    return dict(_CLASSES)
+
+
 def edit_of(values: Any) -> Edit:
     """Return the edit that ``Edit.as_json`` described.
 
@@ -81,7 +99,7 @@ def edit_of(values: Any) -> Edit:
         ValueError: It is none, or one that cannot be.
     """
     if not isinstance(values, dict) or not isinstance(values.get("edit"), str):
-        raise InputError(f"{values!r} is no edit; it needs the key 'edit' with the name of its kind")
+        raise InputError(f"{shown(values)} is no edit; it needs the key 'edit' with the name of its kind")
     fields = dict(values)
     name = fields.pop("edit")
     cls = _CLASSES.get(name)
@@ -318,7 +336,7 @@ class SetChannel(Edit):
         reach = self.reach
         if reach is not None:
             if not isinstance(reach, Sequence) or len(reach) != 2:
-                raise InputError(f"reach is {reach!r}; give two places, (from, to)")
+                raise InputError(f"reach is {shown(reach)}; give two places, (from, to)")
             reach = (_place(reach[0], "reach[0]"), _place(reach[1], "reach[1]"))
             if self.discharge is not None:
                 raise InputError("discharge cannot be set in a reach: it is that of the channel; leave reach out")
@@ -364,7 +382,7 @@ class EditTerrain(Edit):
             if getattr(self, name) is None:
                 raise InputError(f"{name} is missing; to {self.operation} give {', '.join(needed)}")
         if self.level is not None and self.operation not in ("flatten", "ridge"):
-            raise InputError(f"level is {self.level!r}; only flatten goes to one")
+            raise InputError(f"level is {shown(self.level)}; only flatten goes to one")
         for name in others:
             if getattr(self, name) is not None:
                 raise InputError(f"{name} is given, which {self.operation} does not take; leave it out")
@@ -386,6 +404,64 @@ class EditTerrain(Edit):
         else:
             height = tuple(finite_numbers(height, len(line), "height"))
         return {"line": line, "height": height, "width": positive(self.width, "width", "m")}
+
+
+@dataclasses.dataclass(frozen=True)
+class AvulseChannel(Edit):
+    """Let a channel leave its course for a new one, as by an avulsion; the ground is carved along it.
+
+    What is not given is left to chance, by the seed of the run, the step and the place: see
+    :class:`warpriver.meander.AvulsionParams`, whose other constants hold.
+
+    Attributes:
+        channel: Identity of the channel.
+        at: Place where it leaves.
+        to: Place farther downstream where it comes back.
+        angle: First angle between the old course and the new one, degrees, to the left.
+    """
+
+    channel: int
+    at: Place
+    to: Place | None = None
+    angle: float | None = None
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel, both places and the angle."""
+        angle = None if self.angle is None else finite_numbers([self.angle], 1, "angle")[0]
+        if angle is not None and abs(angle) > 90.0:
+            raise InputError(f"angle is {angle:g} degrees; give -90 (right) to 90 (left)")
+        to = None if self.to is None else _place(self.to, "to")
+        return {"channel": _channel(self.channel), "at": _place(self.at), "to": to, "angle": angle}
+
+
+@dataclasses.dataclass(frozen=True)
+class PaintControl(Edit):
+    """Set cells of a painted control field; what is painted on a field itself is told by this.
+
+    Attributes:
+        control: Place of the field among the controls.
+        window: First row, first column, rows and columns of the cells.
+        values: Their values in m, row by row.
+    """
+
+    control: int
+    window: tuple[int, int, int, int]
+    values: tuple[float, ...]
+
+    def check(self) -> dict[str, Any]:
+        """Check the fields."""
+        if not isinstance(self.window, Sequence) or len(self.window) != 4:
+            raise InputError(f"window is {self.window!r}; give first row, first column, rows and columns")
+        row, column = (whole(value, "window") for value in self.window[:2])
+        rows, columns = (whole(value, "window", 1) for value in self.window[2:])
+        values = floats(self.values, "values")
+        if values.shape != (rows * columns,):
+            raise InputError(f"values have the shape {values.shape}; give one for each of {rows} x {columns} cells")
+        return {
+            "control": whole(self.control, "control"),
+            "window": (row, column, rows, columns),
+            "values": tuple(values.tolist()),
+        }
 
 
 def _channel(value: Any, name: str = "channel") -> int:

@@ -12,6 +12,7 @@ import warp as wp
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.checks import require
 from warpriver.engine.replay import Replay
+from warpriver.engine.row_status import SUBSTEPS_IN_A_ROW, Status
 from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
 from warpriver.engine.stems import StemArrays
@@ -20,15 +21,12 @@ from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, runs, schedule
 from warpriver.kernels import ground as grounds
 from warpriver.kernels.channels import COARSEST_SPACING, Work
-from warpriver.kernels.status import BEGUN, GOAL, POINTS, POINTS_NEEDED, STATUS_SIZE, SUBSTEP_SIZE
+from warpriver.kernels.status import POINTS_NEEDED, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 __all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
 
-# Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
-# that is for the host. On the CPU looking costs nothing.
-SUBSTEPS_IN_A_ROW = 16
 # Consecutive points that a thread takes on the CPU; 0: slabs of whole channels.
 CPU_CHUNK = 0
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
@@ -46,66 +44,6 @@ MAX_SUBSTEPS = 10_000
 NARROWEST, SHALLOWEST, WIDEST, WANTED = range(4)
 # Limits of a sub-step by width, depth and constants, yr; see ``migration.step_limits``.
 StepLimits = Callable[[Any, Any, Any], tuple[Any, Any]]
-
-
-class Status:
-    """How a row of sub-steps went, as one small block of integers: all that the host looks at after a row.
-
-    On the CPU the host sees the device's array itself, without a call that costs. On a GPU the block travels by way of
-    pinned memory, to the device before a row and back after it, and both copies can be recorded with the row.
-
-    Attributes:
-        array: The numbers of ``kernels/polyline.py``, then the number of each sub-step of the row in its step and how
-            many there are in that step.
-    """
-
-    def __init__(self, device: Any):
-        """Allocate on a device."""
-        size = STATUS_SIZE + 2 * SUBSTEPS_IN_A_ROW
-        self.array = wp.zeros(size, dtype=wp.int32, device=device)
-        self._host = self.array if device.is_cpu else wp.zeros(size, dtype=wp.int32, device="cpu", pinned=True)
-        self._view = self._host.numpy()
-        self._sent = False
-
-    def begin(self, steps: int, begun: int = 0) -> None:
-        """Set nothing done, nothing wrong, and that many steps to do, on the side of the host.
-
-        Args:
-            steps: Steps to do.
-            begun: Steps done before.
-        """
-        if self._sent:
-            # The copy to the device may still be on its way.
-            wp.synchronize_device(self.array.device)
-            self._sent = False
-        points = self._view[POINTS]
-        self._view.fill(0)
-        self._view[GOAL], self._view[POINTS], self._view[BEGUN] = steps, points, begun
-
-    def send(self) -> None:
-        """Copy the host's block to the device."""
-        if self._host is not self.array:
-            wp.copy(self.array, self._host)
-            self._sent = True
-
-    def fetch(self) -> None:
-        """Copy the device's block to the host, who has to wait for it; see ``read``."""
-        if self._host is not self.array:
-            wp.copy(self._host, self.array)
-
-    def stages(self, row: list[Stage]) -> list[Stage]:
-        """Return a row of stages with both copies around them."""
-        if self._host is self.array:
-            return row
-        send = Stage("row", lambda _: self.send(), shared=False)
-        return [send, *row, Stage("row", lambda _: self.fetch(), shared=False)]
-
-    def read(self) -> np.ndarray:
-        """Wait for the device and return the host's block."""
-        if self._host is not self.array:
-            wp.synchronize_device(self.array.device)
-            self._sent = False
-        return self._view
 
 
 class Controls(Protocol):

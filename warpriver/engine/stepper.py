@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import os
 import time
-import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -21,7 +20,7 @@ from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import Stage
 from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
-from warpriver.errors import InputError, NotFiniteError
+from warpriver.errors import InputError, NotFiniteError, warn
 from warpriver.graph.edits import EditedChannels
 from warpriver.history.events import Event
 from warpriver.kernels.status import (
@@ -318,11 +317,9 @@ def check_ground(network: RiverNetwork, terrain: Terrain | None) -> None:
             "there"
         )
     if off.sum() > OFF_GROUND * len(off):
-        warnings.warn(
+        warn(
             f"{int(off.sum())} of {len(off)} points lie off the terrain or where it has no data, and will not move; "
-            "give a terrain that covers the network, or crop the lines",
-            UserWarning,
-            stacklevel=3,
+            "give a terrain that covers the network, or crop the lines"
         )
     _tell_climb(network, terrain)
 
@@ -334,9 +331,7 @@ def _tell_climb(network: RiverNetwork, terrain: Terrain) -> None:
     known = np.isfinite(rise) & ~network.channel_closed
     climbing, total = length[known & (rise > CLIMB)].sum(), length[known].sum()
     if climbing > CLIMBING * total:
-        warnings.warn(
+        warn(
             f"{100.0 * climbing / total:.0f} % of the channels' length climbs on the terrain from the first to the "
-            "last point; lines run downstream here: read them with reverse=True if they are drawn upstream",
-            UserWarning,
-            stacklevel=4,
+            "last point; lines run downstream here: read them with reverse=True if they are drawn upstream"
         )

@@ -81,7 +81,7 @@ class ErodedTerrain(Terrain):
         """Return a copy on the same device, with its account and without snapshots."""
         return self.to(self.device)
 
-    def to(self, device: Any) -> ErodedTerrain:
+    def to(self, device: wp.DeviceLike) -> ErodedTerrain:
         """Return a copy on another device, with its account and without snapshots."""
         moved = super().to(device)
         return ErodedTerrain.with_account(
@@ -115,7 +115,7 @@ class ErodedTerrain(Terrain):
 
 @public
 def erosion_plane(
-    shape: Sequence[int] = (200, 300), cell_size: float = 1.0, slope: float = 1.0, *, device: Any = "cpu"
+    shape: Sequence[int] = (200, 300), cell_size: float = 1.0, slope: float = 1.0, *, device: wp.DeviceLike = "cpu"
 ) -> ErodedTerrain:
     """Plane that falls south with a constant slope, its east and west sides joined: the page's start [Leheny1995].
 
@@ -135,7 +135,7 @@ def erosion_plane(
 
 @public
 def erosion_peak(
-    shape: Sequence[int] = (201, 201), cell_size: float = 1.0, slope: float = 1.0, *, device: Any = "cpu"
+    shape: Sequence[int] = (201, 201), cell_size: float = 1.0, slope: float = 1.0, *, device: wp.DeviceLike = "cpu"
 ) -> ErodedTerrain:
     """Cone that falls from the middle of the raster to all sides, which are open.
 

@@ -74,7 +74,7 @@ EQUATOR, FLATNESS = 6378137.0, 0.0066943799901413165
 
 @public
 def tilted_plain(
-    shape: Sequence[int], cell_size: float, slope: float, direction: float = 0.0, *, device: Any = "cpu"
+    shape: Sequence[int], cell_size: float, slope: float, direction: float = 0.0, *, device: wp.DeviceLike = "cpu"
 ) -> Terrain:
     """Plane that falls in one direction; its lowest cell is at 0 m.
 
@@ -92,7 +92,7 @@ def tilted_plain(
 
 
 @public
-def cone(shape: Sequence[int], cell_size: float, slope: float, *, device: Any = "cpu") -> Terrain:
+def cone(shape: Sequence[int], cell_size: float, slope: float, *, device: wp.DeviceLike = "cpu") -> Terrain:
     """Cone with its apex in the middle of the raster; the corners of the raster are at 0 m.
 
     Args:
@@ -116,7 +116,7 @@ def fractal_terrain(
     roughness: float = 0.45,
     octaves: int | None = None,
     *,
-    device: Any = "cpu",
+    device: wp.DeviceLike = "cpu",
 ) -> Terrain:
     """Fractal noise: octaves of gradient noise, each of half the wavelength and ``roughness`` times the height.
 
@@ -149,7 +149,7 @@ def fluvial_terrain(
     seed: int,
     concavity: float = CONCAVITY,
     *,
-    device: Any = "cpu",
+    device: wp.DeviceLike = "cpu",
 ) -> Terrain:
     """Mountains in which every cell drains to the raster's edge: uplift and erosion by rivers in balance.
 
@@ -178,7 +178,7 @@ def fluvial_terrain(
 
 @public
 def intermontane_basin(
-    cell_size: float = 100.0, seed: int = 0, *, relief: float = 1200.0, device: Any = "cpu"
+    cell_size: float = 100.0, seed: int = 0, *, relief: float = 1200.0, device: wp.DeviceLike = "cpu"
 ) -> Terrain:
     """Scene of 40 x 26 km: mountains on three sides of a plain that opens to the west, for a whole river network.
 
@@ -215,7 +215,7 @@ def intermontane_basin(
 
 
 @public
-def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: Any = "cpu") -> Terrain:
+def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: wp.DeviceLike = "cpu") -> Terrain:
     """Scene of 35 x 20 km for a river in three stages, after [Paris2023, Fig. 27]; it flows west.
 
     ========== ============ ====================================================================================
@@ -276,7 +276,7 @@ def mountain_front_zones() -> dict[str, tuple[float, float]]:
 
 
 @public
-def read_sample_dem(cell_size: float = 75.0, *, device: Any = "cpu") -> Terrain:
+def read_sample_dem(cell_size: float = 75.0, *, device: wp.DeviceLike = "cpu") -> Terrain:
     """Real mountains that need no download: the Jacksboro fault, Tennessee, 30 x 32 km, from the SRTM at 3 arc seconds.
 
     The file comes with matplotlib. Longitude and latitude are laid out flat around the middle, true to 0.3 % in length;

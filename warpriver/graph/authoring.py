@@ -119,6 +119,17 @@ class _Course:
             run.gain = run.gain[0] * width, run.gain[1] * depth
 
 
+class _Flows(dict[int, float]):
+    """Flow at the foot of channels: what was set, or else that of the network before."""
+
+    def __init__(self, flow: np.ndarray):
+        super().__init__()
+        self._before = flow
+
+    def __missing__(self, c: int) -> float:
+        return float(self._before[c])
+
+
 class Reworking:
     """A network on its way through one edit: name what changes, then :meth:`build` the channels afterwards.
 
@@ -148,7 +159,7 @@ class Reworking:
         self._drawn: list[np.ndarray] = []
         self._drawn_section: list[np.ndarray] = []
         self._drawn_count = 0
-        self._flow = dict(enumerate(network.channel_flow().tolist()))
+        self._flow = _Flows(network.channel_flow())
         area = network.channel_drainage_area
         # What adds up at junctions is the area where it is known of all channels, else the discharge.
         self._by_area = area is not None and bool(np.isfinite(area).all())
@@ -446,58 +457,82 @@ class Reworking:
         Raises:
             ValueError: No channel is left.
         """
-        old = self.network
-        order = [c for c in range(self._count) if c not in self._removed]
-        if not order:
+        old, count = self.network, self.network.channel_count
+        kept = np.ones(count, bool)
+        kept[[c for c in self._removed if c < count]] = False
+        added = [c for c in range(count, self._count) if c not in self._removed]
+        order = np.concatenate([np.flatnonzero(kept), np.array(added, np.int64)])
+        if not len(order):
             raise InputError("no channel would be left; a network has at least one")
-        source = np.array([self._courses[c].source if c in self._courses else c for c in order])
-        ends = np.array([[self._head(c), self._foot(c)] for c in order])
+        edited = {c: int(np.searchsorted(order, c)) for c in sorted(self._courses) if c not in self._removed}
+        # Added channels are rows of their courses; until then any will do.
+        plain = np.minimum(order, count - 1)
+        source, changed = plain.copy(), np.zeros(len(order), bool)
+        ends = np.stack([old.channel_from[plain], old.channel_to[plain]], axis=1).astype(np.int64)
+        for c, row in edited.items():
+            course = self._courses[c]
+            source[row], changed[row], ends[row] = course.source, course.changed, (course.head, course.foot)
         nodes, label = np.unique(ends, return_inverse=True)
         label = label.reshape(ends.shape)
-        node_xy = np.array([self.node_place(int(n)) for n in nodes])
-        runs, scale, counts = self._runs(order)
-        changed = [c in self._courses and self._courses[c].changed for c in order]
-        table = self._table(order, source).replace(from_node=label[:, 0], to_node=label[:, 1])
+        runs, scale, counts = self._runs(order, edited)
+        table = self._table(edited, source).replace(from_node=label[:, 0], to_node=label[:, 1])
         table = table.replace(joint=valid_joints(table.joint, table.from_node, table.to_node))
         length = runs[:, 1] - runs[:, 0]
-        drawn = np.concatenate(self._drawn) if self._drawn else None
         return EditedChannels(
             channel_old=source,
             channel_start=np.concatenate([[0], np.cumsum(counts)]),
             channels=table,
-            node_xy=node_xy,
-            channel_changed=np.array(changed),
+            node_xy=self._places(nodes),
+            channel_changed=changed,
             run_begin=runs[:, 0],
             run_start=np.concatenate([[0], np.cumsum(length)]),
             run_scale=None if old.point_section is None else scale,
-            drawn_xy=drawn,
+            drawn_xy=np.concatenate(self._drawn) if self._drawn else None,
             drawn_section=np.concatenate(self._drawn_section) if self._drawn_section else None,
         )
 
-    def _runs(self, order: list[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """Runs of points of all channels in order, the factors of their width and depth, points of each channel."""
-        runs: list[_Run] = []
-        counts = []
-        for c in order:
-            course = self._courses.get(c)
-            own = [_Run(int(self._start[c]), int(self._start[c + 1]))] if course is None else course.runs
-            counts.append(sum(run.stop - run.first for run in own))
-            for run in own:
-                # What follows each other as before is one run.
-                if runs and runs[-1].stop == run.first and runs[-1].gain == run.gain:
-                    runs[-1] = _Run(runs[-1].first, run.stop, run.gain)
-                elif run.first < run.stop:
-                    runs.append(run)
+    def _places(self, nodes: np.ndarray) -> np.ndarray:
+        """Positions of nodes, (N, 2) m."""
+        old = self.network
+        xy = old.node_xy[np.minimum(nodes, old.node_count - 1)].copy()
+        rows = np.searchsorted(nodes, list(self._node_xy))
+        for row, (node, place) in zip(rows.tolist(), self._node_xy.items(), strict=True):
+            if row < len(nodes) and nodes[row] == node:
+                xy[row] = place
+        return xy
+
+    def _runs(self, order: np.ndarray, edited: dict[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Runs of points of all channels in order, the factors of their width and depth, points of each channel.
+
+        Args:
+            order: Channels.
+            edited: Place in it of those that have a course of their own.
+        """
+        counts = np.diff(self._start)[np.minimum(order, self.network.channel_count - 1)].astype(np.int64)
+        plain = np.ones(len(order), bool)
+        plain[list(edited.values())] = False
+        rows = np.flatnonzero(plain)
+        # Channels that stay and follow each other are one run.
+        breaks = np.flatnonzero((np.diff(order[rows]) != 1) | (np.diff(rows) != 1)) + 1
+        blocks = np.split(rows, breaks) if len(rows) else []
+        found = [
+            (int(block[0]), [_Run(int(self._start[order[block[0]]]), int(self._start[order[block[-1]] + 1]))])
+            for block in blocks
+        ]
+        for c, row in edited.items():
+            found.append((row, self._courses[c].runs))
+            counts[row] = self._courses[c].count
+        runs = [run for _, own in sorted(found, key=lambda each: each[0]) for run in own if run.first < run.stop]
         return np.array([(run.first, run.stop) for run in runs]), np.array([run.gain for run in runs]), counts
 
-    def _table(self, order: list[int], source: np.ndarray) -> Any:
+    def _table(self, edited: dict[int, int], source: np.ndarray) -> Any:
         table = self.network.channels.take(source)
         columns: dict[str, Any] = {}
-        for place, c in enumerate(order):
-            for name, value in (self._courses[c].columns if c in self._courses else {}).items():
+        for c, row in edited.items():
+            for name, value in self._courses[c].columns.items():
                 if name not in columns:
                     columns[name] = table[name].copy()
-                columns[name][place] = value
+                columns[name][row] = value
         return table.replace(**columns) if columns else table
 
 

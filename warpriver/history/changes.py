@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.edits.values import Edit, edit_of
+from warpriver.edits.values import Edit, PaintControl, edit_of
 from warpriver.history.events import Event
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
@@ -144,7 +144,7 @@ class GroundChange(Event):
 
 @dataclasses.dataclass(frozen=True)
 class ControlChange(Event):
-    """Other controls steer the channels; :func:`warpriver.meander.controls_after` makes them again.
+    """Other controls steer the channels; :func:`warpriver.meander.control_record.controls_after` makes them again.
 
     Attributes:
         time: yr; the controls hold from there on.
@@ -173,6 +173,7 @@ class ControlStroke(Event):
 
     Attributes:
         time: yr; the field holds the values from there on.
+        step: Steps done before it.
         control: Place of the field among the controls.
         row: First row of the cells that were painted.
         column: First column.
@@ -181,12 +182,19 @@ class ControlStroke(Event):
         values: (rows * columns,) their values afterwards, m, row by row.
     """
 
+    step: int
     control: int
     row: int
     column: int
     rows: int
     columns: int
     values: np.ndarray
+
+    @property
+    def edit(self) -> PaintControl:
+        """The edit, to be done again."""
+        window = self.row, self.column, self.rows, self.columns
+        return PaintControl(self.control, window, tuple(self.values.tolist()))
 
 
 def params_after(params: MeanderParams | PathMeander, events: Iterable[Event]) -> MeanderParams | PathMeander:

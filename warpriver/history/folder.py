@@ -7,7 +7,6 @@ index: what the index lists is there and whole, whenever a run is killed or runs
 from __future__ import annotations
 
 import contextlib
-import itertools
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -202,10 +201,21 @@ class RunFolder:
             DamageError: At the first segment that is missing or damaged.
         """
         step = -1
-        for number in itertools.count():
+        listed, there = _segments_of(path)
+        for number in range(max(listed, there)):
             with opened(path / segment_name(number)) as archive:
                 records, (first, events) = decode_records(archive), decode_events(archive)
             if np.any(np.diff([step, *(r.step for r in records)]) < 0):
                 raise DamageError(f"{path / segment_name(number)} goes back in time")
             step = records[-1].step if records else step
             yield records, first, events
+        if listed < there:
+            raise DamageError(f"{INDEX} lists {listed} of these segments, so that none can be told to be the last")
+
+
+def _segments_of(path: Path) -> tuple[int, int]:
+    """Number of segments that the index of a folder lists, and one more than the greatest number of those there."""
+    index = path / INDEX
+    listed = index.read_bytes().count(b"\n") if index.is_file() else 0
+    numbers = [name[len("segment_") : -len(".npz")] for name in (file.name for file in path.glob("segment_*.npz"))]
+    return listed, max([0, *(int(number) + 1 for number in numbers if number.isdigit())])

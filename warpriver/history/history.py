@@ -13,7 +13,6 @@ import errno
 import json
 import os
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +21,9 @@ import numpy as np
 
 import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a program may set them there at any time
 from warpriver.crs import short_name
-from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError
+from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError, warn
 from warpriver.extras import need
-from warpriver.history.changes import AppliedEdit, Ground, ground_after, params_after
+from warpriver.history.changes import AppliedEdit, ControlStroke, Ground, ground_after, params_after
 from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -231,9 +230,11 @@ class History:
         return self.events.of(Split)
 
     @property
-    def edits(self) -> Sequence[AppliedEdit]:
+    def edits(self) -> Sequence[AppliedEdit | ControlStroke]:
         """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
-        return self.events.of(AppliedEdit)
+        if not self.events.of(ControlStroke):
+            return self.events.of(AppliedEdit)
+        return [event for event in self.events if isinstance(event, (AppliedEdit, ControlStroke))]
 
     def __len__(self) -> int:
         return len(self._records)
@@ -474,11 +475,9 @@ class History:
     def _lose_folder(self) -> None:
         """Go on in memory, with what was not in the folder alone."""
         kept = [k for k, held in enumerate(self._records) if isinstance(held, Record)]
-        warnings.warn(
+        warn(
             f"the folder {self.path} is gone, and with it {len(self._records) - len(kept)} of {len(self._records)} "
-            "records; the others are in memory",
-            UserWarning,
-            stacklevel=3,
+            "records; the others are in memory"
         )
         for name in ("_records", "_steps", "_times"):
             setattr(self, name, [getattr(self, name)[k] for k in kept])
@@ -578,7 +577,7 @@ class History:
                 self._take(*segment)
                 count += 1
         except DamageError as error:
-            warnings.warn(f"{path}: {count} segments were read; then: {error}", UserWarning, stacklevel=3)
+            warn(f"{path}: {count} segments were read; then: {error}")
 
     def _open(self, path: Path) -> None:
         """Go on with what the index of a folder lists."""

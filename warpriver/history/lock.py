@@ -11,11 +11,10 @@ import json
 import os
 import socket
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
-from warpriver.errors import PathError, RunLockedError
+from warpriver.errors import PathError, RunLockedError, warn
 
 try:
     import fcntl
@@ -81,11 +80,9 @@ class FolderLock:
                 raise
             os.close(file)
         if holder is not None:
-            warnings.warn(
+            warn(
                 f"{self._folder}: process {holder.get('process')} on {holder.get('host')} ended without closing the "
-                "run, which is taken over from what it stored",
-                UserWarning,
-                stacklevel=4,
+                "run, which is taken over from what it stored"
             )
         told = {"process": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
         # Without room for who holds it, it is held all the same.

@@ -1,5 +1,8 @@
 """Files in and out; the modules that a format needs are imported when it is used."""
 
+import importlib
+from typing import Any
+
 from warpriver.io.meshes import read_mesh, write_mesh
 from warpriver.io.raster.terrains import read_raster, read_terrain, write_raster, write_terrain
 from warpriver.io.raster.xarrays import from_xarray, raster_from_xarray, to_xarray
@@ -26,3 +29,10 @@ __all__ = [
     "write_terrain",
     "write_valley",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Scenes stand above simulations, and so above this room; those who look for readers find theirs here all the same.
+    if name == "read_scene":
+        return importlib.import_module("warpriver.scenes").read_scene
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from warpriver.crs import CRSLike, crs_text, is_geographic, length_unit, pyproj_or_none, same_crs, short_name
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.extras import need
 from warpriver.io.vector.source import Line, Source
 
@@ -56,11 +55,9 @@ def settled_crs(source: Source, stated: CRSLike | None) -> tuple[str | None, flo
             return said, 1.0
         unit, factor = length_unit(known)
         if abs(factor - 1.0) > 1e-9:
-            warnings.warn(
+            warn(
                 f"{source.path}: its coordinates are in {unit!r} of a local system; they were multiplied by "
-                f"{factor:.10g} to be metres",
-                UserWarning,
-                stacklevel=4,
+                f"{factor:.10g} to be metres"
             )
         return None, factor
     if known is not None and said is not None and not same_crs(known, said):
@@ -163,7 +160,7 @@ def _check_metric(path: Path, crs: str | None, lines: list[Line]) -> None:
     text = f"{path}: lengths in {short_name(crs)} are {scale:.3g} times those on the ground there"
     if off > SCALE_REFUSE:
         raise InputError(f"{text}; {advice}")
-    warnings.warn(f"{text}; to_crs= would correct them", UserWarning, stacklevel=4)
+    warn(f"{text}; to_crs= would correct them")
 
 
 def _ground_scale(pyproj: Any, system: Any, xy: np.ndarray) -> float:

@@ -23,10 +23,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +35,18 @@ from warpriver.errors import InputError, PathError
 from warpriver.files import beside
 from warpriver.io.files import is_number
 from warpriver.io.meshes import read_mesh
+from warpriver.io.tables import (
+    as_toml,
+    describe_fields,
+    holds_scene,
+    list_of_tables,
+    made,
+    nearest,
+    neighbour,
+    raising,
+    read_toml,
+    shown,
+)
 from warpriver.public import public
 from warpriver.valley.params import (
     ELEMENTS,
@@ -90,42 +100,35 @@ def read_valley(path: str | os.PathLike[str]) -> ValleyParams:
         OSError: The file cannot be read.
     """
     path = Path(path)
-    try:
-        data = _toml().loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PathError.of(error, f"cannot read {path}") from error
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not UTF-8 text, so no TOML") from None
-    except RecursionError:
-        raise InputError(f"{path}: not TOML of a valley: it is nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not TOML: {error}") from None
+    data = read_toml(path, "a valley")
     constants = {f.name for f in dataclasses.fields(ValleyParams) if f.metadata} | set(OPTIONAL) | {"name"}
     known = {*constants, "control", "line", *TABLES, *LISTS}
+    if holds_scene(path):
+        raise InputError(f"{path} is a scene, no valley; wr.read_scene reads it, and warpriver simulate runs it")
     for key in data:
         if key not in known:
-            raise InputError(f"{path}: {key} = {_shown(data[key])} is no key of a valley; {_nearest(key, known)}")
+            raise InputError(f"{path}: {key} = {shown(data[key])} is no key of a valley; {nearest(key, known)}")
     fields: dict[str, Any] = {key: data[key] for key in constants & set(data)}
     if not isinstance(fields.setdefault("name", path.stem), str):
-        raise InputError(f"{path}: name = {_shown(fields['name'])}; give text")
+        raise InputError(f"{path}: name = {shown(fields['name'])}; give text")
     for key, value in fields.items():
         if key in OPTIONAL and (isinstance(value, bool) or not isinstance(value, (int, float))):
-            raise InputError(f"{path}: {key} = {_shown(value)}; give a number of unit {OPTIONAL[key][0]}")
+            raise InputError(f"{path}: {key} = {shown(value)}; give a number of unit {OPTIONAL[key][0]}")
     fields["controls"] = _controls(path, data.get("control", {}))
     for key, kind in TABLES.items():
         if key == "covariance" and isinstance(data.get(key), list):
-            rows = _rows(path, key, data[key])
-            fields[key] = tuple(_made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(rows))
+            rows = list_of_tables(path, key, data[key])
+            fields[key] = tuple(made(kind, row, f"{path}: {key}[{k}]") for k, row in enumerate(rows))
         elif key in data:
-            fields[key] = _made(kind, data[key], f"{path}: {key}")
+            fields[key] = made(kind, data[key], f"{path}: {key}")
     for key, (name, kind) in LISTS.items():
         fields[name] = tuple(
-            _made(kind, _with_mesh(path, row, f"{key}[{k}]") if key == "stamp" else row, f"{path}: {key}[{k}]")
-            for k, row in enumerate(_rows(path, key, data.get(key, [])))
+            made(kind, _with_mesh(path, row, f"{key}[{k}]") if key == "stamp" else row, f"{path}: {key}[{k}]")
+            for k, row in enumerate(list_of_tables(path, key, data.get(key, [])))
         )
     if "line" in data:
         fields["line"] = _line(path, data["line"])
-    return _raising(path, lambda: ValleyParams(**fields), {"ValleyParams.": ""})
+    return raising(path, lambda: ValleyParams(**fields), {"ValleyParams.": ""})
 
 
 @public
@@ -141,8 +144,8 @@ def write_valley(params: ValleyParams, path: str | os.PathLike[str]) -> None:
         OSError: The file cannot be written.
     """
     rows = [f"name = {json.dumps(params.name)}"]
-    rows += [f"{f.name} = {_value(getattr(params, f.name))}" for f in dataclasses.fields(params) if f.metadata]
-    rows += [f"{key} = {_value(getattr(params, key))}" for key in OPTIONAL if getattr(params, key) is not None]
+    rows += [f"{f.name} = {as_toml(getattr(params, f.name))}" for f in dataclasses.fields(params) if f.metadata]
+    rows += [f"{key} = {as_toml(getattr(params, key))}" for key in OPTIONAL if getattr(params, key) is not None]
     if params.controls:
         rows += ["", "[control]"]
     for name, terms in params.controls.items():
@@ -165,41 +168,31 @@ def write_valley(params: ValleyParams, path: str | os.PathLike[str]) -> None:
 
 def valley_schema() -> str:
     """Return the keys of a valley file as text: name, default, unit and meaning, a line each."""
-    rows = ["# constants", *_described(ValleyParams)]
+    rows = ["# constants", *describe_fields(ValleyParams, bare=False)]
     rows += [f"{key:<20} {'(none)':<14} {unit:<16} {doc}" for key, (unit, doc) in OPTIONAL.items()]
     rows += ["", "# [control]: elements; each holds a list of terms, {kind = ..., ...}, which are summed"]
     rows += [f"{name:<20} {'[]':<14} {unit:<16} {doc}" for name, (unit, doc) in ELEMENTS.items()]
     for name, kind in TERMS.items():
-        rows += ["", f'# term of kind "{name}": {_summary(kind)}', *_described(kind)]
+        rows += ["", f'# term of kind "{name}": {_summary(kind)}', *describe_fields(kind)]
     for key, kind in TABLES.items():
-        rows += ["", f"# [{key}]: {_summary(kind)}", *_described(kind)]
+        rows += ["", f"# [{key}]: {_summary(kind)}", *describe_fields(kind)]
     for key, (_, kind) in LISTS.items():
-        rows += ["", f"# [[{key}]]: {_summary(kind)}", *_described(kind)]
+        rows += ["", f"# [[{key}]]: {_summary(kind)}", *describe_fields(kind)]
     rows += ["", '# [line]: a given centreline, file = "river.csv" and channel = 0, or points = [[x, y], ...]']
     return "\n".join(rows)
-
-
-def _toml() -> Any:
-    """The TOML reader of the standard library, or the package that it came from."""
-    if sys.version_info >= (3, 11):
-        import tomllib
-
-        return tomllib
-    import tomli
-
-    return tomli
 
 
 def _controls(path: Path, data: Any) -> dict[str, tuple[Any, ...]]:
     """Control functions of a file."""
     if not isinstance(data, Mapping):
-        raise InputError(f"{path}: control = {_shown(data)}; give a table of elements")
+        raise InputError(f"{path}: control = {shown(data)}; give a table of elements")
     made = {}
     for name, rows in data.items():
         if name not in ELEMENTS:
-            raise InputError(f"{path}: control.{name} is no element; {_nearest(name, ELEMENTS)}")
+            raise InputError(f"{path}: control.{name} is no element; {nearest(name, ELEMENTS)}")
         made[name] = tuple(
-            _term(path, dict(row), f"control.{name}[{k}]") for k, row in enumerate(_rows(path, f"control.{name}", rows))
+            _term(path, dict(row), f"control.{name}[{k}]")
+            for k, row in enumerate(list_of_tables(path, f"control.{name}", rows))
         )
     return made
 
@@ -208,25 +201,15 @@ def _term(path: Path, row: dict[str, Any], where: str) -> Any:
     """One term of a control function; a series may lie in a file of its own."""
     kind = row.pop("kind", None)
     if kind not in TERMS:
-        raise InputError(f"{path}: {where}.kind = {_shown(kind)} is no function; {_nearest(str(kind), TERMS)}")
+        raise InputError(f"{path}: {where}.kind = {shown(kind)} is no function; {nearest(str(kind), TERMS)}")
     if kind == "series" and "file" in row:
         row["values"] = _column(path, row.pop("file"), row.pop("column", None), where)
-    return _made(TERMS[kind], row, f"{path}: {where}")
+    return made(TERMS[kind], row, f"{path}: {where}")
 
 
 def _neighbour(path: Path, name: Any, where: str, what: str) -> Path:
     """Return a file that a valley file names: one in its own folder or below, and nowhere else."""
-    if not isinstance(name, str):
-        raise InputError(f"{path}: {where}.file = {_shown(name)}; give the name of {what}")
-    folder = path.parent.resolve()
-    source = (folder / name).resolve()
-    if not source.is_relative_to(folder):
-        raise InputError(
-            f"{path}: {where}.file = {_shown(name)} lies outside of the folder of the valley file; put it beside that"
-        )
-    if not source.is_file():
-        raise InputError(f"{path}: {where}.file = {_shown(name)}: there is no such file beside it")
-    return source
+    return neighbour(path, name, f"{where}.file", what, "valley file")
 
 
 def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
@@ -240,19 +223,19 @@ def _column(path: Path, name: Any, column: Any, where: str) -> np.ndarray:
     except OSError as error:
         raise PathError.of(error, f"cannot read {source}") from error
     except UnicodeDecodeError:
-        raise InputError(f"{path}: {where}.file = {_shown(name)}: not UTF-8 text, so no CSV") from None
+        raise InputError(f"{path}: {where}.file = {shown(name)}: not UTF-8 text, so no CSV") from None
     names = [word.strip() for word in rows[0].split(",")] if rows else []
     heads = not all(is_number(word) for word in names)
     if column is not None and (not heads or column not in names):
         raise InputError(
-            f"{path}: {where}.column = {_shown(column)}: {name} has no column of that name in its first line"
+            f"{path}: {where}.column = {shown(column)}: {name} has no column of that name in its first line"
         )
     at = names.index(column) if column is not None else len(names) - 1
     values = []
     for number, row in enumerate(rows[heads:], 1 + heads):
         fields = row.split(",")
         if row.strip() and not (len(fields) > at and is_number(fields[at])):
-            raise InputError(f"{path}: {where}.file = {_shown(name)}: line {number} has no number in column {at + 1}")
+            raise InputError(f"{path}: {where}.file = {shown(name)}: line {number} has no number in column {at + 1}")
         values += [float(fields[at])] if row.strip() else []
     return np.array(values)
 
@@ -273,7 +256,7 @@ def _line(path: Path, data: Any) -> np.ndarray:
     """Centreline of a file."""
     keys = set(data) if isinstance(data, Mapping) else {"?"}
     if not keys <= {"file", "channel", "points"} or ("file" in keys) == ("points" in keys):
-        raise InputError(f"{path}: line = {_shown(data)}; give file, and channel, or points")
+        raise InputError(f"{path}: line = {shown(data)}; give file, and channel, or points")
     if "points" in data:
         try:
             return np.array(data["points"], np.float64)
@@ -286,103 +269,22 @@ def _line(path: Path, data: Any) -> np.ndarray:
         lines = read_network(source, width=1.0).polylines()
     except ValueError:
         raise InputError(
-            f"{path}: line.file = {_shown(data['file'])} cannot be read as lines; read_network tells why"
+            f"{path}: line.file = {shown(data['file'])} cannot be read as lines; read_network tells why"
         ) from None
     channel = data.get("channel", 0)
     if not isinstance(channel, int) or not 0 <= channel < len(lines):
-        raise InputError(f"{path}: line.channel = {_shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
+        raise InputError(f"{path}: line.channel = {shown(channel)}; {data['file']} has channels 0 to {len(lines) - 1}")
     return lines[channel]
-
-
-def _rows(path: Path, key: str, rows: Any) -> list[Mapping[str, Any]]:
-    """A list of tables."""
-    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        raise InputError(f"{path}: {key} = {_shown(rows)}; give a list of tables")
-    return rows
-
-
-def _made(kind: type, row: Any, where: str) -> Any:
-    """A dataclass from a table; raises ValueError with file, key and value."""
-    if not isinstance(row, Mapping):
-        raise InputError(f"{where} = {_shown(row)}; give a table")
-    names = {f.name for f in dataclasses.fields(kind)}
-    for key in row:
-        if key not in names:
-            raise InputError(f"{where}.{key} = {_shown(row[key])} is no key there; {_nearest(key, names)}")
-    values = {key: tuple(map(_frozen, v)) if isinstance(v, list) else v for key, v in row.items()}
-    return _raising(where, lambda: kind(**values), {f"{kind.__name__}.": ".", f"{kind.__name__} ": " "})
-
-
-def _raising(where: Any, make: Callable[[], Any], names: Mapping[str, str]) -> Any:
-    """Make something; its ValueError names the key as the file has it."""
-    try:
-        return make()
-    except (ValueError, TypeError) as error:
-        text = str(error)
-        for name, instead in names.items():
-            if text.startswith(name):
-                joint = ": " if not instead else ""
-                raise InputError(f"{where}{joint}{instead}{text.removeprefix(name)}") from None
-        raise InputError(f"{where}: {text}") from None
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _shown(value: Any) -> str:
-    """A value for a message, cut short."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _nearest(word: str, known: Any) -> str:
-    """What a wrong word may have meant."""
-    import difflib
-
-    close = difflib.get_close_matches(word, list(known), 1)
-    return f"did you mean {close[0]}?" if close else f"use one of {', '.join(sorted(known))}"
 
 
 def _summary(kind: type) -> str:
     return (kind.__doc__ or "").strip().splitlines()[0]
 
 
-def _described(kind: type) -> list[str]:
-    """A line a field: name, default, unit and meaning."""
-    rows = []
-    for f in dataclasses.fields(kind):
-        if f.metadata:
-            doc = f.metadata["doc"]
-            if f.metadata["choices"]:
-                doc += ": " + ", ".join(f.metadata["choices"])
-            rows.append(f"{f.name:<20} {_value(f.default):<14} {f.metadata['unit']:<16} {doc}")
-        elif kind is not ValleyParams:
-            rows.append(f"{f.name:<20} {_shown(f.default):<14}")
-    return rows
-
-
-def _value(value: Any) -> str:
-    """A value as TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value)
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, (tuple, list)):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if not math.isfinite(value):
-        raise InputError(f"a valley file cannot hold {value}")
-    return repr(float(value))
-
-
 def _table(entry: Any) -> list[str]:
     """Lines of a table."""
     pairs = [(f.name, getattr(entry, f.name)) for f in dataclasses.fields(entry)]
-    return [f"{name} = {_value(value)}" for name, value in pairs if value is not None]
+    return [f"{name} = {as_toml(number, 'a valley file')}" for name, number in pairs if number is not None]
 
 
 def _inline(term: Any) -> str:

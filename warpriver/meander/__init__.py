@@ -7,7 +7,7 @@ long a step may be. :func:`shape_junctions` gives tributaries the angle that fit
 :class:`AvulsionParams` lets channels leave their courses.
 """
 
-from warpriver.meander.control_record import controls_after
+from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -33,7 +33,7 @@ __all__ = [
     "Guide",
     "JunctionParams",
     "Repeller",
-    "controls_after",
+    "SetControls",
     "junction_angles",
     "migration_rate",
     "shape_junctions",

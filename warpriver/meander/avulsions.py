@@ -21,11 +21,12 @@ from warpriver.kernels import avulsions as kernels
 from warpriver.kernels.status import CREVASSES, FAULT, FAULT_NONE, STEPS
 from warpriver.meander.courses import Course, Refusal, carve_course, falling_bed, walk_courses
 from warpriver.params import AvulsionParams
+from warpriver.terrain import Terrain
 
 with IMPORTING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Avulse", "NewCourse", "avulsion_of", "plan_course", "rework_courses"]
+__all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_course", "rework_courses"]
 
 FloatArray = NDArray[np.float64]
 
@@ -53,6 +54,11 @@ class NewCourse:
     course: Course
     width: float
     old_xy: FloatArray
+
+    def window(self, terrain: Terrain) -> tuple[int, int, int, int] | None:
+        """First row and column, rows and columns of the cells that it may carve; None if none."""
+        (west, south), (east, north) = self.course.xy.min(axis=0) - self.width, self.course.xy.max(axis=0) + self.width
+        return terrain.raster.window(west, south, east, north)
 
 
 class Avulse(Phase):
@@ -147,8 +153,10 @@ class Avulse(Phase):
             events += [avulsion_of(state, time, new) for new in taken]
             work = rework_courses(state, taken)
             for new in taken:
-                _carve(state, new)
+                carve(state, new)
             state.adopt(work.build())
+            # New courses begin and end in corners, of whose pace nothing is known.
+            state.hasten(np.isin(np.arange(state.network.channel_count), [new.channel for new in taken]))
         return events
 
 
@@ -291,8 +299,8 @@ def _first_contact(line: FloatArray, points: FloatArray, reach: float) -> tuple[
 
 def rework_courses(state: State, taken: Sequence[NewCourse]) -> Reworking:
     """Return the network's channels with new courses in place of old ones, to be built."""
-    work = Reworking(state.network, state.spacing.numpy().astype(np.float64), state.next_identity)
-    start = state.network.starts()
+    spacing = state.spacing.numpy()[: state.network.channel_count].astype(np.float64)
+    work, start = Reworking(state.network, spacing, state.next_identity), state.network.starts()
     for new in taken:
         head = int(start[new.channel])
         work.redraw(new.channel, new.first + 1 - head, new.last - head, new.course.xy[1:-1])
@@ -305,7 +313,8 @@ def avulsion_of(state: State, time: float, new: NewCourse) -> Avulsion:
     return Avulsion(time, int(state.network.channel_id[new.channel]), new.width, new.old_xy, new.course.xy, bed)
 
 
-def _carve(state: State, new: NewCourse) -> None:
+def carve(state: State, new: NewCourse) -> None:
+    """Carve a new course into the ground, where there is any."""
     if state.terrain is not None:
         carve_course(state.terrain, new.course.xy, new.course.bed, new.width)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,12 @@ from warpriver.meander.controls import (
     DampingRegion,
     ErodibilityField,
     Guide,
-    RateControl,
     Repeller,
 )
 from warpriver.raster import Raster
+from warpriver.validate import shown
 
-__all__ = ["change_to", "controls_after", "layout_after", "stroke_of"]
+__all__ = ["change_to", "control_of", "controls_after", "described", "layout_after", "stroke_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -55,18 +55,42 @@ def change_to(time: float, before: Sequence[Control], after: Sequence[Control], 
         if id(control) in places:
             told.append({"kept": places[id(control)]})
         else:
-            words, own = _packed(control)
+            words, own = control.packed()
             told.append({**words, "count": len(own)})
             numbers.append(own)
     place = Layout(0.0, 0.0, 0.0, 0, 0) if layout is None else layout
     return ControlChange(time, json.dumps(told), np.concatenate([np.zeros(0), *numbers]), *place)
 
 
-def stroke_of(time: float, place: int, field: ControlField, window: tuple[int, int, int, int]) -> ControlStroke:
+def described(control: Control) -> dict[str, Any]:
+    """Return a control as JSON can hold it; :func:`control_of` makes it again.
+
+    Raises:
+        ValueError: A control of a kind that no history can keep.
+    """
+    words, numbers = control.packed()
+    return {**words, "numbers": numbers.tolist()}
+
+
+def control_of(values: Mapping[str, Any], device: wp.DeviceLike = "cpu") -> Control:
+    """Return the control that :func:`described` told of.
+
+    Raises:
+        ValueError: It is none, or one that cannot be.
+    """
+    if values.get("kind") not in KINDS or "numbers" not in values:
+        raise InputError(f"{shown(dict(values))} is no control; it needs a kind, of {', '.join(KINDS)}, and numbers")
+    try:
+        return _unpacked(dict(values), np.asarray(values["numbers"], np.float64), device)
+    except (TypeError, IndexError, ValueError) as error:
+        raise InputError(f"a control of the kind {values['kind']} is damaged: {error}") from error
+
+
+def stroke_of(
+    time: float, step: int, place: int, field: ControlField, window: tuple[int, int, int, int]
+) -> ControlStroke:
     """Return the event of a stroke: the values of a field in a window = (first row, first column, rows, columns)."""
-    row, column, rows, columns = window
-    values = field.raster.values[row : row + rows, column : column + columns].contiguous().numpy()
-    return ControlStroke(time, place, row, column, rows, columns, values.flatten())
+    return ControlStroke(time, step, place, *window, field.raster.cells(window).flatten())
 
 
 def controls_after(events: Iterable[Event], device: wp.DeviceLike = "cpu") -> tuple[Control, ...]:
@@ -109,27 +133,8 @@ def _changed(before: Sequence[Control], event: ControlChange, device: wp.DeviceL
 
 def _paint(field: Control, stroke: ControlStroke) -> None:
     assert isinstance(field, ControlField)
-    values = field.raster.numpy()
-    rows, columns = slice(stroke.row, stroke.row + stroke.rows), slice(stroke.column, stroke.column + stroke.columns)
-    values[rows, columns] = stroke.values.reshape(stroke.rows, stroke.columns)
-    field.raster.values.assign(values)
-
-
-def _packed(control: Control) -> tuple[dict[str, Any], FloatArray]:
-    """Words and numbers of a control."""
-    kind = type(control).__name__
-    if KINDS.get(kind) is not type(control):
-        raise InputError(f"a control is a {kind}, which no history can keep; give {', '.join(KINDS)}")
-    if isinstance(control, Attractor):
-        return {"kind": kind}, np.array([*control.center, control.radius, control.strength])
-    if isinstance(control, Guide):
-        return {"kind": kind}, np.concatenate([[control.radius, control.strength], np.asarray(control.xy).ravel()])
-    raster = getattr(control, "raster", None)
-    if raster is not None:
-        place = [raster.cell_size, *raster.origin, *raster.shape]
-        return {"kind": kind, "raster": True, "crs": raster.crs}, np.concatenate([place, raster.numpy().ravel()])
-    assert isinstance(control, RateControl) and control.polygon is not None
-    return {"kind": kind}, np.concatenate([[control.factor, control.blend], control.polygon.ravel()])
+    window = stroke.row, stroke.column, stroke.rows, stroke.columns
+    field.raster.put_cells(window, stroke.values.reshape(stroke.rows, stroke.columns))
 
 
 def _unpacked(words: dict[str, Any], numbers: FloatArray, device: wp.DeviceLike) -> Control:

@@ -19,11 +19,11 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError, MissingExtraError, MissingFileError
+from warpriver.errors import InputError, InputTypeError, MissingExtraError, MissingFileError
 from warpriver.params import Params, parameter
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
-from warpriver.validate import checked_points, finite_numbers
+from warpriver.validate import checked_points, finite_numbers, floats, not_negative, positive
 
 if TYPE_CHECKING:
     from warpriver.meander.control_map import ControlMap
@@ -50,6 +50,10 @@ CELLS_ACROSS = 16.0
 ACROSS_POLYGON, MAX_POINTS = 128.0, 10_000
 
 
+# The kinds that there are.
+GIVEN = "Attractor, Repeller, Guide, ControlField, DampingRegion or ErodibilityField"
+
+
 class Control:
     """What a control is: a value that stamps itself into the rasters of a :class:`ControlMap`."""
 
@@ -65,13 +69,22 @@ class Control:
         """Add itself to the cells of a window of the map."""
         raise NotImplementedError
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return what it is as a few words and as numbers, of which a history and files can make it again.
+
+        Raises:
+            ValueError: It is of a kind of which they cannot.
+        """
+        raise InputError(f"a control is a {type(self).__name__}, which no history can keep; give {GIVEN}")
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not dataclasses.is_dataclass(self):
             return self is other
         names = [field.name for field in dataclasses.fields(self)]
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self.bounds()))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,10 +107,11 @@ class Guide(Params, Control):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "xy", _frozen_points(self.xy, "Guide.xy", 2))
+        object.__setattr__(self, "_bounds", _around(np.asarray(self.xy), self.radius))
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.asarray(self.xy), self.radius)
+        return self._bounds  # type: ignore[attr-defined]
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -106,6 +120,10 @@ class Guide(Params, Control):
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.asarray(self.xy), self.radius, self.strength, window)
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and radius, strength and points."""
+        return {"kind": "Guide"}, np.concatenate([[self.radius, self.strength], np.asarray(self.xy).ravel()])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,7 +150,8 @@ class Attractor(Params, Control):
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return _around(np.array([self.center]), self.radius)
+        (x, y), reach = self.center, self.radius
+        return x - reach, y - reach, x + reach, y + reach
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -141,6 +160,10 @@ class Attractor(Params, Control):
     def stamp(self, target: ControlMap, window: wp.vec4i) -> None:
         """Add itself to the cells of a window of the map."""
         target.add_bump(np.array([self.center]), self.radius, self.strength, window)
+
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and centre, radius and strength."""
+        return {"kind": type(self).__name__}, np.array([*self.center, self.radius, self.strength])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -196,7 +219,7 @@ class ControlField(Control):
             return
         if cell_size is None:
             raise InputError("cell_size is missing; give the length of a cell's side in m")
-        numbers = np.asarray(values, np.float64) if not np.ma.isMaskedArray(values) else values
+        numbers = floats(values, "values") if not np.ma.isMaskedArray(values) else values
         self.raster = Raster(numbers, cell_size, origin, crs, "m", "control", device=device)
 
     @classmethod
@@ -214,8 +237,7 @@ class ControlField(Control):
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
         if not (east > west and north > south):
             raise InputError(f"bounds are {tuple(bounds)}; give (west, south, east, north) in m")
-        if not (math.isfinite(cell_size) and cell_size > 0.0):
-            raise InputError(f"cell_size is {cell_size!r}; give a positive length in m")
+        cell_size = positive(cell_size, "cell_size", "m")
         shape = tuple(max(2, math.ceil(span / cell_size - 1e-9)) for span in (north - south, east - west))
         require_memory(shape, 8, device, "a control field")
         return cls(np.zeros(shape), cell_size, (west, north), crs=crs, device=device)
@@ -245,6 +267,7 @@ class ControlField(Control):
         if not np.isfinite(gray).all() or gray.min() < 0.0 or gray.max() > 1.0:
             raise InputError("the gray values must lie from 0 to 1, or be whole numbers of 8 or 16 bits without a sign")
         west, south, east, north = finite_numbers(bounds, 4, "bounds")
+        (height,) = finite_numbers([height], 1, "height")
         size = (east - west) / gray.shape[1], (north - south) / gray.shape[0]
         if not size[0] > 0.0 or abs(size[0] - size[1]) > 1e-3 * size[0]:
             raise InputError(
@@ -274,6 +297,8 @@ class ControlField(Control):
             imageio = importlib.import_module("imageio.v3")
         except ImportError as error:
             raise MissingExtraError('ControlField.from_image needs imageio: pip install "warpriver[viz]"') from error
+        if not isinstance(path, (str, os.PathLike)):
+            raise InputTypeError(f"path is a {type(path).__name__}; give the path of an image")
         if not os.path.isfile(path):
             raise MissingFileError(f"no image at {path}")
         try:
@@ -294,6 +319,7 @@ class ControlField(Control):
             radius: m.
             amount: m at the centre; below 0 it repels.
         """
+        (amount,) = finite_numbers([amount], 1, "amount")
         kind: Literal["raise", "lower"] = "raise" if amount >= 0.0 else "lower"
         Terrain.wrap_raster(self.raster).brush(kind, center, radius, abs(amount))
         self._note_stroke(center, radius)
@@ -335,10 +361,14 @@ class ControlField(Control):
         """Add itself to the cells of a window of the map."""
         target.apply_field("add_field", self.raster, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind and CRS, and the place and the values of its raster."""
+        return _packed_raster(self, self.raster)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ControlField) and _same_raster(self.raster, other.raster)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
 
 class RateControl(Control):
@@ -361,9 +391,7 @@ class RateControl(Control):
                 a raster.
         """
         kind = type(self).__name__
-        if not (math.isfinite(blend) and blend >= 0.0):
-            raise InputError(f"{kind}.blend is {blend!r}; give a length in m, 0 or more")
-        self.blend = float(blend)
+        self.blend = not_negative(blend, f"{kind}.blend")
         self.raster: Raster | None = None
         self.polygon: FloatArray | None = None
         if isinstance(area, Raster):
@@ -381,12 +409,11 @@ class RateControl(Control):
             self.factor = None
             return
         factor = self._default_factor() if factor is None else factor
-        if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0.0 <= factor <= self.highest:
-            raise InputError(f"{kind}.factor is {factor!r}; the range is 0 to {self.highest:g}")
-        if math.isinf(factor):
-            raise InputError(f"{kind}.factor is infinite; give a finite number")
-        self.factor = float(factor)
+        self.factor = not_negative(factor, f"{kind}.factor")
+        if self.factor > self.highest:
+            raise InputError(f"{kind}.factor is {self.factor:g}; the range is 0 to {self.highest:g}")
         self.polygon = _frozen_points(area, f"{kind}.area", 3)
+        self._bounds = _around(self.polygon, 0.0)
 
     def _default_factor(self) -> float:
         raise InputError(f"{type(self).__name__}.factor is missing; give the factor of the rate in the polygon")
@@ -395,7 +422,7 @@ class RateControl(Control):
         """Return what it reaches, (west, south, east, north) in m."""
         if self.raster is not None:
             return self.raster.bounds
-        return _around(np.asarray(self.polygon), 0.0)
+        return self._bounds
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""
@@ -412,6 +439,13 @@ class RateControl(Control):
             assert self.polygon is not None and self.factor is not None
             target.scale_inside(self.polygon, self.factor, self.blend, window)
 
+    def packed(self) -> tuple[dict[str, Any], FloatArray]:
+        """Return its kind, and factor, blend and corners; or as a :class:`ControlField` its raster."""
+        if self.raster is not None:
+            return _packed_raster(self, self.raster)
+        assert self.polygon is not None and self.factor is not None
+        return {"kind": type(self).__name__}, np.concatenate([[self.factor, self.blend], self.polygon.ravel()])
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not isinstance(other, RateControl):
             return False
@@ -420,7 +454,7 @@ class RateControl(Control):
         assert self.polygon is not None and other.polygon is not None
         return (self.factor, self.blend) == (other.factor, other.blend) and np.array_equal(self.polygon, other.polygon)
 
-    __hash__ = None
+    __hash__ = Control.__hash__
 
     def __repr__(self) -> str:
         what = repr(self.raster) if self.polygon is None else f"{len(self.polygon)} corners, factor={self.factor:g}"
@@ -449,10 +483,7 @@ def checked_controls(controls: object, crs: str | None) -> tuple[Control, ...]:
         found = (controls,)
     for control in found:
         if not isinstance(control, Control):
-            raise InputError(
-                f"controls holds a {type(control).__name__}; give Attractor, Repeller, Guide, ControlField, "
-                "DampingRegion or ErodibilityField"
-            )
+            raise InputError(f"controls holds a {type(control).__name__}; give {GIVEN}")
         raster = getattr(control, "raster", None)
         if raster is not None and crs is not None and raster.crs is not None and raster.crs != crs:
             raise InputError(f"a {type(control).__name__} has the CRS {raster.crs}, the network {crs}; reproject it")
@@ -471,6 +502,12 @@ def _frozen_points(xy: ArrayLike, label: str, count: int) -> FloatArray:
 def _around(points: FloatArray, reach: float) -> Bounds:
     (west, south), (east, north) = points.min(axis=0) - reach, points.max(axis=0) + reach
     return float(west), float(south), float(east), float(north)
+
+
+def _packed_raster(control: Control, raster: Raster) -> tuple[dict[str, Any], FloatArray]:
+    place = [raster.cell_size, *raster.origin, *raster.shape]
+    words = {"kind": type(control).__name__, "raster": True, "crs": raster.crs}
+    return words, np.concatenate([place, raster.numpy().ravel()])
 
 
 def _same_raster(a: Raster, b: Raster) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from warpriver.engine.phase import Row
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
+from warpriver.errors import warn
 from warpriver.graph.rings import split_rings
 from warpriver.history.events import Cutoff, Event, Split
 from warpriver.kernels import cutoffs as kernels
@@ -243,11 +243,9 @@ class Loops:
         within = split & (np.cumsum(split) <= limit - rings)
         if (split & ~within).any() and not self._told:
             self._told = True
-            warnings.warn(
+            warn(
                 f"there are {rings + int(within.sum())} rings: no more are made (max_rings={limit:g}), and where a "
-                "ring splits, the part without its first point becomes an oxbow lake",
-                UserWarning,
-                stacklevel=2,
+                "ring splits, the part without its first point becomes an oxbow lake"
             )
         return within
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from warpriver.engine.phase import Phase
@@ -27,7 +28,7 @@ __all__ = [
 
 
 @public
-def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any]:
+def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParams) -> tuple[Any, Any]:
     """Longest time steps in yr that follow a channel truly, (travel, carried); longer ones are done in equal parts.
 
     - the upstream term is explicit: a wave that it carries downstream must not outgrow the local term's diffusion,
@@ -59,7 +60,7 @@ def step_limits(width: Any, depth: Any, params: MeanderParams) -> tuple[Any, Any
 
 
 @public
-def stable_dt(width: Any, depth: Any, params: MeanderParams) -> Any:
+def stable_dt(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParams) -> Any:
     """Longest time step in yr that follows a channel truly whatever its bends, the lesser of :func:`step_limits`.
 
     Args:

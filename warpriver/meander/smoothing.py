@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from warpriver.device import PRECISIONS
@@ -72,10 +73,37 @@ class Smooth(Phase):
         state.check_moved(self.name, anchored=not state.nodes_move)
 
 
+@overload
+def taubin_smooth(
+    channels: RiverNetwork,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> RiverNetwork: ...
+
+
+@overload
+def taubin_smooth(
+    channels: npt.ArrayLike,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> np.ndarray: ...
+
+
 @public
 def taubin_smooth(
-    channels: Any, passes: int = 10, *, strength: float = STRENGTH, pass_band: float | None = None, closed: bool = False
-) -> Any:
+    channels: RiverNetwork | npt.ArrayLike,
+    passes: int = 10,
+    *,
+    strength: float = STRENGTH,
+    pass_band: float | None = None,
+    closed: bool = False,
+) -> RiverNetwork | np.ndarray:
     """Smooth channels without shrinking them; ends of lines are held, rings keep their area [Taubin1995].
 
     A pair of passes multiplies a wave of the line by 1 - strength |w| K (K - pass_band), K = 1 - cos a, a the angle of
@@ -102,7 +130,7 @@ def taubin_smooth(
     if pass_band is not None and not 0.0 <= pass_band < 1.0:
         raise InputError(f"pass_band is {pass_band:g}; give a number from 0 to below 1")
     given = isinstance(channels, RiverNetwork)
-    if given:
+    if isinstance(channels, RiverNetwork):
         network = channels.to()
         network.point_z = None
     else:
@@ -111,12 +139,12 @@ def taubin_smooth(
         width = length / max(line.size, 1) if length > 0.0 else 1.0
         network = RiverNetwork.from_polylines([line], width=width, closed=closed)
     band = LONGEST_WAVE if pass_band is None else pass_band
-    kernel, channels = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)
+    kernel, active = kernels.build(PRECISIONS[network.dtype][0]), _all_active(network)
     share = whole_share(network.point_count, network.device)
     there, back = network.point_xy, wp.empty_like(network.point_xy)
     for _ in range(passes):
         for swell, before, after in ((0, there, back), (1, back, there)):
-            inputs = [channels, strength, band, swell, share.work, before]
+            inputs = [active, strength, band, swell, share.work, before]
             launch(kernel.smooth_points, share.point_threads, inputs, [after], network.device)
     return network if given else network.polylines()[0]
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from warpriver.edits.values import PaintControl
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.history import Event
 from warpriver.meander.control_map import ControlMap, Layout, changes, merged
 from warpriver.meander.control_record import change_to, controls_after, layout_after, stroke_of
@@ -90,6 +92,42 @@ class Steering:
         self._hasten(state, boxes)
         return [*painted, event]
 
+    def put_back(self, controls: tuple[Control, ...], before: ControlMap | None, state: State) -> None:
+        """Go back to controls that held between the same two steps, stamped into the map that they had."""
+        read = None if self.map is None else (self.map.pulls, self.map.scales)
+        if before is not None:
+            # Another map has not got what was painted since.
+            painted = [control.bounds() for control in controls if isinstance(control, ControlField)]
+            before.update(controls, painted if before is not self.map else ())
+        self.controls = controls
+        if before is not self.map or (before is not None and read != (before.pulls, before.scales)):
+            self.map = before
+            state.steer(before)
+        self._seen = self._strokes()
+
+    def paint(self, edit: PaintControl, state: State) -> tuple[list[Event], Callable[[], None]]:
+        """Set cells of a field; return the events of that, and what takes it back.
+
+        Raises:
+            ValueError: There is no such field, or no such cells; nothing has changed.
+        """
+        field = self.controls[edit.control] if edit.control < len(self.controls) else None
+        row, column, rows, columns = edit.window
+        if not isinstance(field, ControlField):
+            raise InputError(f"control {edit.control} is no field that could be painted")
+        if row + rows > field.raster.shape[0] or column + columns > field.raster.shape[1]:
+            raise InputError(f"window {edit.window} lies beyond the field, which has {field.raster.shape} cells")
+        before, bounds = field.raster.cells(edit.window), field.raster.centers(edit.window)
+        field.raster.put_cells(edit.window, np.reshape(edit.values, (rows, columns)))
+        field.mark_painted(bounds)
+
+        def back() -> None:
+            field.raster.put_cells(edit.window, before)
+            if self.map is not None:
+                self.map.update(self.controls, [_widened(bounds, field.raster.cell_size)])
+
+        return self.take_strokes(state, state.step_count * float(state.params.time_step)), back
+
     def take_strokes(self, state: State, time: float) -> list[Event]:
         """Stamp what was painted since the last look, and return the events of that."""
         if self.map is None or not self._seen:
@@ -103,7 +141,7 @@ class Steering:
             for bounds in new:
                 window = field.raster.window(*bounds)
                 if window is not None:
-                    found.append(stroke_of(time, place, field, window))
+                    found.append(stroke_of(time, state.step_count, place, field, window))
                     # Between centres the field is linear: a cell reaches as far as the next centre.
                     boxes.append(_widened(bounds, field.raster.cell_size))
         if found:

@@ -113,7 +113,7 @@ class Valley:
         cell_size: float | None = None,
         origin: Sequence[float] = (0.0, 0.0),
         crs: str | None = None,
-        device: Any = "cpu",
+        device: wp.DeviceLike = "cpu",
     ):
         """Lay out the valley; see :func:`synthetic_valley` for the arguments."""
         self.params = params
@@ -440,7 +440,7 @@ def synthetic_valley(
     cell_size: float | None = None,
     origin: Sequence[float] = (0.0, 0.0),
     crs: str | None = None,
-    device: Any = "cpu",
+    device: wp.DeviceLike = "cpu",
     **changes: Any,
 ) -> Valley:
     """Make a river valley of prescribed form, after Brown, Pasternack and Wallender [Brown2014].

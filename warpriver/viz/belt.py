@@ -41,8 +41,11 @@ __all__ = ["draw_before_after", "draw_belt"]
 DEPOSIT_RAMP = ((0.0, "#f3e7c6"), (0.1, "#e3d3a1"), (0.28, "#bcb877"), (0.55, "#83935a"), (1.0, "#496843"))
 OXBOW_RAMP = ((0.0, "#5c98b8"), (0.12, "#86aeae"), (0.3, "#85a08a"), (0.6, "#607f5c"), (1.0, "#3f5c40"))
 
-# A course that another channel took the water from falls dry: bare gravel, then scrub.
+# A course that the water has left, for another channel or a new course, falls dry: bare gravel, then scrub.
 DRY_RAMP = ((0.0, "#c99a72"), (0.15, "#b98a66"), (0.45, "#95805f"), (1.0, "#6f7356"))
+
+# Events that are counted at the upper right.
+COUNTED = ("cutoff", "collision", "split", "avulsion")
 
 RELIEF_WATER = RELIEF_RAMP[1][1]
 
@@ -77,10 +80,10 @@ def draw_belt(
 
     Each recorded course is drawn at its true width, in the order of time, as a point-bar deposit whose shade
     tells how long ago the channel left it: sand where it is fresh, closed forest where it is old. Loops that
-    were cut off lie among them as lakes that turn into swamp, and courses given up where two channels met as dry
-    beds that scrub covers. The present channel is on top. A faint banding in time is added to the shades so that
-    scroll bars read as arcs. Between two records the channel is taken to have moved in straight lines, up to a dozen
-    widths; where it moved further, or was cut off, bare ground shows.
+    were cut off lie among them as lakes that turn into swamp, and courses given up where two channels met, or where one
+    left for a new course, as dry beds that scrub covers. The present channel is on top. A faint banding in time is
+    added to the shades so that scroll bars read as arcs. Between two records the channel is taken to have moved in
+    straight lines, up to a dozen widths; where it moved further, or was cut off, bare ground shows.
 
     Args:
         history: The run.
@@ -274,9 +277,8 @@ class BeltSheet:
         if note is not None:
             time = float(self._history.times[record])
             words = [f"year {time:,.{0 if self.painter.age_span >= 50.0 else 1}f}"]
-            splits = sum(split.time <= time for split in getattr(self._history, "splits", ()))
-            counts = (self.painter.cutoff_count, self.painter.collision_count, splits)
-            for count, name in zip(counts, ("cutoff", "collision", "split"), strict=True):
+            for name in COUNTED:
+                count = sum(event.time <= time for event in getattr(self._history, f"{name}s", ()))
                 words += [f"{count:,} {name}{'s' if count > 1 else ''}"] if count else []
             note.set_text(", ".join(words))
 
@@ -298,7 +300,7 @@ class BeltSheet:
             ("oxbow lakes", OXBOW_RAMP),
             ("point bars", DEPOSIT_RAMP),
         ]
-        if getattr(self._history, "collisions", ()):
+        if abandoned_beds(self._history):
             rows.insert(0, ("dry courses", DRY_RAMP))
         ramp = np.linspace(0.0, 1.0, 256)
         image = np.stack([color_ramp(stops, ramp) for _, stops in rows])
@@ -379,8 +381,8 @@ class BeltPainter:
         self.network: RiverNetwork | None = None
         self._courses = 0
         self._oxbows = 0
-        self._collisions = sorted(getattr(history, "collisions", ()), key=lambda collision: collision.time)
-        self._collision_times = np.array([collision.time for collision in self._collisions])
+        self._abandoned = abandoned_beds(history)
+        self._abandoned_times = np.array([event.time for event in self._abandoned])
         self._beds = 0
         self._noise = vegetation_noise(shape)
         # Where there is data: the relief; elsewhere the plain ground.
@@ -391,16 +393,6 @@ class BeltPainter:
             self._relief.color[~self._relief.known] = plain
             self._relief.shade[~self._relief.known] = 1.0
             self._relief.color[:] *= (1.0 + 0.015 * self._noise)[..., None]
-
-    @property
-    def cutoff_count(self) -> int:
-        """Number of cutoffs painted."""
-        return self._oxbows
-
-    @property
-    def collision_count(self) -> int:
-        """Number of collisions whose dry beds are painted."""
-        return self._beds
 
     def advance(self, record: int) -> None:
         """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
@@ -415,8 +407,8 @@ class BeltPainter:
                 if len(xy) >= 3:
                     self._fill([xy], [taper_ends(xy, float(cutoff.width))], self.oxbow_number(self._oxbows))
                 self._oxbows += 1
-            while self._beds < len(self._collisions) and self._collision_times[self._beds] <= time:
-                self._fill_bed(self._collisions[self._beds])
+            while self._beds < len(self._abandoned) and self._abandoned_times[self._beds] <= time:
+                self._fill_bed(self._abandoned[self._beds])
                 self._beds += 1
             self._fill(
                 following.polylines(close=True), following.point_widths(close=True), self.course_number(self._courses)
@@ -432,15 +424,16 @@ class BeltPainter:
         """Number of the lake that a cutoff left."""
         return self.course_number(len(self._times)) + cutoff
 
-    def bed_number(self, collision: int) -> int:
-        """Number of the dry bed that a collision left."""
-        return self.oxbow_number(len(self._cutoffs)) + collision
+    def bed_number(self, bed: int) -> int:
+        """Number of a dry bed, which a collision or an avulsion left."""
+        return self.oxbow_number(len(self._cutoffs)) + bed
 
-    def _fill_bed(self, collision: Any) -> None:
-        """Fill the course that was given up in a collision."""
-        lines = [np.asarray(xy, np.float64) for xy in collision.pieces() if len(xy) >= 2]
+    def _fill_bed(self, event: Any) -> None:
+        """Fill the course that was given up in a collision or an avulsion."""
+        pieces = event.pieces() if hasattr(event, "pieces") else [event.xy]
+        lines = [np.asarray(xy, np.float64) for xy in pieces if len(xy) >= 2]
         code = self.bed_number(self._beds)
-        self._fill(lines, [np.full(len(xy), float(collision.width)) for xy in lines], code)
+        self._fill(lines, [np.full(len(xy), float(event.width)) for xy in lines], code)
 
     def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
         """Fill the bands of some lines with the number of a course, an oxbow lake or a dry bed."""
@@ -492,7 +485,7 @@ class BeltPainter:
         share = np.arange(STAGES) / STAGES
         step = np.diff(self._times, append=self._times[-1])
         courses_at = (self._times[:, None] + share * step[:, None]).ravel()
-        age = (now - np.concatenate([courses_at, self._cutoff_times, self._collision_times])) / self.age_span
+        age = (now - np.concatenate([courses_at, self._cutoff_times, self._abandoned_times])) / self.age_span
         age = np.clip(age, 0.0, 1.0)
         courses = slice(1, self.oxbow_number(0))
         oxbows = slice(courses.stop, courses.stop + len(self._cutoffs))
@@ -553,6 +546,12 @@ def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
 
 
 # ---- histories
+
+
+def abandoned_beds(history: History) -> list[Any]:
+    """Return the events that left dry beds, collisions and avulsions, in the order of time."""
+    events = [*getattr(history, "collisions", ()), *getattr(history, "avulsions", ())]
+    return sorted(events, key=lambda event: event.time)
 
 
 def checked_record(history: History, until: int | None) -> int:

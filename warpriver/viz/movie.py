@@ -14,7 +14,15 @@ from warpriver.files import in_memory
 from warpriver.history import History
 from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.viz.belt import DEPOSIT_RAMP, DRY_RAMP, OXBOW_RAMP, BeltSheet, checked_record, history_bounds
+from warpriver.viz.belt import (
+    DEPOSIT_RAMP,
+    DRY_RAMP,
+    OXBOW_RAMP,
+    BeltSheet,
+    abandoned_beds,
+    checked_record,
+    history_bounds,
+)
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
 __all__ = ["movie"]
@@ -78,7 +86,7 @@ def movie(
     }
     # The last frame holds nearly every colour.
     *_, sample = _frames(history, [last], layout, None)
-    ramps = (DEPOSIT_RAMP, OXBOW_RAMP) + ((DRY_RAMP,) if getattr(history, "collisions", ()) else ())
+    ramps = (DEPOSIT_RAMP, OXBOW_RAMP) + ((DRY_RAMP,) if abandoned_beds(history) else ())
     write_frames(path, _frames(history, records, layout, progress), sample, fps=fps, hold=hold, ramps=ramps)
 
 

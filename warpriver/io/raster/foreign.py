@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.io.raster.geotiff import write_gdal
 from warpriver.raster import Raster
 
@@ -90,11 +89,7 @@ def _real_values(values: np.ndarray, form: Format, told: Path) -> np.ndarray:
     off = float(np.nanmax(np.abs(single - values)))
     if not np.isfinite(off):
         raise InputError(f"{told}: numbers up to {np.nanmax(np.abs(values)):.4g} do not fit into 32 bits; write .tif")
-    warnings.warn(
-        f"{told}: {told.suffix} holds numbers of 32 bits: they are rounded, by up to {off:.2g}; .tif keeps all digits",
-        UserWarning,
-        stacklevel=5,
-    )
+    warn(f"{told}: {told.suffix} holds numbers of 32 bits: they are rounded, by up to {off:.2g}; .tif keeps all digits")
     return single
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.extras import need
 from warpriver.io.files import decoded, filtered_warnings, is_number
 from warpriver.io.raster.npz import load_cells
@@ -196,11 +195,9 @@ def read_numpy(path: Path, nodata: float | None, names: Sequence[str], *, height
     values = with_gaps(np.array(cells), gap)
     if key == LANDLAB:
         values = values[::-1]
-        warnings.warn(
+        warn(
             f"{path}: {LANDLAB} is taken as landlab has it, row 0 in the south, and turned; if its row 0 is in the "
-            f"north, name the array {HEIGHTS[0]}",
-            UserWarning,
-            stacklevel=5,
+            f"north, name the array {HEIGHTS[0]}"
         )
     affine = None
     try:

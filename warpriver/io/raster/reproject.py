@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable
 
 import numpy as np
 
 from warpriver.crs import short_name
 from warpriver.device import require_memory
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.extras import need
 from warpriver.io.crs import full_turn
 from warpriver.io.raster.source import RasterSource, north_up
@@ -84,9 +83,7 @@ def _tell_losses(old: RasterSource, new: RasterSource, moved: Callable[[np.ndarr
     found[inside] = np.isfinite(new.values[at[inside, 1], at[inside, 0]])
     lost = 1.0 - found.mean() if len(found) else 0.0
     if lost > LOST:
-        warnings.warn(
-            f"{old.path}: {100.0 * lost:.0f} % of its cells with data come out empty in {short_name(new.crs)}; is that "
-            "CRS meant for where they lie?",
-            UserWarning,
-            stacklevel=6,
+        warn(
+            f"{old.path}: {100.0 * lost:.0f} % of its cells with data come out empty in {short_name(new.crs)}; is "
+            "that CRS meant for where they lie?"
         )

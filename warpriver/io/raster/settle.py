@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
 from warpriver.crs import CRSLike, crs_text, height_unit
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.io.crs import one_crs, reproject, settled_crs, within_degrees
 from warpriver.io.raster.reproject import warp
 from warpriver.io.raster.source import RasterSource, north_up
@@ -129,11 +128,9 @@ def _scale_heights(source: RasterSource, crs: CRSLike | None, z_factor: float | 
         )
     elif abs(factor - 1.0) > 1e-9:
         source.values = source.values * factor
-        warnings.warn(
+        warn(
             f"{source.path}: its heights are in {unit!r}; they were multiplied by {factor:.10g} to be metres. Pass "
-            "z_factor= if that is wrong",
-            UserWarning,
-            stacklevel=4,
+            "z_factor= if that is wrong"
         )
     _tell_extremes(source, told=z_factor is not None or names_a_unit(source.units))
 
@@ -160,7 +157,7 @@ def _tell_extremes(source: RasterSource, *, told: bool) -> None:
     elif high.any() and not told:
         text = f"heights are up to {source.values[high].max():g} m; if they are in feet, pass z_factor=0.3048"
     if text:
-        warnings.warn(f"{source.path}: {text}", UserWarning, stacklevel=5)
+        warn(f"{source.path}: {text}")
 
 
 def _outline(source: RasterSource, crs: str | None) -> Source:
@@ -187,11 +184,9 @@ def _square(source: RasterSource, cell_size: float | None) -> float:
     size = math.sqrt(width * length) if width != length else width
     if drift < SQUARE and (cell_size is None or abs(cell_size - size) * max(rows, columns) < NEARLY * size):
         if drift > NEARLY:
-            warnings.warn(
+            warn(
                 f"{source.path}: cells of {width:.6g} x {length:.6g} m are taken as {size:.6g} m square, off by "
-                f"{drift:.2g} of a cell over the raster",
-                UserWarning,
-                stacklevel=5,
+                f"{drift:.2g} of a cell over the raster"
             )
         return size
     if cell_size is None:

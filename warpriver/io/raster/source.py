@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from warpriver.errors import warn
 from warpriver.sentinels import equal_cells, find_sentinels, listed
 
 __all__ = ["RasterSource", "cells_without_data", "north_up", "with_gaps"]
@@ -116,17 +116,13 @@ def cells_without_data(
     declared = declared or bool(gap.any()) or (values.dtype.kind == "f" and bool(np.isnan(values).any()))
     text = f"{path}: of its cells {listed(found)}"
     if declared or not heights:
-        warnings.warn(
-            f"{text}, which may stand for no data; if so, pass nodata={found[0][0]:.9g}", UserWarning, stacklevel=6
-        )
+        warn(f"{text}, which may stand for no data; if so, pass nodata={found[0][0]:.9g}")
         return gap
     for value, _ in found:
         gap = gap | equal_cells(values, value)
-    warnings.warn(
+    warn(
         f"{text}, which nothing in the file explains; they are read as no data. Pass nodata=nan to keep them, or "
-        "nodata= with the value that has none",
-        UserWarning,
-        stacklevel=6,
+        "nodata= with the value that has none"
     )
     return gap
 

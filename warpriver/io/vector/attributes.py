@@ -8,13 +8,12 @@ documentation follow them. Units of the files of others are turned into ours by 
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.hydrology.orders import horton_order, main_stem, shreve_magnitude, strahler_order
 from warpriver.network import RiverNetwork
 from warpriver.validate import shown
@@ -303,7 +302,7 @@ def tell_lost_names(path: object, names: Iterable[str], wanted: Iterable[str]) -
     if "drainage_a" in there and not there & {"drainage_1", "area_m2", "area_km2"} and "drainage_area" in wanted:
         told.append("drainage_a is taken as drainage_area_km2")
     if told:
-        warnings.warn(f"{path}: {'; '.join(told)}", UserWarning, stacklevel=5)
+        warn(f"{path}: {'; '.join(told)}")
 
 
 def is_no_value(numbers: np.ndarray, role: str) -> np.ndarray:

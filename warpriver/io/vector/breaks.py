@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 
 __all__ = ["CHANNEL_NAMES", "breaks_by_blank", "breaks_by_name", "channel_columns", "tell_jumps"]
 
@@ -57,11 +56,9 @@ def breaks_by_name(path: Path, ids: np.ndarray, name: str) -> tuple[list[int], l
     if times == 1:
         return breaks.tolist(), labels
     if name in UNSURE and name != "id":
-        warnings.warn(
+        warn(
             f"{path}: the column {name} does not part the rows into channels, as those of {label} do not stand "
-            "together; it is passed over. Sort the rows if it names channels",
-            UserWarning,
-            stacklevel=6,
+            "together; it is passed over. Sort the rows if it names channels"
         )
         return None
     raise InputError(f"{path}: the rows of channel {label} do not stand together; sort them by channel")
@@ -103,9 +100,7 @@ def tell_jumps(where: str, xy: np.ndarray, first: int, line_number: Callable[[in
         k = int(far[step[far].argmax()])
         more = f" ({len(far)} jumps in all)" if len(far) > 1 else ""
         begin, end = line_number(first + k), line_number(first + k + 1)
-        warnings.warn(
+        warn(
             f"{where}: from line {begin} to {end} it jumps {step[k] / usual:.3g} times its usual spacing{more}; if "
-            "several rivers follow one another there, part them by blank lines or a column channel",
-            UserWarning,
-            stacklevel=5,
+            "several rivers follow one another there, part them by blank lines or a column channel"
         )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
+from warpriver.errors import warn
 from warpriver.network import RiverNetwork
 
 __all__ = ["tell_direction"]
@@ -41,7 +40,7 @@ def tell_direction(network: RiverNetwork, label: str) -> None:
         advice = "if one of them runs upstream, turn it"
     else:
         return
-    warnings.warn(f"{label}: {told}; {advice}", UserWarning, stacklevel=3)
+    warn(f"{label}: {told}; {advice}")
 
 
 def _climbing(network: RiverNetwork) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from warpriver.io.vector.layers import (
 from warpriver.io.vector.network_layers import POINTS, network_layers
 from warpriver.io.vector.networks import write_network
 from warpriver.public import public
+from warpriver.validate import one_of
 
 __all__ = ["HISTORY_SUFFIXES", "records_between", "write_history"]
 
@@ -35,7 +37,13 @@ MOST_POINTS = 2_000_000
 
 
 @public
-def write_history(history: History, path: str | os.PathLike[str], *, every: int | None = None) -> list[Path]:
+def write_history(
+    history: History,
+    path: str | os.PathLike[str],
+    *,
+    every: int | None = None,
+    layers: Sequence[str] | None = None,
+) -> list[Path]:
     """Write a run for a GIS: the last network, and what happened before it, with times.
 
     A GeoPackage has the layers "channels" (with nodes and points, as ``write_network`` writes them; ``read_network``
@@ -51,6 +59,7 @@ def write_history(history: History, path: str | os.PathLike[str], *, every: int 
         history: The run.
         path: File name; .gpkg, .shp, .fgb, .parquet, .geojson or .json.
         every: Take every so many records; by default all, or as many as make about two million points.
+        layers: Which of "courses", "oxbows" and "abandoned" are written beside the rivers; by default all.
 
     Returns:
         The files that were written.
@@ -58,7 +67,7 @@ def write_history(history: History, path: str | os.PathLike[str], *, every: int 
     Raises:
         ImportError: The format needs a module that is not installed.
         OSError: A file cannot be written.
-        ValueError: Another suffix, an interval below 1, or a history without a record.
+        ValueError: Another suffix or layer, an interval below 1, or a history without a record.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -66,11 +75,12 @@ def write_history(history: History, path: str | os.PathLike[str], *, every: int 
         raise InputError(f"{path}: {suffix or 'no suffix'} cannot hold a run; write {', '.join(HISTORY_SUFFIXES)}")
     need(f"writing a run as {suffix}", *NEEDS.get(suffix, ("shapely",)))
     step = records_between(history) if every is None else every
-    made = {name: features_of(history, name, step) for name in FEATURES}
+    wanted = tuple(FEATURES) if layers is None else tuple(one_of(name, "layers", tuple(FEATURES)) for name in layers)
+    made = {name: features_of(history, name, step) for name in FEATURES if name in wanted}
     network = history.networks[-1]
     if suffix == GEOPACKAGE:
-        layers = [_layer(name, features, suffix) for name, features in made.items()]
-        write_geopackage(path, [*network_layers(network, "channels"), *layers], history.crs, ["channels" + POINTS])
+        further = [_layer(name, features, suffix) for name, features in made.items()]
+        write_geopackage(path, [*network_layers(network, "channels"), *further], history.crs, ["channels" + POINTS])
         return [path]
     files = {name: path.with_name(f"{path.stem}_{name}{path.suffix}") for name in made}
     write_network(network, path)

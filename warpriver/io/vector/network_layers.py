@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import gzip
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from warpriver.errors import warn
 from warpriver.extras import need
 from warpriver.io.vector.attributes import LISTS, SHORT_NAMES, list_names, write_columns
 from warpriver.io.vector.extras import EXTRA, extra_kinds
@@ -61,11 +61,9 @@ def write_features(network: RiverNetwork, path: Path, layer: str) -> None:
         write_geopackage(path, network_layers(network, layer), network.crs, stale=[layer + POINTS])
         return
     if suffix == ".shp" and network.point_section is not None:
-        warnings.warn(
+        warn(
             f"{path}: a shapefile holds one width and one depth for each channel: their means are written; those of "
-            "the points are kept by .gpkg, .geojson, .parquet, .fgb and .csv",
-            UserWarning,
-            stacklevel=3,
+            "the points are kept by .gpkg, .geojson, .parquet, .fgb and .csv"
         )
     channels = _channel_layer(network, layer, suffix)
     with replaced_layer(path, channels, network.crs) as temporary:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.crs import CRSLike
-from warpriver.errors import InputError, InputTypeError
+from warpriver.errors import InputError, InputTypeError, warn
 from warpriver.extras import need
 from warpriver.files import beside, check_place
 from warpriver.io.crs import one_crs, reproject, settled_crs
@@ -447,11 +446,7 @@ def _elevations(lines: list[Line], label: str) -> list[np.ndarray] | None:
     """Return the elevations of all points, None unless every point has one."""
     known = [line.z is not None and bool(np.isfinite(line.z).all()) for line in lines]
     if any(known) and not all(known):
-        warnings.warn(
-            f"{label}: {sum(known)} of {len(lines)} channels have elevations at all points; none is kept",
-            UserWarning,
-            stacklevel=4,
-        )
+        warn(f"{label}: {sum(known)} of {len(lines)} channels have elevations at all points; none is kept")
     return [line.z for line in lines if line.z is not None] if all(known) else None
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.io.vector.attributes import is_no_value, list_names
 
 __all__ = ["PointLists", "filled_gaps"]
@@ -73,7 +72,7 @@ class PointLists:
         """Warn of the lists that do not fit."""
         for (name, fate), count in self.told.items():
             lines = "1 line" if count == 1 else f"{count} lines"
-            warnings.warn(f"{self.path}: the list {name} of {lines} {fate}", UserWarning, stacklevel=5)
+            warn(f"{self.path}: the list {name} of {lines} {fate}")
 
 
 def filled_gaps(numbers: np.ndarray, role: str) -> np.ndarray | None:

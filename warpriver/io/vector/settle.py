@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 import operator
-import warnings
 from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width, width_of_discharge
 from warpriver.io.crs import within_degrees
 from warpriver.io.vector.source import Line
@@ -90,12 +89,10 @@ def fill_widths(lines: list[Line], missing_width: float | None, label: str, mean
                 "(m) for those, or width= for all"
             )
         missing_width = min(float(np.min(line.width)) for line in lines if line.width is not None)
-        warnings.warn(
+        warn(
             f"{label}: {len(missing)} of {len(lines)} channels have no width, discharge or drainage area (the first: "
             f"{missing[0].where.rpartition(', ')[2]}) and get {missing_width:.3g} m, the width of the narrowest. Pass "
-            "missing_width= if you know better",
-            UserWarning,
-            stacklevel=3,
+            "missing_width= if you know better"
         )
     for line in missing:
         line.width = missing_width
@@ -120,11 +117,9 @@ def _infer_widths(lines: list[Line], label: str, mean_flow: bool) -> None:
     if by_area:
         relations.append(f"{len(by_area)} from the drainage area by w = c A^0.5")
     if relations:
-        warnings.warn(
+        warn(
             f"{label}: {len(by_flow) + len(by_area)} of {len(lines)} channels have no width; inferred "
-            f"{' and '.join(relations)}. Pass width= if you know better",
-            UserWarning,
-            stacklevel=4,
+            f"{' and '.join(relations)}. Pass width= if you know better"
         )
 
 
@@ -140,7 +135,7 @@ def drop_points(lines: list[Line], short: str, label: str) -> list[Line]:
     if short == "drop":
         log.info("%s: %s; dropped", label, text)
     else:
-        warnings.warn(f"{empty[0].where}: {text}; they are left out", UserWarning, stacklevel=3)
+        warn(f"{empty[0].where}: {text}; they are left out")
     return [line for line in lines if not (line.xy == line.xy[0]).all()]
 
 

@@ -9,7 +9,6 @@ import itertools
 import json
 import math
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.crs import crs_text
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.io.files import decoded, is_number
 from warpriver.io.vector.attributes import GENERIC, LISTS, NO_VALUE, NO_WORD, is_no_value, read_names, write_columns
 from warpriver.io.vector.breaks import breaks_by_blank, breaks_by_name, channel_columns, tell_jumps
@@ -118,11 +117,9 @@ def _tell_open(path: Path, columns: dict[str, np.ndarray]) -> None:
     for role, values in columns.items():
         count = int(is_no_value(values, role).sum())
         if 0 < count < len(values):
-            warnings.warn(
-                f"{path}: {count} of {len(values)} rows have no {role}; it is interpolated along each channel that has "
-                "others",
-                UserWarning,
-                stacklevel=5,
+            warn(
+                f"{path}: {count} of {len(values)} rows have no {role}; it is interpolated along each channel that "
+                "has others"
             )
 
 

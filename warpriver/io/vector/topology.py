@@ -7,13 +7,12 @@ identity, or one without nodes is numbered anew, and joined where it meets the o
 from __future__ import annotations
 
 import logging
-import warnings
 from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
 
-from warpriver.errors import InputError
+from warpriver.errors import InputError, warn
 from warpriver.extras import IMPORTING
 from warpriver.io.vector.source import Line, Source
 from warpriver.network_checks import NODE_TOLERANCE
@@ -123,21 +122,17 @@ def _identities(lines: list[Line], label: str) -> tuple[np.ndarray | None, np.nd
         found[c] = following
         following += 1
     if 2 * len(repeated) > len(lines):
-        warnings.warn(
+        warn(
             f"{label}: its identities tell no channels apart, as {len(repeated)} of {len(lines)} lines have that of "
-            "another; channels are numbered anew and joined where they meet",
-            UserWarning,
-            stacklevel=5,
+            "another; channels are numbered anew and joined where they meet"
         )
         return None, irregular
     for lost, what in ((missing, "no whole number as its identity"), (repeated, "the identity of another")):
         if lost:
-            warnings.warn(
+            warn(
                 f"{label}: {len(lost)} of {len(lines)} lines have {what}: the first is "
                 f"{lines[lost[0]].where.rpartition(', ')[2]}, whose channel_id is now {found[lost[0]]}. Such lines are "
-                "joined where they meet others; all others keep what the file says",
-                UserWarning,
-                stacklevel=5,
+                "joined where they meet others; all others keep what the file says"
             )
     return np.array(found, np.int64), irregular
 
@@ -219,11 +214,9 @@ def _node_names(lines: list[Line], noded: np.ndarray, label: str) -> np.ndarray:
     if len(others):
         free = max(int(ends[known].max()), int(ends[count + known].max())) + 1
         ends[np.concatenate([others, count + others])] = free + np.arange(2 * len(others))
-        warnings.warn(
+        warn(
             f"{label}: {len(others)} of {count} lines have no nodes (the first: "
-            f"{lines[others[0]].where.rpartition(', ')[2]}); they were joined where they meet the others",
-            UserWarning,
-            stacklevel=5,
+            f"{lines[others[0]].where.rpartition(', ')[2]}); they were joined where they meet the others"
         )
     return ends
 
@@ -334,12 +327,10 @@ def _nodes(
     at, node_xy, free = _met(at, node_xy, xy, loose, apart, tolerance)
     if len(free):
         worst = int(free[gap[free].argmax()])
-        warnings.warn(
+        warn(
             f"{label}: {len(free)} ends lie more than a width (or half their line) from the node or channel "
             f"that the file joins them to, and are left free (the furthest, {gap[worst]:.4g} m: "
-            f"{lines[worst % count].where.rpartition(', ')[2]})",
-            UserWarning,
-            stacklevel=5,
+            f"{lines[worst % count].where.rpartition(', ')[2]})"
         )
     gap[apart] = 0.0
     moved = np.flatnonzero(gap > NODE_TOLERANCE * room)
