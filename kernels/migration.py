@@ -26,7 +26,7 @@ def build(scalar):
     MigrationConstants, Terms, Memory, Ends = past.MigrationConstants, past.Terms, past.Memory, line.Ends
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
     strength_of = past.strength_of
-    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
+    ZERO, QUARTER, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.25, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, THIRD, PART = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0, 1.0 / 36.0))
     REACH, AREA_PARTS, HALF_64 = line.REACH, past.AREA_PARTS, wp.float64(0.5)
 
@@ -359,6 +359,21 @@ def build(scalar):
         return pull
 
     @wp.func(module=name)
+    def eased(points: Points, run: Run, constants: MigrationConstants, j: int) -> vec2:
+        """Velocity with which a bend tighter than its width straightens, m/yr: D d2p/ds2, as far as that is stable."""
+        velocity = vec2(ZERO, ZERO)
+        before = line.extended_point(points.xy, j - 1, run)
+        after = line.extended_point(points.xy, j + 1, run)
+        a = points.xy[j] - before
+        b = after - points.xy[j]
+        width = line.section_at(points, j, run)[0]
+        if wp.abs(line.circle_curvature(a, b, wp.length(a), wp.length(b))) * width > ONE:
+            diffusivity = -constants.local_weight * strength_of(width, constants)
+            part = wp.min(diffusivity * run.step / (run.spacing * run.spacing), QUARTER)
+            velocity = (part / run.step) * (b - a)
+        return velocity
+
+    @wp.func(module=name)
     def steered(
         channels: Channels,
         points: Points,
@@ -375,7 +390,12 @@ def build(scalar):
             normal = line.normal_at(channels, points.xy, j, run)
             pull = pull_at(points, ground, run, constants, j, normal, wp.dot(normal, velocity))
             drawn = velocity + line.end_weight(j, run, past.ends_of(channels, run, constants)) * pull
-        return land.freedom_at(ground, points.xy[j], constants.slope_threshold, block) * drawn
+        free = land.freedom_at(ground, points.xy[j], constants.slope_threshold, block)
+        drawn = free * drawn
+        if free < ONE and block == ONE and j > run.first and j < run.last:
+            # Else bends that are pushed against a slope would be folded there.
+            drawn = drawn + (ONE - free) * eased(points, run, constants, j)
+        return drawn
 
     @wp.func(module=name)
     def sweep_move(
@@ -444,7 +464,8 @@ def build(scalar):
 
         What is smoothed is the displacement itself, not its size: neighbours whose normals cross go on together. The
         pull is that of controls, e fades to 0 at both ends of a river and is 1 on a ring, g fades with the slope of the
-        terrain, if there is one, and with damping. The points of inactive channels stay.
+        terrain, if there is one, and with damping. What slopes hold back straightens by its local term all the same
+        where it is bent more tightly than its width. The points of inactive channels stay.
         """
         run = line.begin_runs(channels, work, work.first + wp.tid())
         while run.stop < run.end:

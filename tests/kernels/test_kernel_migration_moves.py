@@ -130,6 +130,20 @@ def test_moves_on_the_ground_match_the_twin(device):
             assert np.abs(moved - twin).max() <= MOVE_TOLERANCE + SLOPE_TOLERANCE["float64"]
 
 
+def test_tight_bends_straighten_on_slopes_that_hold_all_else(device):
+    """By a quarter of the way to the middle of their neighbours, or less in short steps; else nothing moves there."""
+    rng = np.random.default_rng(2)
+    lines = [xy + rng.normal(0.0, 12.0, xy.shape) for xy in stacked_lines(seed=18)]
+    height = hills(0.0) + 0.3 * GRID[2] * np.arange(150)
+    case = Case(lines, width=100.0, device=device)
+    for law in (Law(time_step=0.02), Law(time_step=0.4)):
+        for deal in (1, 32, "one slab", "uneven slabs"):
+            for xy, moved in zip(lines, case.moved(law, random_velocities(lines), deal, height), strict=True):
+                away = reference.straightening(xy, 50.0, np.full(len(xy), 100.0), law)
+                assert np.abs(moved - xy - away).max() <= MOVE_TOLERANCE + SLOPE_TOLERANCE["float64"]
+                assert len(xy) < 60 or ((away == 0.0).all(axis=1).sum() > 10 and (away != 0.0).any())
+
+
 @pytest.mark.parametrize(
     "height",
     [hills(), hills(gaps=0.6), hills(0.0), hills(0.0) + 0.3 * GRID[2] * np.arange(150), np.full((150, 150), np.nan)],
