@@ -396,6 +396,20 @@ def test_networks_come_from_files_and_terrains_and_controls_from_rasters(folder)
     assert found.channel_count == expected.channel_count
 
 
+def test_lines_of_another_system_and_polygons_are_refused(folder):
+    wr.write_network(wr.RiverNetwork.from_polylines([GUIDE], width=1.0, crs="EPSG:32619"), folder / "guide.geojson")
+    text = SCENE.replace("guide.csv", "guide.geojson")
+    (folder / "far.toml").write_text(
+        text.replace("[[network.channel]]", '[network]\ncrs = "EPSG:32620"\n\n[[network.channel]]', 1)
+    )
+    with pytest.raises(WarpriverError, match=r"control\[2\].file = 'guide.geojson' has the CRS EPSG:32619, the rivers"):
+        read_scene(folder / "far.toml").simulation()
+    ring = {"type": "Polygon", "coordinates": [[[0, 0], [900, 0], [900, 900], [0, 0]]]}
+    feature = {"type": "Feature", "properties": {}, "geometry": ring}
+    (folder / "guide.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    refused(folder, SCENE.replace("guide.csv", "guide.geojson"), "it holds 1 Polygon; give the outlines of polygons as")
+
+
 def test_lines_are_turned_moved_and_shaped(folder):
     (folder / "turned.toml").write_text(
         "[network]\nshape_junctions = true\n"

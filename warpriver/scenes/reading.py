@@ -102,10 +102,11 @@ def edit_names() -> dict[str, type[Edit]]:
 
 @dataclasses.dataclass(frozen=True)
 class _File:
-    """The file that is read, and further folders in which what it names may lie."""
+    """The file that is read, further folders in which what it names may lie, and the CRS of the lines of these."""
 
     path: Path
     folders: tuple[Path, ...]
+    systems: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
     def find(self, name: Any, where: str, what: str) -> Path:
         remedy = "put it beside that, or name its folder (folders=, or --allow on the command line)"
@@ -168,6 +169,7 @@ def read_scene(path: str | os.PathLike[str], *, folders: Sequence[str | os.PathL
         edits=_edits(file, data.get("edit", []), params.time_step, plan, session, terrain is not None),
         outputs=read_outputs(file.path, tables["output"], data.get("output"), terrain is not None),
         path=file.path,
+        systems=tuple(file.systems),
     )
 
 
@@ -335,11 +337,15 @@ def _line_of_file(file: _File, name: Any, channel: Any, key: str) -> np.ndarray:
     """A line of a file beside the scene."""
     source = file.find(name, f"{key}.file", "a file of lines")
     _check_format(file, f"{key}.file", source, line_formats())
-    lines = raising(
-        file.at(f"{key}.file = {shown(name)}"),
-        lambda: read_network(source, width=1.0, short="keep").polylines(close=False),
-        {},
-    )
+    where = file.at(f"{key}.file = {shown(name)}")
+    try:
+        network = read_network(source, width=1.0, short="keep")
+    except InputError as error:
+        hint = "; give the outlines of polygons as closed lines" if "Polygon" in str(error) else ""
+        raise InputError(f"{where}: {error}{hint}") from error
+    if network.crs is not None:
+        file.systems.append((where, network.crs))
+    lines = network.polylines()
     number = whole(channel, file.at(f"{key}.channel"))
     if number >= len(lines):
         raise file.refusal(f"{key}.channel", channel, f"{name} has channels 0 to {len(lines) - 1}")

@@ -41,6 +41,7 @@ class Scene:
         edits: Edits, and when they are done, in order.
         outputs: What is written.
         path: File that it was read from, or None.
+        systems: Where lines of controls, edits and channels come from files, and the CRS of these.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Scene:
     edits: tuple[TimedEdit, ...] = ()
     outputs: Outputs = dataclasses.field(default_factory=Outputs)
     path: Path | None = None
+    systems: tuple[tuple[str, str], ...] = ()
 
     @property
     def years(self) -> float:
@@ -78,6 +80,9 @@ class Scene:
         if terrain is not None and start is not None:
             terrain.file = TerrainFile(str(start.resolve()))
         network = self.network.make(terrain, self.run_plan.dtype, device)
+        for where, crs in self.systems:
+            if network.crs is not None and crs != network.crs:
+                raise InputError(f"{where} has the CRS {crs}, the rivers {network.crs}; reproject it")
         make = functools.partial(
             Simulation,
             network,
