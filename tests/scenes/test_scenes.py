@@ -509,3 +509,33 @@ def test_scenes_and_valleys_are_told_apart(folder, capsys):
     assert code == 2 and "warpriver simulate" in err
     assert "Scene('bend'" in said(capsys, "info", folder / "bend.toml")[1]
     assert "Valley" in said(capsys, "info", folder / "valley.toml")[1]
+
+
+@pytest.mark.usefixtures("coarse_pictures")
+def test_every_kind_of_picture_is_drawn(folder):
+    kinds = {
+        "belt.png": 'of = "belt"\ncontrols = true\nuntil = 8.0\nlegend = false\nage_span = 9.0',
+        "both.png": 'of = "before_after"\ncontrols = true\ntitle = "Before and after"',
+        "map.png": 'of = "network"\ncontrols = true\ncolor = "width"\nwindow = [0, 1000, 9000, 6000]\nrelief = false',
+        "film.gif": "fps = 4\nevery = 4\nsize = [300, 260]",
+    }
+    head = SCENE.split("[output]")[0]
+    pictures = "".join(f'[[output.picture]]\nfile = "{name}"\ndpi = 24\n{text}\n' for name, text in kinds.items())
+    field = '[[control]]\nkind = "ControlField"\nbounds = [2000, 2000, 4000, 4000]\ncell_size = 100\n'
+    attractor = '[[control]]\nkind = "Attractor"\ncenter = [3000, 3000]\nradius = 500\n'
+    (folder / "drawn.toml").write_text(f"{head}{field}{attractor}[output]\nrun = false\n{pictures}")
+    read_scene(folder / "drawn.toml").run(folder / "drawn")
+    assert sorted(path.name for path in (folder / "drawn").iterdir()) == sorted(kinds)
+    assert all((folder / "drawn" / name).stat().st_size > 1000 for name in kinds)
+    (folder / "small.toml").write_text(f'{head}[output]\n[[output.picture]]\nfile = "b.png"\nsize = [16, 16]\n')
+    with pytest.raises(WarpriverError, match=r"small.toml: output.picture\[0\]: size is \(16, 16\) pixels, too small"):
+        read_scene(folder / "small.toml").run(folder / "small")
+    assert wr.read_history(folder / "small" / "run").times[-1] > 19.0
+
+
+def test_without_outputs_what_lines_get_is_written(folder):
+    (folder / "plain.toml").write_text(
+        '[[network.channel]]\ngenerate = "straight_line"\nlength = 3000\nspacing = 20\nwidth = 30\n[run]\nsteps = 2\n'
+    )
+    outputs = read_scene(folder / "plain.toml").outputs
+    assert outputs.run and outputs.names() == ["run", "channels.csv", "rivers.gpkg", "belt.png"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from warpriver import viz
 from warpriver.edits.session import write_edits
 from warpriver.files import beside
 from warpriver.io.raster.terrains import write_terrain
+from warpriver.io.tables import raising
 from warpriver.io.vector.histories import write_history
 from warpriver.io.vector.networks import write_network
 from warpriver.meander.controls import Attractor, Control, Guide, RateControl, Repeller
@@ -46,7 +48,7 @@ def picture_options(of: str) -> list[str]:
 
 
 def write_outputs(
-    outputs: Outputs, simulation: Simulation, controls: Sequence[TimedControl], folder: Path
+    outputs: Outputs, simulation: Simulation, controls: Sequence[TimedControl], folder: Path, label: str
 ) -> list[Path]:
     """Write what is to be written of a simulation that was run, and return the files.
 
@@ -55,6 +57,11 @@ def write_outputs(
         simulation: The run.
         controls: Controls that a picture may show.
         folder: Where the files go.
+        label: The scene, for messages.
+
+    Raises:
+        ValueError: A picture cannot be drawn as it is asked for.
+        OSError: A file cannot be written.
     """
     written: list[Path] = []
     if outputs.lines is not None:
@@ -68,9 +75,10 @@ def write_outputs(
     if outputs.session is not None:
         written.append(folder / outputs.session)
         write_edits(written[-1], simulation)
-    for picture in outputs.pictures:
+    for number, picture in enumerate(outputs.pictures):
         written.append(folder / picture.file)
-        _draw(picture, simulation, controls, written[-1])
+        draw = functools.partial(_draw, picture, simulation, controls, written[-1])
+        raising(f"{label}: output.picture[{number}]", draw, {})
     return written
 
 

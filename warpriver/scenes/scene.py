@@ -212,7 +212,7 @@ class Scene:
 
     def write(self, simulation: Simulation, folder: str | os.PathLike[str]) -> list[Path]:
         """Write what is to be written of a simulation that was run, but for the run itself; return the files."""
-        return write_outputs(self.outputs, simulation, self.controls, Path(folder))
+        return write_outputs(self.outputs, simulation, self.controls, Path(folder), self.label)
 
     def check_folder(self, folder: str | os.PathLike[str]) -> Path:
         """Return a folder for the results as a path; one that holds some of them already is refused."""
