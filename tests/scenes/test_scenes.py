@@ -275,6 +275,7 @@ MORE = {
         {"kind": "SplitChannel", "channel": 0, "at": 2000.0, "width_above": 40.0},
         {"kind": "AddChannel", "xy": [[0, 0], [10, 10], [900, 900]], "width": 20.0, "max_rise": 3.0},
         {"kind": "SetChannel", "channel": 0, "reach": [100.0, 900.0], "width": 33.0},
+        {"kind": "AvulseChannel", "channel": 0, "at": 4000.0, "angle": 20.0},
         {"kind": "RedrawSection", "channel": 0, "file": "guide.csv", "channel_of_file": 0},
     ],
     "control": [
@@ -394,6 +395,16 @@ def test_networks_come_from_files_and_terrains_and_controls_from_rasters(folder)
     found = read_scene(folder / "found.toml").simulation().network
     expected = wr.extract_network(wr.read_terrain(folder / "ground.npz"), min_drainage_area=1e6)
     assert found.channel_count == expected.channel_count
+
+
+def test_a_channel_leaves_its_course_by_hand(folder):
+    (folder / "hand.toml").write_text(
+        '[[network.channel]]\ngenerate = "noisy_line"\nlength = 8000\nspacing = 40\namplitude = 80\nseed = 1\n'
+        "width = 50\n"
+        '[run]\nyears = 3\n[[edit]]\ntime = 2.0\nkind = "AvulseChannel"\nchannel = 0\nat = 3000.0\nangle = 15.0\n'
+    )
+    (avulsion,) = read_scene(folder / "hand.toml").run().avulsions
+    assert avulsion.time == pytest.approx(2.03, abs=0.01) and len(avulsion.course) > 3
 
 
 def test_lines_of_another_system_and_polygons_are_refused(folder):

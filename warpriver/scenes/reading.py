@@ -30,7 +30,6 @@ from warpriver.io.tables import (
     shown,
 )
 from warpriver.io.vector.networks import line_formats, read_network
-from warpriver.meander.control_edit import SetControls
 from warpriver.meander.controls import (
     Attractor,
     Control,
@@ -74,6 +73,8 @@ CONTROLS: dict[str, type[Control]] = {
 }
 # Fields of edits and controls that are lines, which may lie in a file.
 LINES = ("xy", "line")
+# Edits of controls, which have tables of their own.
+OF_CONTROLS = ("SetControls", "PaintControl")
 STROKES = ("paint", "erase", "smooth")
 # Keys of [run], and what they mean.
 PLAN = {
@@ -97,7 +98,7 @@ def file_arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]
 
 def edit_names() -> dict[str, type[Edit]]:
     """Return the classes of edits that stand in a scene, by name; controls have their times in it instead."""
-    return {name: kind for name, kind in edit_kinds().items() if kind is not SetControls}
+    return {name: kind for name, kind in edit_kinds().items() if name not in OF_CONTROLS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -519,8 +520,8 @@ def _edits(
 
 def _edit(file: _File, row: Mapping[str, Any], key: str) -> Edit:
     where, kinds = file.at(key), edit_names()
-    if row.get("kind") == SetControls.name:
-        raise file.refusal(f"{key}.kind", SetControls.name, "give each control in [[control]], with from and until")
+    if row.get("kind") in OF_CONTROLS:
+        raise file.refusal(f"{key}.kind", row["kind"], "give each control in [[control]], with from and until")
     kind = file.word(f"{key}.kind", row.get("kind"), kinds)
     fields = {name: value for name, value in row.items() if name != "kind"}
     known = [f.name for f in dataclasses.fields(kinds[kind])]
