@@ -64,6 +64,9 @@ def things(tmp_path_factory):
     wr.io.write_raster(terrain.raster, folder / "raster.npz")
     wr.io.write_valley(params, folder / "a.toml")
     wr.write_mesh(terrain, folder / "a.obj")
+    (folder / "scene.toml").write_text(
+        "[[network.channel]]\npoints = [[0, 0], [900, 0]]\nwidth = 20\n[run]\nsteps = 1\n"
+    )
     history.save(folder / "run.npz")
     wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
@@ -267,6 +270,8 @@ CALLS = {
         {"array": wr.to_xarray(t["terrain"]), "cell_size": None, "z_factor": 1.0, "nodata": None},
     ),
     "raster_from_xarray": lambda t: (wr.io.raster_from_xarray, {"array": wr.to_xarray(t["terrain"]), "nodata": None}),
+    "read_scene": lambda t: (wr.scenes.read_scene, {"path": t["folder"] / "scene.toml", "folders": ()}),
+    "describe_scene": lambda t: (wr.scenes.describe_scene, {"scene": wr.read_scene(t["folder"] / "scene.toml")}),
     "read_valley": lambda t: (wr.io.read_valley, {"path": t["folder"] / "a.toml"}),
     "write_valley": lambda t: (wr.io.write_valley, {"params": t["valley_params"], "path": t["folder"] / "b.toml"}),
     "write_points": lambda t: (wr.io.write_points, {"grid": t["grid"], "path": t["folder"] / "b.csv"}),
@@ -431,7 +436,7 @@ CALLS = {
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
     "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
-    "harmonics_for_covariances", "line_formats", "mountain_front_zones",
+    "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

@@ -98,6 +98,8 @@ def test_make_targets_exist(page):
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name_of)
 def test_python_examples_run_in_order(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    for scene in blocks(page, "toml"):  # which the page then runs
+        Path("scene.toml").write_text(scene)
     run_blocks(page)
 
 

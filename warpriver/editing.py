@@ -17,10 +17,11 @@ from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, ControlStroke, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
-from warpriver.meander.courses import Refusal
+from warpriver.meander.courses import Refusal, carve_course
+from warpriver.meander.diversions import find_way, upstream_of
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
@@ -110,11 +111,36 @@ class EditStack:
             back = _edit_ground(stepper, edit)
         elif isinstance(edit, edits.AvulseChannel):
             back = _avulse(stepper, history, edit)
+        elif isinstance(edit, edits.DivertChannel):
+            back = self._divert(stepper, history, edit)
         else:
             back = self._edit_network(stepper, edit)
         if not isinstance(edit, edits.PaintControl):  # told as a stroke
             history.events.append(AppliedEdit.of(steps * stepper.state.params.time_step, steps, told))
         self._done.append((edit, events, back))
+
+    def _divert(self, stepper: Stepper, history: History, edit: edits.DivertChannel) -> Back:
+        state, before = stepper.state, stepper.snapshot()
+        try:
+            event = _divert(edit, stepper)
+            self._check(state.network)
+        except BaseException:
+            stepper.put_back(before)
+            raise
+        assert state.terrain is not None
+        raster = state.terrain.raster
+        low, high = event.course.min(axis=0) - event.width, event.course.max(axis=0) + event.width
+        window = raster.window(*low.tolist(), *high.tolist())
+        cells = None if window is None else raster.cells(window)
+        carve_course(state.terrain, event.course, event.bed, event.width)
+        history.events.append(event)
+
+        def back() -> None:
+            stepper.put_back(before)
+            if window is not None and cells is not None:
+                raster.put_cells(window, cells)
+
+        return back
 
     def _edit_network(self, stepper: Stepper, edit: edits.Edit) -> Back:
         before = stepper.snapshot()
@@ -154,6 +180,34 @@ def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Ba
     carve(state, new)
     _adopt(stepper, rework_courses(state, [new]))
     return back
+
+
+def _divert(edit: edits.DivertChannel, stepper: Stepper) -> Avulsion:
+    """Lead a channel to another one, and return the event of that; the ground is not carved yet."""
+    state, network = stepper.state, stepper.state.network
+    state.place_nodes()
+    river = _River(network, edit.channel)
+    channel, point = river.inner(edit.at, JUNCTION_CLEARANCE, "be diverted")
+    target = None
+    if edit.to is not None:
+        target = _River(network, edit.to).parts[-1]
+        if upstream_of(network, channel)[target]:
+            raise InputError(f"the water of channel {edit.to} comes through channel {edit.channel}; choose another one")
+    found = find_way(state, channel, point, state.params.avulsions or AvulsionParams(), target)
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    course, end = found
+    start = network.starts()
+    last = int(start[channel + 1])
+    old = network.point_xy[point:last].numpy().astype(np.float64) + network.origin
+    width, identity = float(network.channel_width[channel]), int(network.channel_id[channel])
+    work = _rework(stepper)
+    node = work.junction_at(int(np.searchsorted(start, end, side="right")) - 1, end)
+    line = np.concatenate([course.xy[:-1], work.node_place(node)[None]])
+    work.divert(channel, point, line, node)
+    _adopt(stepper, work)
+    return Avulsion(stepper.step_count * state.params.time_step, identity, width, old, line, course.bed)
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:

@@ -16,6 +16,8 @@ ALL = [
     edits.LockPoint(3, 1234.5),
     edits.AvulseChannel(3, (5.0, 6.0), to=99.5, angle=-20),
     edits.AvulseChannel(3, 99.5),
+    edits.DivertChannel(3, (5.0, 6.0), to=4),
+    edits.DivertChannel(3, 99.5),
     wr.meander.SetControls([wr.Attractor((1.0, 2.0), 300.0), wr.DampingRegion(LINE, 0.25), {"kept": 4}]),
     edits.PaintControl(2, (5, 6, 1, 2), [0.5, -3.0]),
     edits.UnlockPoint(3, (1.0, 2.0)),

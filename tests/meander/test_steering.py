@@ -54,7 +54,7 @@ def test_points_move_by_the_law(mode, device):
     params = MeanderParams(control_steering=mode, control_floor=0.05, **SHORT)
     area = np.array([(1500.0, -600.0), (4500.0, -600.0), (4500.0, 700.0), (1500.0, 700.0)])
     controls = [*CONTROLS, ErodibilityField(area, 1.7, blend=400.0)]
-    sim = Simulation(river().to(device), params, controls=controls)
+    sim = Simulation(river(), params, controls=controls, device=device)
     mu = migration_rate(sim.network, params)[0][1:-1]
     start, shift = shifts(sim)
     xy, n = start[1:-1], right_normals(start)
@@ -79,14 +79,14 @@ def test_shortest_paths_are_steered_by_their_push(device):
 
     def added(mode):
         params = PathMeander(control_steering=mode, control_floor=0.05, **SHORT)
-        pulled = shifts(Simulation(river().to(device), params, controls=CONTROLS))
-        free = shifts(Simulation(river().to(device), params))
+        pulled = shifts(Simulation(river(), params, controls=CONTROLS, device=device))
+        free = shifts(Simulation(river(), params, device=device))
         return pulled[0], (pulled[1] - free[1])[1:-1] / params.time_step
 
     line, printed = added("printed")
     _, found = added("normal")
     xy = line[1:-1]
-    slope = Simulation(river(), controls=CONTROLS).stepper.state.controls.gradient(xy)
+    slope = Simulation(river(), controls=CONTROLS, device=device).stepper.state.controls.gradient(xy)
     steep = np.hypot(*slope.T) > 0.05
     xy, slope, printed, found = xy[steep], slope[steep], printed[steep], found[steep]
     mu = (printed * slope).sum(axis=1) / (slope * slope).sum(axis=1)
@@ -106,8 +106,8 @@ def test_bends_to_both_sides_and_straight_reaches_are_drawn(kind, device):
 
     def towards(mode):
         params = kind(control_steering=mode, **SHORT)
-        start, pulled = shifts(Simulation(river(line).to(device), params, controls=[control]))
-        free = shifts(Simulation(river(line).to(device), params))[1]
+        start, pulled = shifts(Simulation(river(line), params, controls=[control], device=device))
+        free = shifts(Simulation(river(line), params, device=device))[1]
         way = np.array(control.center) - start
         return ((pulled - free) * way).sum(axis=1)[1:-1] / np.hypot(*way.T)[1:-1] / params.time_step
 
@@ -128,8 +128,8 @@ def mirrored(control):
 
 def test_mirrored_input_gives_mirrored_output(device):
     params = MeanderParams(spacing=SPACING)
-    plain = Simulation(river().to(device), params, controls=CONTROLS)
-    other = Simulation(river(bends() * [1.0, -1.0]).to(device), params, controls=[mirrored(c) for c in CONTROLS])
+    plain = Simulation(river(), params, controls=CONTROLS, device=device)
+    other = Simulation(river(bends() * [1.0, -1.0]), params, controls=[mirrored(c) for c in CONTROLS], device=device)
     for _ in range(10):
         plain.step()
         other.step()
@@ -198,7 +198,7 @@ def test_a_run_goes_on_under_its_controls_to_the_same_bits(tmp_path):
     # What stays is not told again: of the second change, one repeller is new.
     assert len(changes[1].numbers) == 4
     copies = [
-        Simulation.resume(History.load(tmp_path / "run.npz"), terrain=sim.terrain),
+        Simulation.resume(History.load(tmp_path / "run.npz"), terrain=sim.terrain, device="cpu"),
         copy.deepcopy(sim),
     ]
     for other in copies:
@@ -255,7 +255,7 @@ def test_a_stroke_costs_what_it_touches(monkeypatch):
     counts = []
     for size in (2000.0, 8000.0):
         field = ControlField.blank((0.0, 0.0, size, size), 20.0)
-        sim = Simulation(river(), MeanderParams(spacing=SPACING), controls=[field, *CONTROLS])
+        sim = Simulation(river(), MeanderParams(spacing=SPACING), controls=[field, *CONTROLS], device="cpu")
         sim.step()
         field.paint((1000.0, 1000.0), 200.0, 50.0)
         launched, launch = [], control_map.launch_kernel
@@ -284,7 +284,7 @@ def test_rivers_keep_off_repellers_and_near_attractors():
     mean, least = [], []
     for seed in (0, 2, 4):
         line = generate.noisy_line(10_000.0, 50.0, 200.0, seed)
-        sim = Simulation(RiverNetwork.from_polylines([line], width=200.0), params)
+        sim = Simulation(RiverNetwork.from_polylines([line], width=200.0), params, device="cpu")
         sim.step(400)
         start, begun = copy.deepcopy(sim.network), sim.network.points()
         sim.step(160)
@@ -296,7 +296,7 @@ def test_rivers_keep_off_repellers_and_near_attractors():
         center = tuple(tip + 300.0 * (tip - foot) / away.max())
         found = []
         for controls in ([], [Repeller(center, reach)], [Attractor(center, reach)]):
-            other = Simulation(start, params, controls=controls)
+            other = Simulation(start, params, controls=controls, device="cpu")
             other.step(160)
             found.append(np.hypot(*(other.network.points() - center).T))
         mean.append([d[d < 2.0 * reach].mean() for d in found])
@@ -314,7 +314,9 @@ def test_damped_reaches_stay_straight_while_others_meander():
     line = generate.noisy_line(24_000.0, 50.0, 100.0, 3)
     front = [(12_000.0, -9000.0), (30_000.0, -9000.0), (30_000.0, 9000.0), (12_000.0, 9000.0)]
     sim = Simulation(
-        RiverNetwork.from_polylines([line], width=100.0), controls=[DampingRegion(front, 0.02, blend=1000.0)]
+        RiverNetwork.from_polylines([line], width=100.0),
+        controls=[DampingRegion(front, 0.02, blend=1000.0)],
+        device="cpu",
     )
     sim.step(900)
     xy = sim.network.points()
@@ -329,8 +331,8 @@ def test_a_river_follows_a_guide_that_lies_beside_it():
     straight = np.column_stack([x, np.zeros_like(x)])
     guide = Guide([(-999.0, 200.0), (7000.0, 200.0)], 600.0, 1.0)
     params = MeanderParams(spacing=SPACING, control_floor=0.1, end_damping=0.0)
-    sim = Simulation(river(straight), params, terrain=Terrain(np.zeros((40, 80)), 100.0, (-500.0, 2000.0)),
-                     controls=guide)  # fmt: skip
+    ground = Terrain(np.zeros((40, 80)), 100.0, (-500.0, 2000.0))
+    sim = Simulation(river(straight), params, terrain=ground, controls=guide, device="cpu")
     sim.step(200)
     middle = sim.network.points()
     middle = middle[(middle[:, 0] > 2500.0) & (middle[:, 0] < 4000.0)]
@@ -409,7 +411,7 @@ def test_a_session_with_controls_is_done_again_to_the_bit(tmp_path):
         assert again.controls == sim.controls and list(again.history.edits) == list(sim.history.edits)
     # Set after the last record, before the next step.
     sim.controls = [*sim.controls, Repeller((700.0, 2600.0), 500.0, 2.0)]
-    resumed = Simulation.resume(copy.deepcopy(sim.history), terrain=sim.terrain)
+    resumed = Simulation.resume(copy.deepcopy(sim.history), terrain=sim.terrain, device="cpu")
     assert resumed.controls == sim.controls
     for each in (sim, resumed):
         each.step(5)

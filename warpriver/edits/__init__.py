@@ -14,6 +14,7 @@ from warpriver.edits.session import Session, read_edits, write_edits
 from warpriver.edits.values import (
     AddChannel,
     AvulseChannel,
+    DivertChannel,
     Edit,
     EditTerrain,
     JoinChannels,
@@ -30,6 +31,7 @@ from warpriver.edits.values import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DivertChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",

@@ -29,6 +29,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DivertChannel",
     "Edit",
     "EditTerrain",
     "JoinChannels",
@@ -432,6 +433,29 @@ class AvulseChannel(Edit):
             raise InputError(f"angle is {angle:g} degrees; give -90 (right) to 90 (left)")
         to = None if self.to is None else _place(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to, "angle": angle}
+
+
+@dataclasses.dataclass(frozen=True)
+class DivertChannel(Edit):
+    """Let a channel leave its course for another channel, along the cheapest way over the ground, which is carved.
+
+    A way costs its length, and more where it climbs. A junction is made where it ends; what lies downstream on the old
+    course falls dry, down to where other water arrives, and discharge, width and depth follow along both.
+
+    Attributes:
+        channel: Identity of the channel.
+        at: Place where it leaves.
+        to: Identity of the other channel; by default that which is reached at the lowest cost.
+    """
+
+    channel: int
+    at: Place
+    to: int | None = None
+
+    def check(self) -> dict[str, Any]:
+        """Check the channels and the place."""
+        to = None if self.to is None else _channel(self.to, "to")
+        return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -253,6 +253,28 @@ class Reworking:
         runs = [before, self._draw(xy, section), after]
         course.runs, course.changed = [run for run in runs if run.first < run.stop], True
 
+    def divert(self, c: int, point: int, xy: np.ndarray, node: int) -> None:
+        """Let a channel leave its course at a point for a node, and take its water along; the rest of it falls dry.
+
+        The part upstream of the point is a new one, and goes on along the line.
+
+        Args:
+            c: Channel, which has not been edited.
+            point: Index in all points.
+            xy: (n, 2) m, from the point to the node, both included.
+            node: Where it ends.
+        """
+        upper = self.split(c, point, JOINT_NONE)
+        course, section = self._courses[upper], self.section(c)
+        if section is not None:
+            section = np.repeat(section[point - int(self._start[c])][None], len(xy) - 1, axis=0)
+        course.runs.append(self._draw(xy[1:], section))
+        course.foot, course.changed = node, True
+        # It is the same channel, on another course.
+        course.columns["id"] = self._value(c, "id")
+        self.add_flow(node, self._flow[upper])
+        self.remove([c])
+
     def place_node(self, node: int, xy: np.ndarray) -> None:
         """Move a node; the ends of channels there are the caller's affair."""
         self._node_xy[node] = np.asarray(xy, np.float64)

@@ -188,7 +188,9 @@ class Crevasse(Event):
 
 @dataclasses.dataclass(frozen=True)
 class Avulsion(Event):
-    """A channel that left its course for a new one, to a point of its own farther downstream [Paris2023], Sec. 5.2.
+    """A channel that left its course for a new one [Paris2023], Sec. 5.2.
+
+    By chance it leads to a point of its own farther downstream, by hand to another channel, too.
 
     Attributes:
         time: yr.

@@ -160,7 +160,7 @@ def _frozen(value: Any) -> Any:
 
 def shown(value: Any) -> str:
     """Return a value for a message, cut short."""
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
 

@@ -16,6 +16,7 @@ from warpriver.io.tables import describe_fields, shown
 from warpriver.io.vector.networks import read_network
 from warpriver.meander.controls import Control, ControlField, RateControl
 from warpriver.params import SOLVER_PARAMS, AvulsionParams
+from warpriver.public import public
 from warpriver.scenes.output_tables import OUTPUT, PICTURE
 from warpriver.scenes.outputs import PICTURES, picture_options
 from warpriver.scenes.parts import Line, line_generators, terrain_generators
@@ -61,8 +62,8 @@ def _parts() -> Iterator[list[str]]:
     yield _headed("[network.extract]: rivers of the terrain", *_arguments(extract_network))
     yield _headed("[[network.channel]]: a channel each; ends that meet are joined; crs of [network] is theirs")
     yield [_row(key, *texts) for key, texts in CHANNEL.items()]
-    for name, function in line_generators().items():
-        yield _headed(f'generate = "{name}": {_summary(function)}', *_arguments(function))
+    for name, line in line_generators().items():
+        yield _headed(f'generate = "{name}": {_summary(line)}', *_arguments(line))
     yield from _parts_of_params()
     yield from _parts_of_changes()
     yield _headed("[run]", *(_row(key, *texts) for key, texts in PLAN.items()))
@@ -101,6 +102,7 @@ def _headed(head: str, *rows: str) -> list[str]:
     return ["", f"# {head}", *rows]
 
 
+@public
 def describe_scene(scene: Scene) -> str:
     """Return a scene as it was understood: sources, constants that are not the default, what happens when."""
     plan, rows = scene.run_plan, [repr(scene)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -88,7 +89,7 @@ class GroundSource:
             function = terrain_generators()[str(self.generator)]
             terrain = raising(self.where, lambda: function(**self.arguments, device=device), {})
         for number, brush in enumerate(self.brushes):
-            raising(f"{self.where}.brush[{number}]", lambda brush=brush: edit_terrain(terrain, brush), {})
+            raising(f"{self.where}.brush[{number}]", functools.partial(edit_terrain, terrain, brush), {})
         return terrain
 
 

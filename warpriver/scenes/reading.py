@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from warpriver.edits.session import read_edits
 from warpriver.edits.values import Edit, EditTerrain, edit_kinds, edit_of
-from warpriver.errors import InputError
+from warpriver.errors import InputError, InputTypeError
 from warpriver.history import Every
 from warpriver.hydrology.extraction import extract_network
 from warpriver.io.raster.terrains import read_raster, read_terrain, terrain_formats
@@ -125,7 +125,7 @@ class _File:
 
 
 @public
-def read_scene(path: str | os.PathLike[str], *, folders: Iterable[str | os.PathLike[str]] = ()) -> Scene:
+def read_scene(path: str | os.PathLike[str], *, folders: Sequence[str | os.PathLike[str]] = ()) -> Scene:
     """Read a scene from a TOML file, and check all of it that can be told without computing anything.
 
     Args:
@@ -136,6 +136,9 @@ def read_scene(path: str | os.PathLike[str], *, folders: Iterable[str | os.PathL
         ValueError: The file is no TOML, or a key is unknown or its value wrong; file, key and value are named.
         OSError: A file cannot be read.
     """
+    for folder in folders:
+        if not isinstance(folder, (str, os.PathLike)):
+            raise InputTypeError(f"read_scene: folders holds {shown(folder)}; give paths of folders")
     file = _File(Path(path), tuple(Path(folder) for folder in folders))
     data = read_toml(file.path, "a scene")
     if not holds_scene(file.path) and {"width", "slope", "length"} <= set(data):
@@ -265,8 +268,8 @@ def _rivers(file: _File, table: Mapping[str, Any], terrain: GroundSource | None)
     if given == ["extract"]:
         if terrain is None:
             raise InputError(f"{where}.extract finds rivers on a terrain, and there is none; give [terrain]")
-        rows = _table(file, "network.extract", table["extract"])
-        arguments = _arguments(rows, extract_network, f"{where}.extract", "extract")
+        wanted = _table(file, "network.extract", table["extract"])
+        arguments = _arguments(wanted, extract_network, f"{where}.extract", "extract")
         positive(arguments["min_drainage_area"], f"{where}.extract.min_drainage_area", "m2")
         return RiverSource(where, extracted=True, arguments=arguments, shaped=shaped)
     rows = list_of_tables(file.path, "network.channel", table["channel"])
