@@ -113,7 +113,7 @@ def test_it_is_recorded_with_the_step_grows_and_is_checked(monkeypatch, device):
     sim.run(steps=3)
     assert drift.checks == 3 * sim.substeps
     made = drift.allocations
-    sim.stepper.state.make_room(2 * sim.network.point_count)
+    sim.stepper.state.make_room(2 * sim.stepper.state.point_capacity)
     assert drift.allocations == made + 1
     installed = drift.installations
     sim.run(steps=40)
