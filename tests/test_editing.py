@@ -61,10 +61,10 @@ def test_split_and_join_are_the_identity_to_the_bit(device):
 
 
 @pytest.mark.parametrize("memory", ["stem", "channel"])
-def test_a_river_that_was_split_goes_on_as_if_it_was_not(memory):
+def test_a_river_that_was_split_goes_on_as_if_it_was_not(memory, device):
     network = river().network
     params = MeanderParams(spacing=50.0, upstream_memory=memory)
-    apart, whole = (Simulation(network, params) for _ in range(2))
+    apart, whole = (Simulation(network, params, device=device) for _ in range(2))
     for sim in (apart, whole):
         sim.run(steps=20)
     apart.apply(edits.SplitChannel(0, 5_000.0))
@@ -344,14 +344,14 @@ def test_a_replay_refuses_what_is_another_session(monkeypatch):
     assert sim.history.stop_reason is StopReason.NOT_FINITE
 
 
-def test_a_run_that_is_resumed_has_its_edits(tmp_path):
+def test_a_run_that_is_resumed_has_its_edits(tmp_path, device):
     """Those before the last record in the network, those after it done again; edits of the ground on the ground."""
     path = tmp_path / "ground.npz"
     wr.write_terrain(tree(ground=True).terrain, path)
 
     def begin():
         sim = tree()
-        return Simulation(sim.network, sim.params, terrain=wr.read_terrain(path))
+        return Simulation(sim.network, sim.params, terrain=wr.read_terrain(path), device=device)
 
     sim = begin()
     sim.run(steps=3, store=tmp_path / "run")
@@ -361,9 +361,9 @@ def test_a_run_that_is_resumed_has_its_edits(tmp_path):
     sim.apply(edits.EditTerrain("lower", center=tuple(sim.network.node_xy[2]), radius=800.0, amount=20.0))
     sim.history.flush()
     edited = sim.terrain.copy()
-    again = Simulation.resume(tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", device=device)
     assert bits(again) == bits(sim) and list(again.history.edits) == list(sim.history.edits)
-    given = Simulation.resume(History.load(tmp_path / "run"), terrain=wr.read_terrain(path))
+    given = Simulation.resume(History.load(tmp_path / "run"), terrain=wr.read_terrain(path), device=device)
     assert bits(given) == bits(sim)
     np.testing.assert_array_equal(edited.to_numpy(), given.terrain.to_numpy())
     for each in (sim, again):
@@ -378,18 +378,18 @@ def test_a_run_that_is_resumed_has_its_edits(tmp_path):
         Simulation.resume(tmp_path / "run")
 
 
-def test_ground_that_was_brushed_by_other_hands_is_not_made_again(tmp_path):
+def test_ground_that_was_brushed_by_other_hands_is_not_made_again(tmp_path, device):
     path = tmp_path / "ground.npz"
     wr.write_terrain(tree(ground=True).terrain, path)
     start = tree()
-    sim = Simulation(start.network, start.params, terrain=wr.read_terrain(path))
+    sim = Simulation(start.network, start.params, terrain=wr.read_terrain(path), device=device)
     sim.run(steps=2)
     sim.apply(edits.EditTerrain("raise", center=tuple(sim.network.node_xy[0]), radius=800.0, amount=20.0))
     sim.terrain.brush("raise", sim.network.node_xy[0], 500.0, 3.0)
     history = sim.run(steps=2)
     with pytest.raises(InputError, match="edited by other means than edits of the run"):
         Simulation.resume(history)
-    assert Simulation.resume(history, terrain=sim.terrain).terrain is sim.terrain
+    assert Simulation.resume(history, terrain=sim.terrain, device=device).terrain is sim.terrain
 
 
 def test_a_copy_goes_on_with_the_edits():
@@ -428,26 +428,26 @@ def ridge():
 def ring():
     angle = 2.0 * np.pi * np.arange(120) / 120
     line = 1_000.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return Simulation(RiverNetwork.from_polylines([line], 60.0, closed=True), MeanderParams(spacing=50.0))
+    return Simulation(RiverNetwork.from_polylines([line], 60.0, closed=True), MeanderParams(spacing=50.0), device="cpu")
 
 
 def evenly():
     """Points 50 m apart, however narrow the channels are."""
     line = river().network.polylines()[0]
     params = MeanderParams(spacing=50.0, spacing_in_widths=0.0)
-    return Simulation(RiverNetwork.from_polylines([line], width=60.0), params)
+    return Simulation(RiverNetwork.from_polylines([line], width=60.0), params, device="cpu")
 
 
 def far_sighted():
     """A solver that looks for shortcuts over 600 m, which no part of a channel can be shorter than."""
     params = PathMeander(spacing=50.0, search_radius=10.0, cutoff_min_arc=11.0)
-    return Simulation(RiverNetwork.from_polylines(river().network.polylines(), width=60.0), params)
+    return Simulation(RiverNetwork.from_polylines(river().network.polylines(), width=60.0), params, device="cpu")
 
 
 def two_rivers():
     line = river().network.polylines()[0]
     network = RiverNetwork.from_polylines([line, line + [0.0, 6_000.0]], width=60.0)
-    return Simulation(network, MeanderParams(spacing=50.0), terrain=None)
+    return Simulation(network, MeanderParams(spacing=50.0), terrain=None, device="cpu")
 
 
 def locked():

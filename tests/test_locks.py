@@ -89,7 +89,7 @@ def neck(params=MeanderParams, gap=40.0, radius=450.0):
     left = np.stack([np.linspace(-4_000.0, first[0], 80), np.linspace(-100.0, first[1], 80) - 10.0], axis=1)[:-2]
     right = np.stack([np.linspace(last[0], 4_000.0, 80), np.linspace(last[1], -100.0, 80) - 10.0], axis=1)[2:]
     network = RiverNetwork.from_polylines([np.concatenate([left, loop, right])], width=60.0)
-    return Simulation(network, params(spacing=25.0))
+    return Simulation(network, params(spacing=25.0), device="cpu")
 
 
 @pytest.mark.parametrize(("solver", "radius"), [("migration", 450.0), ("migration", 85.0), ("paths", 450.0)])
@@ -110,7 +110,7 @@ def test_a_neck_across_a_through_node_is_a_cutoff(solver, radius):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_path):
+def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_path, device):
     sim = neck(SOLVERS[solver])
     sim.lock(0, (0.0, 900.0))
     place = locked_points(sim)[0].copy()
@@ -119,7 +119,7 @@ def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_pa
     (held,) = sim.history.events.of(HeldLock)
     assert held.case == "cutoff" and {held.channel, held.other} == {0, 1} and (held.x, held.y) == tuple(place)
     np.testing.assert_array_equal(locked_points(sim)[0], place)
-    again = Simulation.resume(History.load(tmp_path / "run"))
+    again = Simulation.resume(History.load(tmp_path / "run"), device=device)
     for each in (sim, again):
         each.step(10)
     assert bits(again) == bits(sim) and len(again.history.events.of(HeldLock)) == 1
@@ -129,13 +129,13 @@ def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_pa
     assert len(sim.history.cutoffs) == 1 and sim.network.channel_count == 1
 
 
-def test_a_tributary_that_touches_does_not_take_a_lock_away():
+def test_a_tributary_that_touches_does_not_take_a_lock_away(device):
     """A larger river would capture what lies above the lock, and what is below it would fall dry."""
     x = np.linspace(0.0, 6_000.0, 121)
     large = np.stack([x, np.zeros(121)], axis=1)
     small = np.stack([x, 600.0 - 560.0 * np.exp(-(((x - 2_000.0) / 500.0) ** 2))], axis=1)
     network = RiverNetwork.from_polylines([large, small], width=[80.0, 50.0])
-    free, held = (Simulation(network, MeanderParams(spacing=40.0)) for _ in range(2))
+    free, held = (Simulation(network, MeanderParams(spacing=40.0), device=device) for _ in range(2))
     held.lock(1, 4_000.0)
     place = locked_points(held)[0].copy()
     for sim in (free, held):
@@ -176,14 +176,14 @@ def test_a_locked_point_is_moved_with_both_sides():
     np.testing.assert_array_equal(locked_points(sim)[0], place)
 
 
-def test_junctions_wander_but_locks_do_not():
+def test_junctions_wander_but_locks_do_not(device):
     x = np.linspace(0.0, 6_000.0, 121)
     main = np.stack([x, 40.0 * np.sin(x / 300.0)], axis=1)
     side = np.stack([np.linspace(2_000.0, x[50], 60), np.linspace(3_000.0, main[50, 1], 60)], axis=1)
     network = RiverNetwork.from_polylines([main[:51], main[50:], side], width=[50.0, 60.0, 30.0])
     for memory in ("stem", "channel"):
         params = MeanderParams(spacing=30.0, junction_drift=0.5, upstream_memory=memory)
-        sim = Simulation(network, params)
+        sim = Simulation(network, params, device=device)
         sim.lock(1, 1_500.0)
         place, junction = locked_points(sim)[0].copy(), sim.network.node_xy[network.channel_to[0]].copy()
         sim.step(40)
