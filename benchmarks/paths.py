@@ -100,7 +100,7 @@ def search_cost(network: wr.RiverNetwork) -> dict:
     whole = sweep = np.inf
     state.assign(state.step, np.ones(network.channel_count))  # none is inactive
     for _ in range(ROUNDS + 1):
-        state.begin_row()
+        state.begin_batch()
         wp.copy(state.point_moved, network.point_xy)
         wp.synchronize_device(device)
         begin = time.perf_counter()

@@ -108,13 +108,13 @@ STEP = (
         *_written("most_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "plan_steps", (
-        *_read("channel_limits", "channel_mobility", "channel_pace", per="channel"),
+        *_read("channel_limits", "channel_mobility", "channel_max_speed", per="channel"),
         *_read("substep", "status", per="event"),
-        *_written("channel_parts_out", per="channel"), Moved("most_io", 1.0, 1.0, per="event"),
+        *_written("channel_substeps_out", per="channel"), Moved("max_substeps_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "schedule_channels", (
-        *_read("channel_parts", per="channel"), *_read("most", per="event"),
-        *_written("channel_step_out", "channel_pace_out", per="channel"),
+        *_read("channel_substeps", per="channel"), *_read("most", per="event"),
+        *_written("channel_step_out", "channel_max_speed_out", per="channel"),
         Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "migration", "compute_velocity", (
@@ -131,7 +131,7 @@ STEP = (
         *_read("ground.steering.block_mobility", per="controls"), *_read("ground.steering.highest", per="event"),
         *(Moved(f"ground.steering.{name}", read=4.0, per="controls") for name in ("cell_control", "cell_factor")),
         *_written("moved_out.xy"), *_written("moved_out.section", per="section"),
-        Moved("channel_pace_io", 1.0, 1.0, per="channel"),
+        Moved("channel_max_speed_io", 1.0, 1.0, per="channel"),
     )),
     Launch("cut off", "cutoffs", "insert_points", (
         *CHANNELS, *_read("point_moved"), *_written("point_next_out"), Moved("bucket_head_io", 1.0, 1.0, per="field"),

@@ -458,7 +458,7 @@ def build(scalar):
         memory: Memory,
         # out
         moved_out: Points,
-        channel_pace_io: wp.array[bits],
+        channel_max_speed_io: wp.array[bits],
     ):
         """Finish the smoothing upstream and move: p += ((1 - c d2)^-1 (n mu) + e pull) g dt [Paris2023, Eq. 1, 6, 7].
 
@@ -473,7 +473,7 @@ def build(scalar):
             if run.step > ZERO:
                 terms = past.smoothing_of(channels, points.xy, run, constants)
                 fastest = sweep_move(channels, points, point_velocity, ground, run, terms, constants, memory, moved_out)
-                wp.atomic_max(channel_pace_io, run.channel, wp.cast(fastest, bits))
+                wp.atomic_max(channel_max_speed_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)
 

@@ -244,7 +244,7 @@ def build(scalar):
         point_push: wp.array[vec4],
         # out
         moved_out: Points,
-        channel_pace_io: wp.array[bits],
+        channel_max_speed_io: wp.array[bits],
     ):
         """Finish the blur upstream and move: p += g (e (push + drawn) + pull); the two ends of a channel stay.
 
@@ -259,7 +259,7 @@ def build(scalar):
             if run.step > ZERO:
                 swell = swell_of(channels, run, constants)
                 farthest = sweep_shift(points, point_push, ground, run, constants, swell, moved_out)
-                wp.atomic_max(channel_pace_io, run.channel, wp.cast(farthest / run.step, bits))
+                wp.atomic_max(channel_max_speed_io, run.channel, wp.cast(farthest / run.step, bits))
             else:
                 line.copy_run(points, run, moved_out)
 

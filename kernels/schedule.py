@@ -1,4 +1,4 @@
-"""In how many parts each channel does a time step, and which of them it takes."""
+"""In how many sub-steps each channel does a time step, and which of them it takes."""
 
 from types import SimpleNamespace
 
@@ -41,7 +41,7 @@ def build(scalar):
     FREE = scalar(0.9)
     # Any other than none.
     ANY = scalar(1.0e-30)
-    # Rounding of a step that divides evenly must not ask for one part more; far too many parts still fit an integer.
+    # Rounding of a step that divides evenly must not add a sub-step; far too many still fit an integer.
     SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
 
     @wp.struct
@@ -68,13 +68,13 @@ def build(scalar):
         substep: wp.array[int],
         # out
         channel_mobility_out: wp.array[scalar],
-        most_out: wp.array[int],
+        max_substeps_out: wp.array[int],
         status_io: wp.array[int],
     ):
         """Halt this sub-step and those after it where the host is needed first, or clear what is planned anew.
 
-        The host is needed after a fault, when as many steps are done as it asked for, and when in a sub-step of the row
-        channels have come to touch, which it joins, or banks to break.
+        The host is needed after a fault, when as many steps are done as it requested, and when channels have come
+        to touch in a sub-step of the batch, which it joins, or banks to break.
         """
         channel = wp.tid()
         touch = status_io[DONE] > 0 and (status_io[CONTACTS] > 0 or status_io[CREVASSES] > 0)
@@ -88,7 +88,7 @@ def build(scalar):
             if channel_mobility_out:
                 channel_mobility_out[channel] = ZERO
             if channel == 0:
-                most_out[0] = 0
+                max_substeps_out[0] = 0
 
     @wp.func(module=name)
     def maximum_substeps(limits: Limits, time_step: scalar) -> scalar:
@@ -150,15 +150,15 @@ def build(scalar):
         substep: wp.array[int],
         status: wp.array[int],
         channel_mobility: wp.array[scalar],
-        channel_pace: wp.array[scalar],
+        channel_max_speed: wp.array[scalar],
         # out
-        channel_parts_out: wp.array[int],
-        most_io: wp.array[int],
+        channel_substeps_out: wp.array[int],
+        max_substeps_io: wp.array[int],
     ):
         """Number of equal sub-steps of each channel, and the maximum of them.
 
-        Where ground and controls let no point move by more than a part g, sub-steps are longer by 1 / g. The pace of
-        the step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
+        Where ground and controls let no point move by more than a fraction g, sub-steps are longer by 1 / g. The max
+        speed of the step before tells how fast the bends that there are do move: by half a width in a sub-step at most.
         """
         channel = wp.tid()
         if substep[PLANNED] != 0 or status[HALT] != 0:
@@ -167,13 +167,13 @@ def build(scalar):
         mobility = scalar(1.0)
         if channel_mobility:
             mobility = channel_mobility[channel]
-        parts = int(0)
+        substeps = int(0)
         if mobility > ZERO and limits.width > ZERO:
-            travel = wp.min(mobility / limits.travel, TWO * channel_pace[channel] / limits.width)
+            travel = wp.min(mobility / limits.travel, TWO * channel_max_speed[channel] / limits.width)
             needed = time_step * wp.max(mobility / limits.growth, travel) * SLACK
-            parts = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
-        channel_parts_out[channel] = parts
-        wp.atomic_max(most_io, 0, parts)
+            substeps = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
+        channel_substeps_out[channel] = substeps
+        wp.atomic_max(max_substeps_io, 0, substeps)
 
     @wp.kernel(module=name, enable_backward=False)
     def gather_stems(
@@ -182,14 +182,14 @@ def build(scalar):
         # in
         substep: wp.array[int],
         status: wp.array[int],
-        channel_parts: wp.array[int],
+        channel_substeps: wp.array[int],
         # out
         stem_parts_io: wp.array[int],
     ):
         """Maximum number of sub-steps of the links of each stem, at its top."""
         channel = wp.tid()
         if substep[PLANNED] == 0 and status[HALT] == 0:
-            wp.atomic_max(stem_parts_io, channels.stems.top[channel], channel_parts[channel])
+            wp.atomic_max(stem_parts_io, channels.stems.top[channel], channel_substeps[channel])
 
     @wp.kernel(module=name, enable_backward=False)
     def level_stems(
@@ -200,51 +200,51 @@ def build(scalar):
         status: wp.array[int],
         stem_parts: wp.array[int],
         # out
-        channel_parts_io: wp.array[int],
+        channel_substeps_io: wp.array[int],
     ):
         """Let all links of a stem that move at all take the same sub-steps: a junction moves with both of its own."""
         channel = wp.tid()
-        if substep[PLANNED] == 0 and status[HALT] == 0 and channel_parts_io[channel] > 0:
-            channel_parts_io[channel] = stem_parts[channels.stems.top[channel]]
+        if substep[PLANNED] == 0 and status[HALT] == 0 and channel_substeps_io[channel] > 0:
+            channel_substeps_io[channel] = stem_parts[channels.stems.top[channel]]
 
     @wp.kernel(module=name, enable_backward=False)
     def schedule_channels(
         # network
-        channel_parts: wp.array[int],
+        channel_substeps: wp.array[int],
         # params
         time_step: scalar,
         # in
-        most: wp.array[int],
+        max_substeps: wp.array[int],
         # out
         channel_step_out: wp.array[scalar],
-        channel_pace_out: wp.array[scalar],
+        channel_max_speed_out: wp.array[scalar],
         substep_io: wp.array[int],
         status_io: wp.array[int],
     ):
         """Time step in yr of each channel in a sub-step, 0 where it rests: n of the N sub-steps are its own, evenly.
 
         substep = (number of this one, N, 1 once the step is planned). Every channel that moves at all does so in the
-        first; the paces begin anew there, if they are given.
+        first; the max speeds begin anew there, if they are given.
         """
         channel = wp.tid()
         if status_io[HALT] != 0:
             return
         number = substep_io[NUMBER]
         total = substep_io[TOTAL]
-        if most and number == 0:
-            # The most parts that a channel asked for; where the step was planned before, it is the same.
-            total = wp.max(1, most[0])
+        if max_substeps and number == 0:
+            # The greatest number that a channel needs; where the step was planned before, it is the same.
+            total = wp.max(1, max_substeps[0])
         if channel == 0:
             substep_io[TOTAL] = total
             substep_io[PLANNED] = 1
             status_io[SUBSTEPS] = total
-        parts = wp.min(channel_parts[channel], total)
+        substeps = wp.min(channel_substeps[channel], total)
         step = scalar(0.0)
-        if (number * parts) % total < parts:
-            step = time_step / scalar(parts)
+        if (number * substeps) % total < substeps:
+            step = time_step / scalar(substeps)
         channel_step_out[channel] = step
-        if channel_pace_out and number == 0:
-            channel_pace_out[channel] = ZERO
+        if channel_max_speed_out and number == 0:
+            channel_max_speed_out[channel] = ZERO
 
     return SimpleNamespace(
         vec2=vec2,

@@ -60,7 +60,7 @@ def test_the_push_from_upstream_fades_to_nothing_towards_a_lock():
         sim.run(steps=5)
         sim.apply(kind(0, 6_000.0))
         state = sim.stepper.state
-        state.begin_row()
+        state.begin_batch()
         state.run([*begin_substep(state), *sim.stepper.phases[0].stages(state)])
         count = sim.network.point_count
         moved[kind] = state.point_moved.numpy()[:count] - sim.network.point_xy.numpy()[:count]

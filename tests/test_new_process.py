@@ -42,7 +42,7 @@ class Gust(Event):
 
 
 class Drift(Phase):
-    """Carries all points with the wind, and tells of it after every row."""
+    """Carries all points with the wind, and tells of it after every batch."""
 
     name = "drift with the wind"
     moves_nodes = True
@@ -66,8 +66,8 @@ class Drift(Phase):
 
         return [Stage(self.name, blow)]
 
-    def after(self, state, row):
-        return [Gust(time, state.network.channel_count, np.array([self.wind])) for time in row.times]
+    def after(self, state, batch):
+        return [Gust(time, state.network.channel_count, np.array([self.wind])) for time in batch.times]
 
     def check(self, state):
         self.checks += 1

@@ -349,7 +349,7 @@ def test_long_steps_are_done_in_honest_sub_steps(time_step, device):
 
     def travel(sim):
         """Greatest distance that a point went in a part of the step, in widths."""
-        farthest.append(sim.stepper.state.pace.numpy().max() * time_step / sim.substeps / 100.0)
+        farthest.append(sim.stepper.state.max_speed.numpy().max() * time_step / sim.substeps / 100.0)
 
     history = sim.run(years=300, record_every=10**6, callbacks=[travel])
     assert max(farthest) < 1.0

@@ -72,7 +72,7 @@ def _grown_points(simulation: Simulation, years: float) -> int:
     ends = network.node_xy[network.channel_from], network.node_xy[network.channel_to]
     chord = np.where(network.channel_closed, lengths, np.hypot(*(ends[1] - ends[0]).T))
     sinuosity = lengths / np.maximum(chord, 1e-9 * lengths)
-    moved = state.pace.numpy()[:count].astype(np.float64) * years / (GROWN_WIDTHS * network.channel_width)
+    moved = state.max_speed.numpy()[:count].astype(np.float64) * years / (GROWN_WIDTHS * network.channel_width)
     gain = np.maximum(GROWN_SINUOSITY / sinuosity, 1.0) - 1.0
     return int((np.diff(network.starts()) * (1.0 + gain * np.minimum(moved, 1.0))).sum())
 

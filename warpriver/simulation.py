@@ -440,7 +440,7 @@ class Simulation:
     def step(self, count: int = 1) -> None:
         """Advance by that many time steps: migrate, cut off, resample, join, in sub-steps as stability asks for.
 
-        A GPU does many sub-steps in a row before the host looks at them, so that one call for 64 steps takes less time
+        A GPU does a batch of sub-steps before the host looks at them, so that one call for 64 steps takes less time
         than 64 calls; the results are the same to the bit. Only events go to the history: :meth:`run` records states,
         too, and ends between two steps when it is interrupted.
 
@@ -578,7 +578,7 @@ class Simulation:
                 return StopReason.INTERRUPTED
             # As far as nothing is to be done between the steps.
             until = self.step_count + 1
-            while until < min(last, self.step_count + self.stepper.row_limit) and not self._any_due(dues, until):
+            while until < min(last, self.step_count + self.stepper.batch_limit) and not self._any_due(dues, until):
                 until += 1
             steps = until - self.step_count
             try:

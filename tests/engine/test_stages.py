@@ -52,7 +52,7 @@ def test_the_models_do_what_is_looked_for(references, name, device):
     if name in ("varied", "on hills", "tree in parts", "paths in parts", "rings"):
         assert sim.substeps > 1
     if name in ("on hills", "tree in parts", "paths in parts"):
-        parts = sim.stepper.state.parts.numpy()[: sim.network.channel_count]
+        parts = sim.stepper.state.channel_substeps.numpy()[: sim.network.channel_count]
         assert (parts < sim.substeps).any(), "some rest now and then"
 
 
@@ -109,12 +109,12 @@ def test_growing_buffers_of_slabs_changes_nothing(references, monkeypatch, name,
 
 
 @pytest.mark.parametrize("tight", [False, True], ids=["roomy", "tight"])
-@pytest.mark.parametrize("row", [2, 8])
+@pytest.mark.parametrize("batch", [2, 8])
 @pytest.mark.parametrize("name", [name for name in MODELS if "in two" not in name])
-def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, tight, device):
+def test_sub_steps_in_batches_change_no_bit(references, monkeypatch, name, batch, tight, device):
     """As a GPU does them: the host looks after so many, and those behind an event or a fault change nothing."""
     monkeypatch.setattr(shortcuts, "MINIMUM_SHORTCUTS", 1)
-    # Few, since rows of every length are recorded slab by slab, anew whenever buffers grow.
+    # Few, since batches of every length are recorded slab by slab, anew whenever buffers grow.
     monkeypatch.setattr(buffers, "SLAB_POINTS", 3 * SMALL)
     model, steps = MODELS[name]
     sim = model(threads=2, device=device)
@@ -127,10 +127,10 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
         asked.append(count)
         done.append(status[DONE])
 
-    sim.stepper.row_limit = row
+    sim.stepper.batch_limit = batch
     on_launch(sim, note)
     sim.run(steps=steps, record_every=10_000)
-    assert set(asked) <= {1, 2, 4, 8} and max(asked) == max(done) == row
+    assert set(asked) <= {1, 2, 4, 8} and max(asked) == max(done) == batch
     if "tree" in name or tight:
         assert (np.array(done) < asked).any(), "none was halted"
     assert_same(sim, references(name, device))
@@ -138,7 +138,7 @@ def test_sub_steps_in_a_row_change_no_bit(references, monkeypatch, name, row, ti
 
 @pytest.mark.parametrize("name", MODELS)
 def test_chunks_as_a_gpu_takes_them_come_to_the_same(monkeypatch, name, device):
-    """All of a step in chunks of 32 points: in a row, in buffers that grow, and one by one the same bits.
+    """All of a step in chunks of 32 points: in a batch, in buffers that grow, and one by one the same bits.
 
     Slabs give those to rounding: sums along channels are made of other parts. The lines of the trees are full of tight
     bends and lose 76 loops in the first step: there a difference grows ten to forty times a step, to 1e-6 m in three.
@@ -147,9 +147,9 @@ def test_chunks_as_a_gpu_takes_them_come_to_the_same(monkeypatch, name, device):
     model, steps = MODELS[name]
     slabs = model(threads=1, device=device)
     monkeypatch.setattr(buffers, "CPU_CHUNK", 32)
-    alone, row, tight = (model(device=device) for _ in range(3))
+    alone, batch, tight = (model(device=device) for _ in range(3))
     tighten(tight)
-    row.stepper.row_limit = 8 if "in two" not in name else 1
+    batch.stepper.batch_limit = 8 if "in two" not in name else 1
     state = alone.stepper.state
     assert state.whole.point_threads > alone.network.point_count // 32 and len(state.slabs) == 1
     slabs.run(steps=3, record_every=10_000)
@@ -158,9 +158,9 @@ def test_chunks_as_a_gpu_takes_them_come_to_the_same(monkeypatch, name, device):
     assert slabs.network.channel_count == alone.network.channel_count
     for a, b in zip(alone.network.polylines(), slabs.network.polylines(), strict=True):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=allowed)
-    for sim in (alone, row, tight):
+    for sim in (alone, batch, tight):
         sim.run(steps=steps - sim.step_count, record_every=10_000)
-    assert_same(row, alone)
+    assert_same(batch, alone)
     assert_same(tight, alone)
 
 
@@ -206,7 +206,7 @@ class Watched(Simulation):
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
         self.watched = []
-        self.stepper.row_limit = 1
+        self.stepper.batch_limit = 1
         on_launch(self, self.note)
 
     def note(self, status, count):

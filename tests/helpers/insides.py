@@ -28,7 +28,7 @@ def tighten(sim, cuts=1, points=4):
 
 
 def on_launch(sim, note):
-    """Call ``note(status, count)`` after each row of sub-steps of a simulation."""
+    """Call ``note(status, count)`` after each batch of sub-steps of a simulation."""
     launch = sim.stepper._launch
 
     def noted(count, steps):

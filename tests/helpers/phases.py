@@ -36,7 +36,7 @@ class State:
         self.inner.assign(self.inner.spacing, np.array([spacing]))
         self.inner.parts.fill_(1)
         self.inner.step.fill_(1.0)
-        self.inner.begin_row(steps=0)
+        self.inner.begin_batch(steps=0)
 
     def run(self, phase):
         """Run the stages of one phase."""

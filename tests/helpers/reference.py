@@ -191,11 +191,11 @@ def mobility(xy, height, grid, law):
     return 1.0 if greatest >= 0.9 else greatest
 
 
-def step_count(travel, carried, width, pace, mobility, time_step):
+def step_count(travel, carried, width, max_speed, mobility, time_step):
     """Equal parts of a time step: no part longer than its limits allow; 0 where nothing moves."""
     if mobility == 0.0 or width == 0.0:
         return 0
-    as_found = math.inf if pace == 0.0 else 0.5 * width / pace
+    as_found = math.inf if max_speed == 0.0 else 0.5 * width / max_speed
     allowed = min(carried / mobility, max(travel / mobility, as_found))
     # A millionth of slack: a step that divides evenly is not rounded up to one part more.
     return min(max(1, math.ceil(time_step / allowed * (1.0 - 1e-6))), 1_000_000) if allowed > 0.0 else 1_000_000

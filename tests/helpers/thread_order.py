@@ -150,7 +150,7 @@ def run_model(name, way):
     if sim.stepper.state.whole.point_threads < sim.network.point_count // CHUNK:
         raise RuntimeError(f"{name}: points are not dealt out in chunks of {CHUNK}")
     if way == "scrambled":
-        sim.stepper.row_limit = 1 if "in two" in name else 8
+        sim.stepper.batch_limit = 1 if "in two" in name else 8
         tighten(sim)
     sim.run(steps=steps, record_every=10_000)
     return outcome_of(sim)

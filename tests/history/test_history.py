@@ -352,7 +352,7 @@ def test_a_record_needs_nothing_to_go_on_with(history, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "change"),
-    [("channel_spacing", 0.0), ("channel_fixed", -1.0), ("channel_pace", np.nan), ("channel_fixed", None)],
+    [("channel_spacing", 0.0), ("channel_fixed", -1.0), ("channel_max_speed", np.nan), ("channel_fixed", None)],
 )
 def test_a_record_that_makes_no_sense_is_not_gone_on_from(history, name, change):
     record = history.record(-1)

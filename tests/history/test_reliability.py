@@ -494,12 +494,12 @@ def test_no_record_that_makes_no_sense_ends_the_process(tmp_path):
     said = dict(line.rsplit(" ", 1) for line in done.stdout.splitlines() if "=" in line)
     assert done.returncode == 0 and len(said) == len(folders), (done.returncode, done.stdout[-300:], done.stderr[-300:])
     fine = {name: words for name, words in said.items() if words not in ("InputError", "SavedError", "DamageError")}
-    # Without widths of points those of the channels hold; labels of nodes are not looked up; a pace may be 0; and one
-    # number is the same backwards.
-    assert set(fine) <= {"point+section=absent", "resume+channel_nodes=huge", "resume+channel_pace=zero",
-                         "resume+channel_nodes=backwards", "resume+channel_pace=tiny",
+    # Without widths of points those of the channels hold; labels of nodes are not looked up; a max speed may be 0; and
+    # one number is the same backwards.
+    assert set(fine) <= {"point+section=absent", "resume+channel_nodes=huge", "resume+channel_max_speed=zero",
+                         "resume+channel_nodes=backwards", "resume+channel_max_speed=tiny",
                          "resume+next_identity=backwards"} | {
-        f"resume+channel_pace={what}" for what in ("huge",)}, fine  # fmt: skip
+        f"resume+channel_max_speed={what}" for what in ("huge",)}, fine  # fmt: skip
     assert set(fine.values()) <= {"COMPLETED"}
 
 

@@ -100,7 +100,7 @@ def slab_bounds(deal, channels):
 
 
 def status_of(values, device, row=0):
-    """Status on the device with those values by field, 0 elsewhere, and room for a row of sub-steps."""
+    """Status on the device with those values by field, 0 elsewhere, and room for a batch of sub-steps."""
     status = np.zeros(STATUS_SIZE + 2 * row, np.int32)
     status[list(values)] = list(values.values())
     return to_device(status, wp.int32, device)

@@ -216,18 +216,18 @@ class Case:
         if self.stems is not None:
             self.launch_once("find_tails", [channels, self.points, constants, ..., rate], [self.memory.tail])
         inputs = [channels, self.points, ground, constants, ..., rate, self.memory]
-        pace = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
-        self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(pace)])
+        max_speed = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
+        self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(max_speed)])
         if section is not None:
             np.testing.assert_array_equal(section.numpy(), self.section.numpy())
         moved = self._channels(out.numpy().astype(np.float64))
         for c, (xy, after) in enumerate(
             zip(self._channels(self.point_xy.numpy().astype(np.float64)), moved, strict=True)
         ):
-            # The pace is the greatest speed; the distance is that of rounded coordinates.
+            # The max speed is that of the fastest point; the distance is that of rounded coordinates.
             farthest = np.hypot(*(after - xy).T).max() / law.time_step
             rounding = 4.0 * float(np.finfo(out.numpy().dtype).eps) * np.abs(after).max() / law.time_step
-            assert pace.numpy()[c] == pytest.approx(farthest, rel=1e-5, abs=rounding), f"pace of channel {c}"
+            assert max_speed.numpy()[c] == pytest.approx(farthest, rel=1e-5, abs=rounding), f"max speed of channel {c}"
         return moved
 
     def mobility(self, law, height, deal=64, planned=0, limit=0.0):

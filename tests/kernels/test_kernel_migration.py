@@ -301,7 +301,7 @@ def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
         state = State(network, params, None, (mover,), launcher.step_limits)
         state.begin()
         state.step.fill_(params.time_step)
-        state.begin_row()
+        state.begin_batch()
         state.run(mover.stages(state))
         count = network.point_count
         results.append((mover.point_velocity.numpy()[:count], state.point_moved.numpy()[:count]))

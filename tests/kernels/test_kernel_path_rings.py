@@ -48,12 +48,12 @@ def test_push_and_shift_of_rings_match_the_twins(device, dtype, varies, blur):
         found = case.pushes(law, deal)
         for c in awake:
             assert np.abs(found[c] - halves[c]).max() <= sums * np.abs(halves[c]).max(), (deal, c)
-        moved, pace = case.shifted(law, found, deal)
-        assert (moved[3] == lines[3].astype(REALS[dtype])).all() and pace[3] == 0.0
+        moved, max_speed = case.shifted(law, found, deal)
+        assert (moved[3] == lines[3].astype(REALS[dtype])).all() and max_speed[3] == 0.0
         for c in awake:
             np.testing.assert_allclose(moved[c], after[c], rtol=0.0, atol=moves)
             fastest = np.hypot(*(after[c] - lines[c]).T).max() / law.time_step
-            assert pace[c] == pytest.approx(fastest, rel=1e-3 if dtype == "float32" else 1e-8)
+            assert max_speed[c] == pytest.approx(fastest, rel=1e-3 if dtype == "float32" else 1e-8)
 
 
 def test_lines_among_rings_are_pushed_as_alone(device):

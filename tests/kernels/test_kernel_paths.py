@@ -55,25 +55,25 @@ class Case(PackedLines):
         return ground_of(self.scalar, height, (-8000.0, 8000.0, CELL), self.device)
 
     def shifted(self, law, halves, deal=64, slope=None):
-        """Points and pace by channel after a step with those pushes and pulls; checks the sections."""
+        """Points and max speed by channel after a step with those pushes and pulls; checks the sections."""
         packed = np.concatenate([*halves, np.full((self.capacity - self.count, 4), np.nan)])
         out, section = (unwritten(self.capacity, self.kernel.vec2, self.device) for _ in range(2))
-        pace = to_device(np.zeros(len(self.lines)), self.scalar, self.device)
+        max_speed = to_device(np.zeros(len(self.lines)), self.scalar, self.device)
         inputs = [self.channels, self.points, self.ground(slope), device_constants(self.kernel, law), ...]
         inputs += [to_device(packed, self.kernel.vec4, self.device)]
         written = points_of(self.scalar, out, None if self.section is None else section)
-        self.launch(self.kernel.shift_points, deal, inputs, [written, bits_of(pace)])
+        self.launch(self.kernel.shift_points, deal, inputs, [written, bits_of(max_speed)])
         moved = out.numpy().astype(np.float64)
         assert np.isfinite(moved[: self.count]).all() and np.isnan(moved[self.count :]).all()
         if self.section is not None:
             np.testing.assert_array_equal(section.numpy(), self.section.numpy())
-        return self.by_channel(moved), pace.numpy().astype(np.float64)
+        return self.by_channel(moved), max_speed.numpy().astype(np.float64)
 
 
 @pytest.mark.parametrize("deal", DEALS)
 @pytest.mark.parametrize("varies", [False, True])
 def test_push_and_shift_match_the_twins(device, dtype, deal, varies):
-    """Inactive channels among them keep their points, and have no pace."""
+    """Inactive channels among them keep their points, and have no speed."""
     rng = np.random.default_rng(3)
     counts = (3, 4, 130, 3, 67, 300, 5)
     lines = [wandering_line(rng, n, curl=0.3) for n in counts]
@@ -85,19 +85,19 @@ def test_push_and_shift_match_the_twins(device, dtype, deal, varies):
     for c, (actual, expected) in enumerate(zip(case.pushes(law, deal), halves, strict=True)):
         if c not in case.resting:
             assert np.abs(actual - expected).max() <= sums * np.abs(expected).max()
-    moved, pace = case.shifted(law, halves, deal)
+    moved, max_speed = case.shifted(law, halves, deal)
     rows = zip(moved, lines, halves, case.mean, case.widths(), strict=True)
     for c, (actual, xy, half, mean, width) in enumerate(rows):
         given = np.asarray(xy, REALS[dtype])
         if c in case.resting:
-            assert (actual == given).all() and pace[c] == 0.0
+            assert (actual == given).all() and max_speed[c] == 0.0
             continue
         expected = twin.shift_points(xy, half, SPACING, mean, width, law)
         np.testing.assert_allclose(actual, expected, rtol=0.0, atol=moves)
         assert (actual[[0, -1]] == given[[0, -1]]).all(), "an end moved"
         fastest = np.hypot(*(expected - xy).T).max() / law.time_step
-        # Rounded coordinates make the distance, not the pace, inexact.
-        assert pace[c] == pytest.approx(fastest, rel=1e-4 if dtype == "float32" else 1e-9)
+        # Rounded coordinates make the distance, not the max speed, inexact.
+        assert max_speed[c] == pytest.approx(fastest, rel=1e-4 if dtype == "float32" else 1e-9)
 
 
 def test_ground_slows_the_push(device):
@@ -106,13 +106,13 @@ def test_ground_slows_the_push(device):
     lines = [wandering_line(rng, n, curl=0.3) for n in (40, 3, 150)]
     case = Case([*lines, lines[0] + 20_000.0], time_step=law.time_step, device=device)
     halves = [twin.compute_push(xy, SPACING, w, law) for xy, w in zip(case.lines, case.widths(), strict=True)]
-    free, pace = case.shifted(law, halves)
+    free, max_speed = case.shifted(law, halves)
     for part, weight in ((0.0, 1.0), (0.25, 1.0 - 0.25**2 * 2.5), (0.5, 0.5), (1.0 + 1e-9, 0.0), (2.0, 0.0)):
         held, slowed = case.shifted(law, halves, slope=part * law.slope_threshold)
         for c, xy in enumerate(case.lines):
             share = weight if c < len(lines) else 0.0
             np.testing.assert_allclose(held[c] - xy, share * (free[c] - xy), rtol=0.0, atol=1e-10)
-            assert slowed[c] == pytest.approx(share * pace[c], abs=1e-9)
+            assert slowed[c] == pytest.approx(share * max_speed[c], abs=1e-9)
 
 
 def test_the_two_recurrences_solve_the_implicit_smoothing(device):

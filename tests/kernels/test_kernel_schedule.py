@@ -24,16 +24,16 @@ from warpriver.kernels.channels import Stems
 from warpriver.kernels.status import CONTACTS, DONE, FAULT, GOAL, HALT, STEPS, SUBSTEPS, TOUCH
 
 
-def planned(limit, pace, mobility, time_step, dtype, device, before=0):
+def planned(limit, max_speed, mobility, time_step, dtype, device, before=0):
     """Parts of each channel's time step, and the most of them, ``before`` at least."""
     scalar = SCALARS[dtype]
     kernel = schedule.build(scalar)
-    mobility, pace = (
-        None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, pace)
+    mobility, max_speed = (
+        None if v is None else to_device(np.array(v, np.float64), scalar, device) for v in (mobility, max_speed)
     )
     limits = structs(np.transpose(limit), kernel.Limits, device)
     parts, most = unwritten(len(limit), wp.int32, device), to_device([before], wp.int32, device)
-    inputs = [limits, time_step, to_device([0, 1, 0], wp.int32, device), going_on(device), mobility, pace]
+    inputs = [limits, time_step, to_device([0, 1, 0], wp.int32, device), going_on(device), mobility, max_speed]
     wp.launch(kernel.plan_steps, dim=len(limit), inputs=inputs, outputs=[parts, most], device=device)
     return parts.numpy().tolist(), int(most.numpy()[0])
 
@@ -51,43 +51,47 @@ def test_faults_contacts_and_the_goal_halt_what_is_to_follow(device, status, con
     kernel = schedule.build(wp.float64)
     state = status_of({GOAL: 3, CONTACTS: contacts} | status, device)
     substep, most = to_device([0, 2, planned], wp.int32, device), to_device([4], wp.int32, device)
-    mobility, pace = (to_device(np.full(3, 0.5), wp.float64, device) for _ in range(2))
+    mobility, max_speed = (to_device(np.full(3, 0.5), wp.float64, device) for _ in range(2))
     wp.launch(kernel.begin_substep, dim=3, inputs=[substep], outputs=[mobility, most, state], device=device)
     assert state.numpy()[HALT] == halts
     assert (mobility.numpy() == (0.5 if halts or planned else 0.0)).all()
     assert most.numpy()[0] == (4 if halts or planned else 0)
     parts = unwritten(3, wp.int32, device)
     limits = structs(np.full((3, 3), 10.0), kernel.Limits, device)
-    inputs, outputs = [limits, 0.3, substep, state, mobility, pace], [parts, most]
+    inputs, outputs = [limits, 0.3, substep, state, mobility, max_speed], [parts, most]
     wp.launch(kernel.plan_steps, dim=3, inputs=inputs, outputs=outputs, device=device)
     if halts or planned:
         assert (parts.numpy() == UNWRITTEN).all() and most.numpy()[0] == 4
         parts = to_device([1, 2, 4], wp.int32, device)
     out, outputs = unwritten(3, wp.float64, device), None
-    outputs = [out, pace, substep, state]
+    outputs = [out, max_speed, substep, state]
     wp.launch(kernel.schedule_channels, dim=3, inputs=[parts, 0.3, most], outputs=outputs, device=device)
     if halts:
-        assert np.isnan(out.numpy()).all() and (pace.numpy() == 0.5).all()
+        assert np.isnan(out.numpy()).all() and (max_speed.numpy() == 0.5).all()
         assert substep.numpy().tolist() == [0, 2, planned]
     else:
-        assert bool((out.numpy() > 0.0).all()) == bool(planned) and (pace.numpy() == 0.0).all()
+        assert bool((out.numpy() > 0.0).all()) == bool(planned) and (max_speed.numpy() == 0.0).all()
         total = 4 if planned else 1
         assert substep.numpy().tolist() == [0, total, 1] and state.numpy()[SUBSTEPS] == total
 
 
 def scheduled(parts, time_step, total, dtype, device):
-    """Step of each channel in each sub-step, (total, C); the paces are cleared in the first."""
+    """Step of each channel in each sub-step, (total, C); the max speeds are cleared in the first."""
     scalar = SCALARS[dtype]
     kernel = schedule.build(scalar)
     steps = []
     for k in range(total):
-        out, pace = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
+        out, max_speed = unwritten(len(parts), scalar, device), to_device(np.ones(len(parts)), scalar, device)
         inputs, status = [to_device(parts, wp.int32, device), time_step, None], going_on(device)
         number = to_device([k, total, 1], wp.int32, device)
         wp.launch(
-            kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, pace, number, status], device=device
+            kernel.schedule_channels,
+            dim=len(parts),
+            inputs=inputs,
+            outputs=[out, max_speed, number, status],
+            device=device,
         )
-        assert (pace.numpy() == (k > 0)).all()
+        assert (max_speed.numpy() == (k > 0)).all()
         steps.append(out.numpy())
         wp.launch(
             kernel.schedule_channels, dim=len(parts), inputs=inputs, outputs=[out, None, number, status], device=device
@@ -99,33 +103,33 @@ def test_parts_of_a_step_match_the_twin(device, dtype):
     rng = np.random.default_rng(18)
     time_step, count = 0.29, 400
     limit = np.stack([*10.0 ** rng.uniform(-3.0, 1.0, (2, count)), rng.uniform(1.0, 90.0, count)], axis=1)
-    pace, mobility = 10.0 ** rng.uniform(-3.0, 3.0, count), rng.uniform(0.0, 1.0, count)
+    max_speed, mobility = 10.0 ** rng.uniform(-3.0, 3.0, count), rng.uniform(0.0, 1.0, count)
     mobility[::7], limit[5::9] = 0.0, 0.0
-    pace[3::11], limit[4::13, :2] = np.inf, np.inf
+    max_speed[3::11], limit[4::13, :2] = np.inf, np.inf
     for g in (mobility, None):
         twin = [
             reference.step_count(*row, v, 1.0 if g is None else g[c], time_step)
-            for c, (row, v) in enumerate(zip(limit, pace, strict=True))
+            for c, (row, v) in enumerate(zip(limit, max_speed, strict=True))
         ]
-        assert planned(limit, pace, g, time_step, dtype, device) == (twin, max(twin))
-        assert planned(limit, pace, g, time_step, dtype, device, before=max(twin) + 5)[1] == max(twin) + 5
+        assert planned(limit, max_speed, g, time_step, dtype, device) == (twin, max(twin))
+        assert planned(limit, max_speed, g, time_step, dtype, device, before=max(twin) + 5)[1] == max(twin) + 5
         assert max(twin) > 50 and min(twin) == 0
 
 
 def test_a_step_that_divides_evenly_is_not_divided_further(device, dtype):
-    def parts(limit, pace, mobility=1.0, time_step=0.29):
-        return planned([limit], [pace], [mobility], time_step, dtype, device)[0][0]
+    def parts(limit, max_speed, mobility=1.0, time_step=0.29):
+        return planned([limit], [max_speed], [mobility], time_step, dtype, device)[0][0]
 
     for time_step in (0.29, 106.0 / 365.25, 3.0):
         for n in (1, 2, 3, 7, 10, 49, 333, 5000):
-            for limit, pace in (
+            for limit, max_speed in (
                 ((np.inf, time_step / n, 9.0), 0.0),  # waves
                 ((time_step / n, np.inf, 9.0), np.inf),  # the tightest bend
                 ((0.0 * n + 1e-9, np.inf, 9.0), 4.5 * n / time_step),  # bends as they are: half a width a part
             ):
-                assert parts(limit, pace, time_step=time_step) == n
+                assert parts(limit, max_speed, time_step=time_step) == n
                 shorter = (limit[0] * (1.0 - 1e-5), limit[1] * (1.0 - 1e-5), limit[2])
-                assert parts(shorter, pace * (1.0 + 1e-5), time_step=time_step) == n + 1
+                assert parts(shorter, max_speed * (1.0 + 1e-5), time_step=time_step) == n + 1
             assert parts((np.inf, 0.25 * time_step / n, 9.0), 0.0, 0.25, time_step) == n
     assert parts((np.inf, np.inf, 9.0), 0.0) == 1
     assert parts((1e-30, 1e-30, 9.0), np.inf) == 1_000_000

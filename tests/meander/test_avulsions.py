@@ -51,7 +51,7 @@ def count_crevasses(network, spacing, steps, rate):
     state, phase = sim.stepper.state, phase_of(sim, Avulse)
     total = 0
     for step in range(steps):
-        state.begin_row(begun=step)
+        state.begin_batch(begun=step)
         state.run(phase.stages(state))
         total += state.read_status()[CREVASSES]
     bend = phase.point_bend.numpy()[: sim.network.point_count]

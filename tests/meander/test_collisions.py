@@ -336,7 +336,7 @@ def test_search_finds_what_comparing_all_pairs_finds(device):
         state.assign(collide.nodes, nodes)
         state.assign(state.step, np.ones(len(nodes)))
         collide._constants = constants
-        state.begin_row()
+        state.begin_batch()
         state.run(collide.stages(state))
         contacts = collide.contacts(state)
         # A channel looks for those of its own reach and a higher number, and for all of a longer reach, by octaves.

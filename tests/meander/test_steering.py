@@ -347,7 +347,7 @@ def bits_of(sim):
     fields = [control.raster.numpy() for control in sim.controls if isinstance(control, ControlField)]
     made = sim.stepper.state.controls
     stamped = [] if made is None else [made.raster.numpy(), made.factor.numpy()]
-    return [sim.network.points(), sim.stepper.state.pace.numpy().copy(), *fields, *stamped]
+    return [sim.network.points(), sim.stepper.state.max_speed.numpy().copy(), *fields, *stamped]
 
 
 def assert_bits(sim, expected):

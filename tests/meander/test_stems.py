@@ -199,7 +199,7 @@ def test_links_of_a_stem_take_the_same_sub_steps(device):
     sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=0.8, time_step=1.0), device=device)
     sim.run(steps=3, record_every=10_000)
     state = sim.stepper.state
-    parts, top = state.parts.numpy()[: sim.network.channel_count], state.stems.links.top
+    parts, top = state.channel_substeps.numpy()[: sim.network.channel_count], state.stems.links.top
     assert all(len(set(parts[top == t])) == 1 for t in set(top.tolist()))
     assert len(set(parts.tolist())) > 1
 

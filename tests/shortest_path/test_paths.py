@@ -43,9 +43,9 @@ def prepare(lines, params, *, device, width=WIDTH, dtype="float64", spacing=SPAC
     state.allocate_points(network.point_count)
     wp.copy(state.point_moved, network.point_xy, count=network.point_count)
     state.assign(state.spacing, even)
-    state.parts.fill_(1)
+    state.channel_substeps.fill_(1)
     state.assign(state.step, np.ones(len(lines)))
-    state.begin_row()
+    state.begin_batch()
     return SimpleNamespace(network=network, inner=state, push=push, cutter=cutter, found=cutter.shortcuts)
 
 
@@ -71,7 +71,7 @@ def cut(lines, params, **options):
     while (status := inner.read_status())[FAULT] != 0:
         # Where there is too little room, for shortcuts or for loops, nothing is cut.
         assert state.cutter.grow(inner, status)
-        inner.begin_row()
+        inner.begin_batch()
         take(state)
     count = found.count(inner)
     links = np.stack([found.link_from.numpy()[:count], found.link_to.numpy()[:count]], axis=1)

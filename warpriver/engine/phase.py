@@ -12,22 +12,22 @@ from warpriver.history.events import Event
 from warpriver.kernels.status import DONE, HALT, STATUS_SIZE, STEPS, TOUCH
 from warpriver.network import RiverNetwork
 
-__all__ = ["Phase", "Row"]
+__all__ = ["Batch", "Phase"]
 
 
-class Row:
-    """What a row of sub-steps came to, as the host sees it afterwards.
+class Batch:
+    """What a batch of sub-steps came to, as the host sees it afterwards.
 
     Attributes:
         status: Numbers of ``kernels/polyline.py``.
         edited: Whether a phase before has edited the network on the host.
-        steps_after: Steps done in all, those of the row included.
+        steps_after: Steps done in all, those of the batch included.
     """
 
     __slots__ = ("_steps", "_time_step", "edited", "status", "steps_after")
 
     def __init__(self, status: list[int], steps: int, time_step: float):
-        """Take the status, the steps done before the row, and the time step in yr."""
+        """Take the status, the steps done before the batch, and the time step in yr."""
         self.status, self.edited, self.steps_after = status, False, steps + status[STEPS]
         self._steps, self._time_step = steps, time_step
 
@@ -51,7 +51,7 @@ class Phase(Member, Protocol):
     """One process of a step.
 
     It owns the stages that it adds to every sub-step, the device arrays that only it uses, what it does on the host
-    after a row of sub-steps, and its check. Derive from it and write what differs; only ``stages`` has to be written.
+    after a batch of sub-steps, and its check. Derive from it and write what differs; only ``stages`` has to be written.
 
     Attributes:
         name: Name of the verb of the step, as in ``Stage.phase``.
@@ -81,8 +81,8 @@ class Phase(Member, Protocol):
         """Return what the process launches in a sub-step, in order. It allocates nothing."""
         ...
 
-    def after(self, state: State, row: Row) -> list[Event]:
-        """Do on the host what a row asks for, and return its events; the network may be edited by ``state.adopt``."""
+    def after(self, state: State, batch: Batch) -> list[Event]:
+        """Do on the host what a batch calls for, and return its events; ``state.adopt`` may edit the network."""
         return []
 
     def grow(self, state: State, status: list[int]) -> bool:

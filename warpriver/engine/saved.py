@@ -64,7 +64,7 @@ def check_saved(
     length = spacing * (np.diff(network.starts()) - ~network.channel_closed)
     _require(_near(length, network.channel_lengths(), LENGTH_SCALE).all(), "channel_spacing", step)
     _require((spacing <= LENGTH_SCALE * fixed[:, WANTED]).all(), "channel_spacing", step)
-    _require((_array(saved, "channel_pace", (count,), step) >= 0.0).all(), "channel_pace", step)
+    _require((_array(saved, "channel_max_speed", (count,), step) >= 0.0).all(), "channel_max_speed", step)
     following = _array(saved, "next_identity", (1,), step)
     newest = int(network.channel_id.max())
     _require(following.dtype.kind == "i" and newest < following[0] <= newest + MAX_GONE, "next_identity", step)

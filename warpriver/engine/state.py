@@ -10,9 +10,9 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import PRECISIONS, available_memory
+from warpriver.engine.batch_status import MAX_BATCH, Status
 from warpriver.engine.checks import require
 from warpriver.engine.replay import Replay
-from warpriver.engine.row_status import SUBSTEPS_IN_A_ROW, Status
 from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
 from warpriver.engine.stems import StemArrays
@@ -25,10 +25,12 @@ from warpriver.kernels.status import POINTS_NEEDED, SUBSTEP_SIZE
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["CPU_COPY_CHUNK", "SUBSTEPS_IN_A_ROW", "Controls", "Member", "State", "Status", "arrays_of"]
+__all__ = ["CPU_COPY_CHUNK", "MAX_BATCH", "Controls", "Member", "State", "Status", "arrays_of"]
 
 # Consecutive points that a thread takes on the CPU; 0: slabs of whole channels.
 CPU_CHUNK = 0
+# What a channel keeps through an edit of the network: how fast it moved, and the sub-steps planned by that.
+CARRIED = ("max_speed", "channel_substeps", "mobility")
 # Points of a slab on the CPU at most (of more than one channel): what a phase leaves of so many points is still in the
 # cache when the next one reads it.
 SLAB_POINTS = 16_384
@@ -94,12 +96,12 @@ class State:
         phases: All phases of a step, in order.
         seed: Seed of the random numbers of phases that draw any.
         edition: Grows whenever stages made before are out of date, because arrays or constants have changed.
-        step_count: Whole steps done, up to the last row.
+        step_count: Whole steps done, up to the last batch.
         edits: Edits of the network so far.
         next_identity: Least identity that a new channel may get: none that a channel of the run ever had.
         channel_length: (C,) length of the channels at the last edit, m.
         stable_dt: Longest sub-step in yr that any bend of any channel may need on flat ground.
-        substeps: Equal parts in which the last step was done.
+        substeps: Equal sub-steps in which the last step was done.
         status: How the sub-steps went.
         point_capacity, channel_capacity: Room for points and channels.
         chunk: Points that a thread takes, 0 where it takes whole channels.
@@ -117,14 +119,14 @@ class State:
         stems: Which channels go on from each other as one river; None where no phase follows stems.
         mobility: (C,) greatest factor by which ground and controls let a point of the channel move, or None on a plain
             without controls.
-        pace: (C,) greatest speed of a point in the time step so far, m/yr; ``pace_bits``: the same memory as integers,
-            as ``mobility_bits`` is that of ``mobility``.
-        parts: (C,) int32, equal parts in which a channel does a time step; 0 where it does not move.
-        step: (C,) time step in this sub-step, yr; 0 where the channel rests.
-        substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``most``: one int32, how many
-            the channels ask for.
+        max_speed: (C,) greatest speed of a point in the time step so far, m/yr; ``max_speed_bits``: the same memory as
+            integers, as ``mobility_bits`` is that of ``mobility``.
+        channel_substeps: (C,) int32, equal sub-steps in which a channel does a time step; 0 where it does not move.
+        step: (C,) time step in this sub-step, yr; 0 where the channel is inactive.
+        substep: three int32, sub-steps done, how many there are, 1 once that is settled; ``max_substeps``: one
+            int32, the greatest number that a channel needs.
         nodes_placed: Whether the nodes are where the ends of channels are; see ``place_nodes``.
-        keep_plan: Whether the parts in which channels do a step hold for the next one, too.
+        keep_plan: Whether the sub-steps in which channels do a step hold for the next one, too.
     """
 
     status: Status
@@ -170,7 +172,7 @@ class State:
         self._resampling: tuple[int, Replay | None] | None = None
         self.status = Status(network.device)
         self.substep = wp.zeros(SUBSTEP_SIZE, dtype=wp.int32, device=network.device)
-        self.most = wp.zeros(1, dtype=wp.int32, device=network.device)
+        self.max_substeps = wp.zeros(1, dtype=wp.int32, device=network.device)
 
     @property
     def device(self) -> Any:
@@ -227,7 +229,7 @@ class State:
         self._install(fixed[:, WANTED] if saved is None else saved["channel_spacing"], fixed)
         self.plan_anew()
         if saved is not None:
-            self.assign(self.pace, saved["channel_pace"])
+            self.assign(self.max_speed, saved["channel_max_speed"])
         return respaced
 
     def make_room(self, points: int) -> None:
@@ -270,15 +272,15 @@ class State:
         self.start = zeros(count + 1)
         self.form = zeros(count, channels.build(scalar).Form)
         self.limits = zeros(count, schedule.build(scalar).Limits)
-        self.spacing, self.pace, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
-        self.parts = zeros(count)
+        self.spacing, self.max_speed, self.step = zeros(count, scalar), zeros(count, scalar), zeros(count, scalar)
+        self.channel_substeps = zeros(count)
         self._allocate_mobility()
         ringed = network.channel_closed.any()
         follows = any(phase.follows_stems for phase in self.phases)
         through = any(phase.follows_through for phase in self.phases)
         self.stems = StemArrays(count, self.device, through_only=not follows) if follows or through else None
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
-        self.pace_bits = _bits(self.pace)
+        self.max_speed_bits = _bits(self.max_speed)
 
     def _allocate_mobility(self) -> None:
         """Make room for the mobilities, where any point may be less or more free than others."""
@@ -305,9 +307,9 @@ class State:
     def hasten_by(self, factor: np.ndarray) -> None:
         """Plan the next step for points that move faster than in the last one, by a factor for each channel, (C,)."""
         if (factor != 1.0).any():
-            pace = self.pace.numpy()
-            pace[: len(factor)] *= factor
-            self.pace.assign(pace)
+            max_speed = self.max_speed.numpy()
+            max_speed[: len(factor)] *= factor
+            self.max_speed.assign(max_speed)
 
     def _make_shares(self) -> None:
         """Divide the work in slabs of whole channels on the CPU, in chunks of points on a GPU."""
@@ -356,7 +358,8 @@ class State:
         Args:
             spacing: (C,) even spacing of their points, m.
             fixed: (C, 4) from :meth:`_fix_channels`.
-            carried: (C,) arrays of ``pace``, ``parts`` and ``mobility`` from before an edit; else they begin at 0.
+            carried: (C,) arrays of ``max_speed``, ``channel_substeps`` and ``mobility`` from before an edit; else they
+                begin at 0.
         """
         network, self._fixed, carried = self.network, fixed, carried or {}
         travel, growth = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
@@ -380,12 +383,12 @@ class State:
         if self.stems is not None:
             if self.stems.take(network, self.terrain):
                 self.changed()
-            if "parts" in carried:
-                carried["parts"] = self.stems.level(carried["parts"])
+            if "channel_substeps" in carried:
+                carried["channel_substeps"] = self.stems.level(carried["channel_substeps"])
         for array, values in (
             (self.form, self.channel_form), (self.spacing, spacing), (self.limits, limits),
             (self.closed, network.channel_closed.astype(np.int32)), (self.step, np.zeros(0)),
-            *((getattr(self, name), carried.get(name, np.zeros(0))) for name in ("pace", "parts", "mobility")),
+            *((getattr(self, name), carried.get(name, np.zeros(0))) for name in CARRIED),
         ):  # fmt: skip
             if array is not None:
                 self.assign(array, values)
@@ -465,7 +468,7 @@ class State:
         """Run stages."""
         run_stages(stages, self.whole, self.slabs)
 
-    def begin_row(self, steps: int = 1, begun: int | None = None) -> None:
+    def begin_batch(self, steps: int = 1, begun: int | None = None) -> None:
         """Set ``status`` to nothing done, nothing wrong, and that many steps to do; 0: points are sampled anew.
 
         Args:
@@ -480,26 +483,28 @@ class State:
         self.status.fetch()
         return self.status.read().tolist()
 
-    def schedule(self, substep: wp.array, most: wp.array | None = None, pace: wp.array | None = None) -> None:
-        """Set the time step of every channel in a sub-step, ``step``: 0 where it rests; nothing changes while halted.
+    def schedule(
+        self, substep: wp.array, max_substeps: wp.array | None = None, max_speed: wp.array | None = None
+    ) -> None:
+        """Set the time step of every channel in a sub-step, ``step``, 0 where it is inactive; not while halted.
 
         Args:
             substep: Three int32: the number of the sub-step, how many there are, 1 where that is settled.
-            most: ``self.most``, from which the first sub-step of a step takes how many there are; or None.
-            pace: ``self.pace``, to be cleared in the first sub-step.
+            max_substeps: ``self.max_substeps``, how many the first sub-step of a step finds that there are; or None.
+            max_speed: ``self.max_speed``, to be cleared in the first sub-step.
         """
         launch(
             schedule.build(self.scalar).schedule_channels,
             dim=self.channel_capacity,
-            inputs=[self.parts, self.params.time_step, most],
-            outputs=[self.step, pace, substep, self.status.array],
+            inputs=[self.channel_substeps, self.params.time_step, max_substeps],
+            outputs=[self.step, max_speed, substep, self.status.array],
             device=self.device,
         )
 
     def resample(self) -> None:
         """Sample the lines in ``point_moved`` evenly, outside of any step, with more room if they need it."""
         while True:
-            self.begin_row(steps=0)
+            self.begin_batch(steps=0)
             self._run_resampling()
             needed = self.read_status()[POINTS_NEEDED]
             if needed <= self.point_capacity:
@@ -561,9 +566,7 @@ class State:
         spacing = self.spacing.numpy()[edited.channel_old].astype(np.float64)
         self.channel_length = spacing * (np.diff(edited.channel_start) - ~network.channel_closed)
         carried = {
-            name: array.numpy()[edited.channel_old]
-            for name in ("pace", "parts", "mobility")
-            if (array := getattr(self, name)) is not None
+            name: array.numpy()[edited.channel_old] for name in CARRIED if (array := getattr(self, name)) is not None
         }
         fixed = self._fix_channels()
         self._install(spacing, fixed, carried)
@@ -574,7 +577,7 @@ class State:
             self.plan_anew()
             return
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
-        self.begin_row()
+        self.begin_batch()
         go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
 
@@ -660,21 +663,21 @@ class State:
         for phase in self.phases:
             phase.restore(self, saved)
         self._install(saved["channel_spacing"], saved["channel_fixed"])
-        self.assign(self.pace, saved["channel_pace"])
+        self.assign(self.max_speed, saved["channel_max_speed"])
         self.plan_anew()
 
     def hasten(self, channels: np.ndarray) -> None:
-        """Let the next step of channels be done in as many parts as their tightest bends may need.
+        """Let the next step of channels be done in as many sub-steps as their tightest bends may need.
 
         How fast they move was measured before they had the course that they have now.
 
         Args:
             channels: (C,) bool.
         """
-        pace, fixed = self.pace.numpy().copy(), self._fixed[channels]
+        max_speed, fixed = self.max_speed.numpy().copy(), self._fixed[channels]
         travel, _ = self._limits(fixed[:, NARROWEST], fixed[:, SHALLOWEST], self.params)
-        pace[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(pace.dtype).max)
-        put(self.pace, pace)
+        max_speed[: len(channels)][channels] = np.minimum(fixed[:, NARROWEST] / travel, np.finfo(max_speed.dtype).max)
+        put(self.max_speed, max_speed)
 
     # ---- records and checks
 
@@ -684,7 +687,7 @@ class State:
         own = {
             "channel_spacing": self.spacing.numpy()[:count].copy(),
             "channel_fixed": self._fixed,
-            "channel_pace": self.pace.numpy()[:count].copy(),
+            "channel_max_speed": self.max_speed.numpy()[:count].copy(),
             "next_identity": np.array([self.next_identity]),
         }
         for phase in self.phases:

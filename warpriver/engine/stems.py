@@ -25,7 +25,7 @@ class StemArrays:
         joined: Whether any channel has gone on in another one; ``locked``: whether any has ended at a locked point;
             ``slides``: whether any leaves the map.
         length: (C,) int64, length of each stem, see the kernel ``measure_stems``.
-        parts: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
+        substeps: (C,) int32, scratch: maximum number of sub-steps of the links of each stem.
     """
 
     links: Stems
@@ -38,7 +38,7 @@ class StemArrays:
         }
         self._edge, self._held = (wp.zeros(count, dtype=wp.int32, device=device) for _ in range(2))
         self.length = wp.zeros(count, dtype=wp.int64, device=device)
-        self.parts = wp.zeros(count, dtype=wp.int32, device=device)
+        self.substeps = wp.zeros(count, dtype=wp.int32, device=device)
         self.joined = self.slides = self.locked = False
         self._bounded: Terrain | None = None
         self._bounds = (0.0, 0.0, 0.0, 0.0)
@@ -86,11 +86,11 @@ class StemArrays:
         ends = (self.links.lower < 0) & (self._edge.numpy()[:count] == EDGE_NONE)
         return ends | (self._held.numpy()[:count] != 0)
 
-    def level(self, parts: np.ndarray) -> np.ndarray:
+    def level(self, substeps: np.ndarray) -> np.ndarray:
         """Return the maximum over the links of each channel's stem, (C,); 0 where that of the channel itself is 0."""
-        most = np.zeros(len(parts), parts.dtype)
-        np.maximum.at(most, self.links.top, parts)
-        return np.where(parts > 0, most[self.links.top], 0)
+        greatest = np.zeros(len(substeps), substeps.dtype)
+        np.maximum.at(greatest, self.links.top, substeps)
+        return np.where(substeps > 0, greatest[self.links.top], 0)
 
 
 def data_bounds(terrain: Terrain) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Stepper: does steps, phase by phase, in rows of sub-steps that are recorded and replayed, with room to grow."""
+"""Stepper: does steps, phase by phase, in batches of sub-steps that are recorded and replayed, with room to grow."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 import warp as wp
 
 from warpriver.crs import same_crs, short_name
-from warpriver.engine.phase import Phase, Row
+from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import Stage
-from warpriver.engine.state import SUBSTEPS_IN_A_ROW, Controls, State, StepLimits
+from warpriver.engine.state import MAX_BATCH, Controls, State, StepLimits
 from warpriver.engine.substeps import begin_substep
 from warpriver.errors import InputError, NotFiniteError, warn
 from warpriver.graph.edits import EditedChannels
@@ -53,12 +53,12 @@ class Stepper:
     Attributes:
         state: The network on its device, with what all phases share.
         phases: The phases of a step, in order.
-        row_limit: Sub-steps at most before the host looks at them.
+        batch_limit: Sub-steps at most before the host looks at them.
         threads: Greatest number of threads that a step is dealt out to.
         check: True: every phase of every step is checked.
         capture: True: steps are recorded once and replayed.
         seconds: Where the time of each phase is added up, by its name; None: a step is replayed in one piece, and not
-            timed. What a phase does on the host after a row counts as NAME + " on host".
+            timed. What a phase does on the host after a batch counts as NAME + " on host".
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Stepper:
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
-        self.row_limit = 1 if alone else SUBSTEPS_IN_A_ROW
+        self.batch_limit = 1 if alone else MAX_BATCH
         self._calm = 0
         self._events: list[Event] = []
         self._replays: dict[int, Any] = {}
@@ -126,7 +126,7 @@ class Stepper:
     def _measure_pace(self) -> None:
         """Find how fast the channels' points would move, which tells in how many parts the first step is done."""
         state = self.state
-        state.begin_row()
+        state.begin_batch()
         state.run([*begin_substep(state), *self.phases[0].stages(state)])
         state.plan_anew()
 
@@ -188,9 +188,9 @@ class Stepper:
         while self.step_count < goal:
             steps = goal - self.step_count
             length = 1
-            if self.row_limit > 1:
-                # Powers of two: a few recordings serve rows of any length.
-                longest = max(1, min(self.row_limit, SUBSTEPS_IN_A_ROW, self._calm, steps * state.substeps))
+            if self.batch_limit > 1:
+                # Powers of two: a few recordings serve batches of any length.
+                longest = max(1, min(self.batch_limit, MAX_BATCH, self._calm, steps * state.substeps))
                 length = 1 << longest.bit_length() - 1
             status = self._launch(length, steps)
             if status[DONE] > 0:
@@ -204,19 +204,19 @@ class Stepper:
                 self._make_room(status)
 
     def _settle(self, status: list[int]) -> None:
-        """Let the phases do on the host what a row asks for."""
+        """Let the phases do on the host what a batch calls for."""
         state, edits = self.state, self.state.edits
-        row = Row(status, self.step_count, state.params.time_step)
+        batch = Batch(status, self.step_count, state.params.time_step)
         for phase in self._settling:
             begin = 0.0 if self.seconds is None else time.perf_counter()
-            events = phase.after(state, row)
+            events = phase.after(state, batch)
             if events:
                 self._events += events
-            row.edited = state.edits > edits
+            batch.edited = state.edits > edits
             if self.seconds is not None:
                 wp.synchronize_device(state.device)
                 self._add_seconds(f"{phase.name} on host", begin)
-        if row.edited or status[CONTACTS] > 0:
+        if batch.edited or status[CONTACTS] > 0:
             self._calm = 0
 
     def _launch(self, count: int, steps: int) -> list[int]:
@@ -240,7 +240,7 @@ class Stepper:
                     wp.synchronize_device(state.device)
                     self._add_seconds(name, begin)
             return state.status.read().tolist()
-        state.begin_row(steps)
+        state.begin_batch(steps)
         if self.check:
             state.run(begin_substep(state))
             for phase in self.phases:

@@ -1,4 +1,4 @@
-"""The parts in which each channel does a time step, as its width, its depth, its pace and the ground ask for."""
+"""Sub-steps: how many a channel needs for a time step, by its width, its depth, its max speed and the ground."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["begin_substep"]
 def begin_substep(state: State) -> list[Stage]:
     """Return the stages that begin a sub-step of any model: planned, if it is the first of a step, and dealt out.
 
-    Where ground and controls let no point of a channel move by more than a part g of its rate, its steps are longer by
-    1 / g; g is measured here (``state.mobility``). ``state.pace`` is that of the step before. The most parts
-    go to ``state.most``. The links of a stem take the same sub-steps. Nothing changes while ``state.substep`` says that
-    the step is planned.
+    Where ground and controls let no point of a channel move by more than a fraction g of its rate, its steps are longer
+    by 1 / g; g is measured here (``state.mobility``). ``state.max_speed`` is that of the step before. The greatest
+    number of sub-steps goes to ``state.max_substeps``. The links of a stem take the same sub-steps. Nothing changes
+    while ``state.substep`` says that the step is planned.
     """
     kernel, device, params = kernels.build(state.scalar), state.device, state.params
     status, channels, ground = state.status.array, state.channels(), state.ground()
@@ -27,7 +27,7 @@ def begin_substep(state: State) -> list[Stage]:
             kernel.begin_substep,
             dim=state.channel_capacity,
             inputs=[state.substep],
-            outputs=[state.mobility, state.most, status],
+            outputs=[state.mobility, state.max_substeps, status],
             device=device,
         )
 
@@ -44,20 +44,20 @@ def begin_substep(state: State) -> list[Stage]:
         launch(
             kernel.plan_steps,
             dim=state.channel_capacity,
-            inputs=[state.limits, params.time_step, state.substep, status, state.mobility, state.pace],
-            outputs=[state.parts, state.most],
+            inputs=[state.limits, params.time_step, state.substep, status, state.mobility, state.max_speed],
+            outputs=[state.channel_substeps, state.max_substeps],
             device=device,
         )
 
     def level(_: Share) -> None:
         assert state.stems is not None
-        planned, parts = [channels, state.substep, status], state.stems.parts
-        clear(parts)
-        launch(kernel.gather_stems, state.channel_capacity, [*planned, state.parts], [parts], device)
-        launch(kernel.level_stems, state.channel_capacity, [*planned, parts], [state.parts], device)
+        planned, substeps = [channels, state.substep, status], state.stems.substeps
+        clear(substeps)
+        launch(kernel.gather_stems, state.channel_capacity, [*planned, state.channel_substeps], [substeps], device)
+        launch(kernel.level_stems, state.channel_capacity, [*planned, substeps], [state.channel_substeps], device)
 
     def deal_out(_: Share) -> None:
-        state.schedule(state.substep, state.most, state.pace)
+        state.schedule(state.substep, state.max_substeps, state.max_speed)
 
     joined = state.stems is not None and state.stems.joined
     felt = [] if not state.is_uneven else [Stage("migrate", measure)]

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.engine.phase import Phase, Row
+from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.extras import IMPORTING
@@ -116,17 +116,17 @@ class Avulse(Phase):
 
         return [Stage(self.name, measure), Stage(self.name, find, shared=False)]
 
-    def after(self, state: State, row: Row) -> list[Event]:
+    def after(self, state: State, batch: Batch) -> list[Event]:
         """Note the banks that broke, and let channels leave."""
-        if row.status[FAULT] != FAULT_NONE or row.status[STEPS] == 0:
+        if batch.status[FAULT] != FAULT_NONE or batch.status[STEPS] == 0:
             return []
-        count = row.status[CREVASSES]
-        if row.edited:
+        count = batch.status[CREVASSES]
+        if batch.edited:
             # The points are others than those whose banks broke.
-            state.begin_row(begun=row.steps_after)
+            state.begin_batch(begun=batch.steps_after)
             state.run(self.stages(state))
             count = state.read_status()[CREVASSES]
-        return self._break(state, row.times[-1], row.steps_after) if count else []
+        return self._break(state, batch.times[-1], batch.steps_after) if count else []
 
     def _break(self, state: State, time: float, step: int) -> list[Event]:
         """Return the events of the banks that the device found to break, once the network has followed them."""
@@ -155,7 +155,7 @@ class Avulse(Phase):
             for new in taken:
                 carve(state, new)
             state.adopt(work.build())
-            # New courses begin and end in corners, of whose pace nothing is known.
+            # New courses begin and end in corners, of whose speed nothing is known.
             state.hasten(np.isin(np.arange(state.network.channel_count), [new.channel for new in taken]))
         return events
 

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.device import PRECISIONS
-from warpriver.engine.phase import Phase, Row
+from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.saved import SavedError
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
@@ -209,14 +209,18 @@ class Collide(Phase):
             self._search(state, share, contact)
         return contact.numpy()
 
-    def after(self, state: State, row: Row) -> list[Event]:
+    def after(self, state: State, batch: Batch) -> list[Event]:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""
-        if self._constants is None or row.status[FAULT] != FAULT_NONE or not (row.status[CONTACTS] > 0 or row.edited):
+        if (
+            self._constants is None
+            or batch.status[FAULT] != FAULT_NONE
+            or not (batch.status[CONTACTS] > 0 or batch.edited)
+        ):
             return []
-        if row.halted:
+        if batch.halted:
             # The sub-steps that were halted have emptied the table of the search.
-            state.begin_row()
-        if row.halted or row.edited:
+            state.begin_batch()
+        if batch.halted or batch.edited:
             state.run(self.stages(state))
         events: list[Event] = []
         for _ in range(ROUNDS):
@@ -226,11 +230,11 @@ class Collide(Phase):
             state.place_nodes()
             refused: list[Refusal] = []
             joined = join_channels(state.network, contacts, state.next_identity, refused)
-            events += _held(state.network, row.times[-1], refused)
+            events += _held(state.network, batch.times[-1], refused)
             if joined is None:
                 break
             edited, done = joined
-            events += _collisions(state.network, row.times[-1], done)
+            events += _collisions(state.network, batch.times[-1], done)
             state.adopt(edited)
             if self._constants is None:
                 break

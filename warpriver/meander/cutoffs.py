@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from warpriver.engine.phase import Phase, Row
+from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
@@ -76,9 +76,9 @@ class CutOff(Phase):
             *self.loops.stages(state, cuts),
         ]
 
-    def after(self, state: State, row: Row) -> list[Event]:
-        """Return the cutoffs and splits of a row."""
-        return self.loops.after(state, row)
+    def after(self, state: State, batch: Batch) -> list[Event]:
+        """Return the cutoffs and splits of a batch."""
+        return self.loops.after(state, batch)
 
     def grow(self, state: State, status: list[int]) -> bool:
         """Make room for more loops."""

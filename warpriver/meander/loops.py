@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.engine.checks import require
-from warpriver.engine.phase import Row
+from warpriver.engine.phase import Batch
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -119,7 +119,7 @@ class ChunkMarks:
 
 
 class Loops:
-    """The loops that the sub-steps of a row cut off.
+    """The loops that the sub-steps of a batch cut off.
 
     Attributes:
         share_cut, share_cut_sum: vec2i, cutoffs of a sub-step that begin in each slab or chunk and their points; the
@@ -212,12 +212,12 @@ class Loops:
             Stage("cut off", save),
         ]
 
-    def after(self, state: State, row: Row) -> list[Event]:
-        """Return the cutoffs and splits of a row; where both parts of a ring go on, the network gets new channels."""
-        count, points = row.status[CUTS], row.status[CUT_POINTS]
+    def after(self, state: State, batch: Batch) -> list[Event]:
+        """Return the cutoffs and splits of a batch; where both parts of a ring go on, the network gets new channels."""
+        count, points = batch.status[CUTS], batch.status[CUT_POINTS]
         if count == 0:
             return []
-        network, events, times = state.network, list[Event](), row.times
+        network, events, times = state.network, list[Event](), batch.times
         cut = self.cut[:count].numpy()
         xy = self.oxbow_xy[:points].numpy().astype(np.float64) + network.origin
         section = None if self.oxbow_section is None else self.oxbow_section[:points].numpy()

@@ -159,7 +159,7 @@ class Migrate(Phase):
                 kernel.move_points,
                 dim=share.point_threads,
                 inputs=[channels, points, ground, constants, share.work, self.point_velocity, handed_on],
-                outputs=[moved, state.pace_bits],
+                outputs=[moved, state.max_speed_bits],
                 device=state.device,
             )
 

@@ -93,7 +93,7 @@ class Push(Phase):
                 kernel.shift_points,
                 dim=share.point_threads,
                 inputs=[channels, points, ground, constants, share.work, self.point_push],
-                outputs=[moved, state.pace_bits],
+                outputs=[moved, state.max_speed_bits],
                 device=state.device,
             )
 

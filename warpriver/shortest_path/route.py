@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from warpriver.engine.phase import Phase, Row
+from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
@@ -121,9 +121,9 @@ class TakeShortcuts(Phase):
         opened = [] if state.closed is None else [Stage(self.name, open_rings)]
         return [*opened, Stage(self.name, find)]
 
-    def after(self, state: State, row: Row) -> list[Event]:
-        """Return the cutoffs and splits of a row."""
-        return self.loops.after(state, row)
+    def after(self, state: State, batch: Batch) -> list[Event]:
+        """Return the cutoffs and splits of a batch."""
+        return self.loops.after(state, batch)
 
     def grow(self, state: State, status: list[int]) -> bool:
         """Make room for more shortcuts or loops."""

@@ -1,4 +1,4 @@
-"""What a row of sub-steps asks of a GPU: launches, memory and bytes read back, counted in its layout on the CPU."""
+"""What a batch of sub-steps asks of a GPU: launches, memory and bytes read back, counted in its layout on the CPU."""
 
 import collections
 
@@ -74,7 +74,7 @@ def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch)
 def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
     """The status block, whose size does not depend on the network; all else is read after an event alone."""
     sim = models.plain(threads=1)
-    sim.stepper.row_limit = buffers.SUBSTEPS_IN_A_ROW
+    sim.stepper.batch_limit = buffers.MAX_BATCH
     sim.run(steps=40, record_every=10_000)
     read, numpy = [], wp.array.numpy
 
@@ -84,8 +84,8 @@ def test_a_calm_row_reads_back_a_few_hundred_bytes(chunked, monkeypatch):
         return values
 
     monkeypatch.setattr(wp.array, "numpy", counted)
-    status = sim.stepper._launch(buffers.SUBSTEPS_IN_A_ROW, buffers.SUBSTEPS_IN_A_ROW)
-    assert status[DONE] == buffers.SUBSTEPS_IN_A_ROW
+    status = sim.stepper._launch(buffers.MAX_BATCH, buffers.MAX_BATCH)
+    assert status[DONE] == buffers.MAX_BATCH
     assert read == []
     assert 4 * len(sim.stepper.state.status.array) < 256
 
@@ -105,9 +105,9 @@ def test_a_row_that_cuts_reads_back_what_it_cut(chunked, monkeypatch):
 
 
 def test_a_full_row_keeps_its_recordings(chunked):
-    """Where all sub-steps of a row together cut more than fits, but none alone does, nothing is made anew."""
+    """Where all sub-steps of a batch together cut more than fits, but none alone does, nothing is made anew."""
     sim = models.tree(threads=1)
-    sim.stepper.row_limit = 8
+    sim.stepper.batch_limit = 8
     sim.run(steps=20, record_every=10_000)
     state, loops, replays = sim.stepper.state, loops_of(sim), sim.stepper._replays
     edition, points = state.edition, state.point_moved

@@ -1,4 +1,4 @@
-"""Status: how a row of sub-steps went, on the device and on the host."""
+"""Status: how a batch of sub-steps went, on the device and on the host."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import warp as wp
 from warpriver.engine.stages import Stage
 from warpriver.kernels.status import BEGUN, GOAL, POINTS, STATUS_SIZE
 
-__all__ = ["SUBSTEPS_IN_A_ROW", "Status"]
+__all__ = ["MAX_BATCH", "Status"]
 
-# Sub-steps that a GPU does in a row at most before the host looks at them; never more than went before without an event
+# Sub-steps that a GPU does at once at most before the host looks at them; never more than went before without an event
 # that is for the host. On the CPU looking costs nothing.
-SUBSTEPS_IN_A_ROW = 16
+MAX_BATCH = 16
 
 
 class Status:
-    """How a row of sub-steps went, as one small block of integers: all that the host looks at after a row.
+    """How a batch of sub-steps went, as one small block of integers: all that the host looks at after a batch.
 
     On the CPU the host sees the device's array itself, without a call that costs. On a GPU the block travels by way of
-    pinned memory, to the device before a row and back after it, and both copies can be recorded with the row.
+    pinned memory, to the device before a batch and back after it, and both copies can be recorded with the batch.
 
     Attributes:
-        array: The numbers of ``kernels/polyline.py``, then the number of each sub-step of the row in its step and how
+        array: The numbers of ``kernels/polyline.py``, then the number of each sub-step of the batch in its step and how
             many there are in that step.
     """
 
     def __init__(self, device: Any):
         """Allocate on a device."""
-        size = STATUS_SIZE + 2 * SUBSTEPS_IN_A_ROW
+        size = STATUS_SIZE + 2 * MAX_BATCH
         self.array = wp.zeros(size, dtype=wp.int32, device=device)
         self._host = self.array if device.is_cpu else wp.zeros(size, dtype=wp.int32, device="cpu", pinned=True)
         self._view = self._host.numpy()
@@ -62,12 +62,12 @@ class Status:
         if self._host is not self.array:
             wp.copy(self._host, self.array)
 
-    def stages(self, row: list[Stage]) -> list[Stage]:
-        """Return a row of stages with both copies around them."""
+    def stages(self, batch: list[Stage]) -> list[Stage]:
+        """Return a batch of stages with both copies around them."""
         if self._host is self.array:
-            return row
-        send = Stage("row", lambda _: self.send(), shared=False)
-        return [send, *row, Stage("row", lambda _: self.fetch(), shared=False)]
+            return batch
+        send = Stage("batch", lambda _: self.send(), shared=False)
+        return [send, *batch, Stage("batch", lambda _: self.fetch(), shared=False)]
 
     def read(self) -> np.ndarray:
         """Wait for the device and return the host's block."""
