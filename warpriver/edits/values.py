@@ -123,8 +123,9 @@ def _tuples(value: Any) -> Any:
 class LockPoint(Edit):
     """Hold a point of a channel in place, whatever its bends do; it is a point of every later course.
 
-    Migration fades to nothing towards it, as towards the ends of a channel. A cutoff or a collision that would drop it
-    is refused, and noted as a ``HeldLock`` event. Locked points, and the ends of the channel, are 10 spacings apart.
+    The push of bends upstream fades to nothing towards it, as towards the ends of a channel. A cutoff or a collision
+    that would drop it is refused, and noted as a ``HeldLock`` event. Locked points, and the ends of the channel, are 10
+    spacings apart.
 
     Attributes:
         channel: Identity of the channel; it can be no ring.
