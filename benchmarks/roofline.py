@@ -105,7 +105,7 @@ CHUNK_POINTS = 32.0
 STEP = (
     Launch("migrate", "schedule", "begin_substep", (
         *_read("substep", per="event"), *_written("channel_mobility_out", per="channel"),
-        *_written("most_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
+        *_written("max_substeps_out", per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "plan_steps", (
         *_read("channel_limits", "channel_mobility", "channel_max_speed", per="channel"),
@@ -113,7 +113,7 @@ STEP = (
         *_written("channel_substeps_out", per="channel"), Moved("max_substeps_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "schedule", "schedule_channels", (
-        *_read("channel_substeps", per="channel"), *_read("most", per="event"),
+        *_read("channel_substeps", per="channel"), *_read("max_substeps", per="event"),
         *_written("channel_step_out", "channel_max_speed_out", per="channel"),
         Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),

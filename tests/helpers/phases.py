@@ -34,7 +34,7 @@ class State:
         self.inner.begin()
         self.inner.allocate_points(HEADROOM * count)
         self.inner.assign(self.inner.spacing, np.array([spacing]))
-        self.inner.parts.fill_(1)
+        self.inner.channel_substeps.fill_(1)
         self.inner.step.fill_(1.0)
         self.inner.begin_batch(steps=0)
 
