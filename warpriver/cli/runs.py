@@ -259,6 +259,11 @@ def _size(count: float) -> str:
     return f"{count / 1e6:.{0 if count > 1e7 else 1}f} MB" if count < 1e9 else f"{count / 1e9:.1f} GB"
 
 
+def _metres(length: float) -> str:
+    """A length in whole metres, of brooks to two digits."""
+    return f"{length:.0f}" if length >= 10.0 else f"{length:.2g}"
+
+
 def write_results(simulation: Simulation, folder: Path) -> list[str]:
     """Write the final lines, and return what a river expert would ask first."""
     from warpriver import metrics
@@ -274,12 +279,12 @@ def write_results(simulation: Simulation, folder: Path) -> list[str]:
     bends = "no meander wavelength, as it has too few bends"
     if wave > 0.0:
         bends = f"meander wavelength {wave:.4g} m, {wave / width:.3g} widths"
-    count = len(simulation.history.splits)
+    cutoffs, count = len(simulation.history.cutoffs), len(simulation.history.splits)
     splits = f" and {count} split{'s' if count > 1 else ''} of rings" if count else ""
     return [
         f"  lines    {folder / 'channels.csv'}",
         f"  largest channel: width {width:.4g} m, sinuosity {metrics.sinuosity(xy, ring):.3g}, {bends} (usual for this "
-        f"width: {usual[0]:.0f} to {usual[1]:.0f} m); {len(simulation.history.cutoffs)} cutoffs{splits} in all",
+        f"width: {_metres(usual[0])} to {_metres(usual[1])} m); {cutoffs} cutoffs{splits} in all",
     ]
 
 
