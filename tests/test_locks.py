@@ -80,7 +80,7 @@ def test_the_push_from_upstream_fades_to_nothing_towards_a_lock():
         assert np.abs(plain[5 if c == 0 else -6]).max() > 0.1 and (slowed[at_lock] == 0.0).all()
 
 
-def neck(params=MeanderParams, gap=40.0, radius=450.0):
+def neck(params=MeanderParams, gap=40.0, radius=450.0, device="cpu"):
     """A river with a round loop, whose ends at (0, 0) are as close as a neck."""
     half = np.pi - np.arcsin(0.5 * gap / radius)
     turn = np.linspace(half, -half, int(radius / 4.0)) + 0.5 * np.pi
@@ -89,7 +89,7 @@ def neck(params=MeanderParams, gap=40.0, radius=450.0):
     left = np.stack([np.linspace(-4_000.0, first[0], 80), np.linspace(-100.0, first[1], 80) - 10.0], axis=1)[:-2]
     right = np.stack([np.linspace(last[0], 4_000.0, 80), np.linspace(last[1], -100.0, 80) - 10.0], axis=1)[2:]
     network = RiverNetwork.from_polylines([np.concatenate([left, loop, right])], width=60.0)
-    return Simulation(network, params(spacing=25.0), device="cpu")
+    return Simulation(network, params(spacing=25.0), device=device)
 
 
 @pytest.mark.parametrize(("solver", "radius"), [("migration", 450.0), ("migration", 85.0), ("paths", 450.0)])
@@ -111,7 +111,7 @@ def test_a_neck_across_a_through_node_is_a_cutoff(solver, radius):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_cutoff_that_would_drop_a_lock_is_refused_and_told_once(solver, tmp_path, device):
-    sim = neck(SOLVERS[solver])
+    sim = neck(SOLVERS[solver], device=device)
     sim.lock(0, (0.0, 900.0))
     place = locked_points(sim)[0].copy()
     sim.run(steps=10, store=tmp_path / "run")

@@ -46,7 +46,7 @@ def ground_again(
         terrain: The one that is given, which stays as it is where edits are done again; None: that of the run, read
             again from its file.
         change: Take what is given, also if it is not the terrain of the run.
-        device: Where a terrain is read to.
+        device: Where a terrain is read to, and edits of it are done again.
 
     Raises:
         ValueError: The terrain of the run is not given and cannot be found, or another one is given.
@@ -64,7 +64,7 @@ def ground_again(
         return None
     if terrain is None:
         return _read_again(stages, device)
-    again = _edited_again(stages, terrain)
+    again = _edited_again(stages, terrain, device)
     if again is None:
         raise InputError(
             f"the terrain is not the one that the run has had ({ground.about}{_of_file(ground)}): size, place or "
@@ -86,7 +86,7 @@ def _stages(start: Ground | None, events: Iterable[Event]) -> list[Stage]:
     return stages
 
 
-def _edited_again(stages: list[Stage], terrain: Terrain) -> Terrain | None:
+def _edited_again(stages: list[Stage], terrain: Terrain, device: Any) -> Terrain | None:
     """A terrain as it was at the end, from what it was at any stage; None where it cannot be made of this one."""
     digest, end = terrain.digest(), stages[-1][0]
     assert end is not None
@@ -97,7 +97,8 @@ def _edited_again(stages: list[Stage], terrain: Terrain) -> Terrain | None:
         edits = [edit for _, each in stages[k:] for edit in each]
         if not edits:
             return terrain if ground.digest == end.digest else None
-        again = terrain.copy()
+        # On the device of the run: another one rounds otherwise.
+        again = terrain.copy().to(device)
         for edit in edits:
             if isinstance(edit, Avulsion):
                 carve_course(again, edit.course, edit.bed, edit.width)
@@ -127,7 +128,7 @@ def _read_again(stages: list[Stage], device: Any) -> Terrain:
         raise InputError(f"{told} from {ground.path}, which cannot be read ({error}); {advice}") from error
     if terrain.digest() != ground.digest:
         raise InputError(f"{told} from {ground.path}, which has changed since; {advice} as it was then")
-    again = _edited_again(stages, terrain)
+    again = _edited_again(stages, terrain, device)
     if again is None:
         raise InputError(
             f"{told} that was edited by other means than edits of the run, so that {ground.path} is not it any more; "

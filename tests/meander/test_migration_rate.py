@@ -139,7 +139,8 @@ def test_no_damping_leaves_the_law_alone_up_to_the_ends(device):
     (free,) = wr.meander.migration_rate(network, wr.MeanderParams(end_damping=0.0))
     inner = slice(9, -9)  # five widths are 200 m, eight points
     np.testing.assert_array_equal(held[inner], free[inner])
-    assert held[0] == held[-1] == 0.0 != free[-1]
+    # A fused multiply and add of a GPU leaves some 1e-16 of 0.
+    assert max(abs(held[0]), abs(held[-1])) < 1e-12 * abs(free).max() < abs(free[-1])
 
 
 def test_a_straight_line_stays(device):
