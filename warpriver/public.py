@@ -75,16 +75,11 @@ def public(function: F) -> F:
 
 @dataclasses.dataclass(frozen=True)
 class _Kinds:
-    """What an argument may be: tests of which one must hold, and its annotation."""
+    """What an argument may be: tests of which one must hold, its annotation, and whether numbers must be whole."""
 
     tests: list[Test]
     annotation: str
-
-    @property
-    def whole(self) -> bool:
-        """Whether numbers must be whole."""
-        kinds = _split(self.annotation)
-        return "int" in kinds and "float" not in kinds
+    whole: bool
 
     def hold(self, value: Any) -> bool:
         return any(test(value) for test in self.tests)
@@ -143,7 +138,8 @@ def _split(annotation: str) -> list[str]:
 
 def _kinds_of(function: Callable[..., Any]) -> dict[str, _Kinds]:
     """What each argument that can be tested may be."""
-    found: dict[str, _Kinds] = {"": _Kinds([], "None")}
+    # Never empty, so that annotations are looked at once.
+    found: dict[str, _Kinds] = {"": _Kinds([], "None", False)}
     for name, parameter in inspect.signature(function).parameters.items():
         if parameter.annotation is parameter.empty or parameter.kind in (
             parameter.VAR_POSITIONAL,
@@ -151,9 +147,11 @@ def _kinds_of(function: Callable[..., Any]) -> dict[str, _Kinds]:
         ):
             continue
         kinds = _expanded(parameter.annotation, sys.modules[function.__module__])
-        tests = [_test_of(kind) for kind in _split(kinds)]
+        members = _split(kinds)
+        tests = [_test_of(kind) for kind in members]
         if all(tests):
-            found[name] = _Kinds([test for test in tests if test], kinds)
+            whole = "int" in members and "float" not in members
+            found[name] = _Kinds([test for test in tests if test], kinds, whole)
     return found
 
 
