@@ -21,6 +21,8 @@ DEFAULTS = {
         "migration_rate": (60.0, "m/yr"),
         "reference_width": (None, "m"),
         "friction": (0.011, "-"),
+        "memory_length": (0.0, "widths"),
+        "curvature_saturation": (0.0, "-"),
         "local_weight": (-1.0, "-"),
         "upstream_weight": (2.5, "-"),
         "upstream_memory": ("stem", "-"),
