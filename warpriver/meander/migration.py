@@ -177,7 +177,7 @@ class Migrate(Phase):
             memory.add(channels, points, constants, share, self.point_velocity)
 
         def find_tails(whole: Share) -> None:
-            memory.find_tails(channels, points, constants, whole.work, self.point_velocity)
+            memory.find_tails(channels, whole.work)
 
         return [
             *areas,
