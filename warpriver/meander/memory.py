@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import Share, clear, launch
 from warpriver.kernels import memory as kernels
@@ -41,7 +42,7 @@ class StemMemory:
         """Allocate for so many channels."""
         kernel = kernels.build(scalar)
 
-        def zeros(kind: Any) -> wp.array:
+        def zeros(kind: Any) -> DeviceArray:
             return wp.zeros(count, dtype=kind, device=device)
 
         self._kernel, self._device, self._count = kernel, device, count
@@ -56,7 +57,7 @@ class StemMemory:
         memory.back, memory.tail, memory.terms, memory.ends = self.back, self.tail, self.terms, self.ends
         return memory
 
-    def measure(self, channels: Any, length: wp.array) -> None:
+    def measure(self, channels: Any, length: DeviceArray) -> None:
         """Measure the stems, whose sinuosity the rates need."""
         clear(length)
         self._launch("measure_stems", self._count, [channels], [length])
@@ -65,7 +66,7 @@ class StemMemory:
         """Find what enters each link, when the velocities of all are computed."""
         self._launch("chain_links", self._count, [channels, constants, work], [self.struct()])
 
-    def add(self, channels: Any, points: Any, constants: Any, share: Share, velocity: wp.array) -> None:
+    def add(self, channels: Any, points: Any, constants: Any, share: Share, velocity: DeviceArray) -> None:
         """Add to the velocities of a share of the channels what enters them."""
         inputs = [channels, points, constants, share.work]
         self._launch("add_upstream", share.channel_threads, inputs, [self.struct(), velocity])

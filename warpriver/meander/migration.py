@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -128,7 +128,7 @@ class Migrate(Phase):
     """
 
     name = "migrate"
-    point_velocity: wp.array
+    point_velocity: DeviceArray
     memory: StemMemory | None
 
     def allocate(self, state: State) -> None:
