@@ -24,8 +24,8 @@ def build(scalar):
     line = polyline.build(scalar)
     vec2, vec3, vec4 = line.vec2, line.vec3, wp.types.vector(4, scalar)
     Channels, Points, Run, Ends = line.Channels, line.Points, line.Run, line.Ends
-    ZERO, ONE = scalar(0.0), scalar(1.0)
-    TWO, EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (2.0, 8.0 / 9.0, 0.25, 2.0 / 3.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
+    EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (8.0 / 9.0, 0.25, 2.0 / 3.0))
     SERIES_LIMIT = scalar(0.5)
     # What has faded to this fraction is lost in the rounding of the sum.
     LOST = scalar(math.exp(-float(line.REACH)))
@@ -45,11 +45,17 @@ def build(scalar):
 
     @wp.struct
     class MigrationConstants:
-        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
+        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr.
+
+        ``memory_length`` is 0 where friction and depth tell how far bends are felt, ``curvature_saturation`` where
+        nothing saturates.
+        """
 
         migration_rate: scalar
         reference_width: scalar
         friction: scalar
+        memory_length: scalar
+        curvature_saturation: scalar
         local_weight: scalar
         upstream_weight: scalar
         scale_local: int
@@ -128,6 +134,27 @@ def build(scalar):
         return constants.migration_rate * width
 
     @wp.func(module=name)
+    def felt_curvature(curvature: scalar, width: scalar, constants: MigrationConstants) -> vec3:
+        """Curvature C as the rate feels it, c0 tanh(w C / c0) / w, and its first and second derivative by C.
+
+        It grows no further in bends tighter than w / c0, where the flow no longer follows the bank [Blanckaert2011];
+        without a limit c0 it is C itself.
+        """
+        if constants.curvature_saturation > ZERO:
+            scale = width / constants.curvature_saturation
+            felt = wp.tanh(scale * curvature)
+            slope = ONE - felt * felt
+            return vec3(felt / scale, slope, -TWO * scale * felt * slope)
+        return vec3(curvature, ONE, ZERO)
+
+    @wp.func(module=name)
+    def decay_of(section: vec2, constants: MigrationConstants) -> scalar:
+        """Decay alpha of the memory at a width and depth, 1/m: 2 f / d, or by a length in widths, 1 / (L w)."""
+        if constants.memory_length > ZERO:
+            return ONE / (constants.memory_length * section[0])
+        return TWO * constants.friction / section[1]
+
+    @wp.func(module=name)
     def smoothing_root(width: scalar, run: Run, sinuosity: scalar, constants: MigrationConstants) -> scalar:
         """Root r of the implicit fraction of the local term, 0 where the explicit step is stable by itself.
 
@@ -144,13 +171,12 @@ def build(scalar):
         return line.recurrence_root(c)
 
     @wp.func(module=name)
-    def segment_depth(points: Points, run: Run, friction: scalar, i: int, j: int) -> scalar:
-        """Optical depth of the segment between two points: alpha = 2 f / d, in the mean of both, times its length."""
-        return (
-            friction
-            * run.spacing
-            * (ONE / line.section_at(points, i, run)[1] + ONE / line.section_at(points, j, run)[1])
-        )
+    def segment_depth(points: Points, run: Run, constants: MigrationConstants, i: int, j: int) -> scalar:
+        """Optical depth of the segment between two points: the decay, in the mean of both, times its length."""
+        before, after = line.section_at(points, i, run), line.section_at(points, j, run)
+        if constants.memory_length > ZERO:
+            return HALF * run.spacing * (decay_of(before, constants) + decay_of(after, constants))
+        return constants.friction * run.spacing * (ONE / before[1] + ONE / after[1])
 
     @wp.func(module=name)
     def line_sinuosity(point_xy: wp.array[vec2], run: Run) -> scalar:
@@ -203,7 +229,7 @@ def build(scalar):
         root = smoothing_root(run.form.widest, run, sinuosity, constants)
         fade = scalar(1.0)
         if run.upper >= 0 or run.lower >= 0:
-            fade = wp.exp(-TWO * constants.friction * run.spacing / run.form.depth)
+            fade = wp.exp(-run.spacing * decay_of(vec2(run.form.width, run.form.depth), constants))
         return Terms(local, upstream, sinuosity, root, fade, line.recurrence_reach(root))
 
     @wp.func(module=name)
@@ -264,7 +290,7 @@ def build(scalar):
         ends_felt = ends.above < ends.head_reach or ends.below < ends.foot_reach
         while j <= run.last:
             if points.section:
-                q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                q = wp.exp(-segment_depth(points, run, constants, j - 1, j))
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
             left = left * q
             if j >= begin:
@@ -407,7 +433,7 @@ def build(scalar):
                 j = int(run.first + 1)
                 while j <= run.last and wp.abs(push) + wp.abs(smoothed[0]) + wp.abs(smoothed[1]) > faint:
                     if points.section:
-                        q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                        q = wp.exp(-segment_depth(points, run, constants, j - 1, j))
                         r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
                     push = push * q
                     normal = vec2(ZERO, ZERO)
@@ -469,6 +495,8 @@ def build(scalar):
         AREA_PARTS=AREA_PARTS,
         decay_weights=decay_weights,
         strength_of=strength_of,
+        felt_curvature=felt_curvature,
+        decay_of=decay_of,
         segment_depth=segment_depth,
         smoothing_root=smoothing_root,
         smoothing_of=smoothing_of,

@@ -21,6 +21,8 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
     constants.migration_rate = params.migration_rate
     constants.reference_width = params.reference_width or 0.0
     constants.friction = params.friction
+    constants.memory_length = params.memory_length
+    constants.curvature_saturation = params.curvature_saturation
     constants.local_weight = params.local_weight
     constants.upstream_weight = params.upstream_weight
     constants.scale_local = int(params.sinuosity_scaling == "whole")
