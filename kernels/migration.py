@@ -273,7 +273,7 @@ def build(scalar):
         Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
         close to 1: 1 - A is the sum of the weights of a segment of that depth.
         """
-        lap = wp.max(1, wp.min(run.last - run.first + 1, line.recurrence_reach(terms.root)))
+        lap = wp.max(1, wp.min(run.last - run.first + 1, terms.reach))
         origin = run.begin - lap
         warm, depth = ring_warmup(points, run, constants, origin)
         whole = decay_weights(depth)
@@ -291,7 +291,7 @@ def build(scalar):
     def line_sweep(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
         """Sweep over a run of a line, from where what lies farther upstream is lost in rounding."""
         warm = warmup_start(points, run, constants)
-        warm = wp.max(run.first, warm - line.recurrence_reach(terms.root))
+        warm = wp.max(run.first, warm - terms.reach)
         upstream = scalar(0.0)
         if run.upper < 0 and line.is_fed(channels, run.channel):
             upstream = strength_of(line.section_at(points, run.first, run)[0], constants) * channels.inlet[run.channel]

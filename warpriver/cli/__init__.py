@@ -44,7 +44,8 @@ def _run(options: argparse.Namespace) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: tell(f"warning: {message}")
-            return options.command(options)
+            code: int = options.command(options)
+            return code
     except KeyboardInterrupt:
         tell("interrupted")
         return INTERRUPTED

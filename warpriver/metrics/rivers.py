@@ -155,9 +155,7 @@ def _planform(network: RiverNetwork) -> RiverStatistics:
     """All but what changes."""
     reaches = list(_reaches(network))
     found = [_Bends.of(reach) for reach in reaches]
-    arc, chord, radius, winding, ahead = (
-        np.concatenate([getattr(each, name) for each in found] or [np.empty(0)]) for name in _Bends._fields
-    )
+    arc, chord, radius, winding, ahead = np.concatenate(found, axis=1) if found else np.empty((5, 0))
     sizes = {}
     if len(arc):
         sizes = {
