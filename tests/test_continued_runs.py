@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 from models import many_channels, tree
+from plain import plain_params
 
 import warpriver as wr
-from warpriver import History, MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver import History, PathMeander, RiverNetwork, Simulation, Terrain, generate
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Stage, launch
 from warpriver.errors import InputError
@@ -219,14 +220,14 @@ def test_a_simulation_on_another_device_has_a_terrain_of_its_own(device):
     ids=lambda changed: ",".join(changed),
 )
 def test_changed_constants_are_taken_and_told(changed, tmp_path, device):
-    first = Simulation(river(), MeanderParams(), device=device)
+    first = Simulation(river(), plain_params(), device=device)
     first.run(steps=20, store=tmp_path / "run")
     params = first.params.replace(**changed)
     again = Simulation.resume(tmp_path / "run", params=params, device=device)
-    assert again.params == params and again.history.params == MeanderParams()
+    assert again.params == params and again.history.params == plain_params()
     again.run(steps=20)
     loaded = wr.read_history(tmp_path / "run")
-    assert loaded.params == MeanderParams() and loaded.last_params == params
+    assert loaded.params == plain_params() and loaded.last_params == params
     events = loaded.events.of(ParameterChange)
     assert {event.name: json.loads(event.after) for event in events} == changed
     assert {event.time for event in events} == {20 * params.time_step}
@@ -244,7 +245,7 @@ def test_changed_constants_are_taken_and_told(changed, tmp_path, device):
 def test_unchanged_constants_are_no_event(tmp_path, device):
     whole = Simulation(river(), device=device).run(steps=40)
     Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
-    again = Simulation.resume(tmp_path / "run", params=MeanderParams(), device=device)
+    again = Simulation.resume(tmp_path / "run", params=plain_params(), device=device)
     again.run(steps=20)
     assert len(again.history.events.of(ParameterChange)) == 0
     np.testing.assert_array_equal(whole.networks[-1].points(), again.network.points())
@@ -253,20 +254,20 @@ def test_unchanged_constants_are_no_event(tmp_path, device):
 def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path, device):
     """A run that is killed right after it was resumed goes on from its last record with the constants of that."""
     Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
-    lost = Simulation.resume(tmp_path / "run", params=MeanderParams(migration_rate=5.0), device=device)
+    lost = Simulation.resume(tmp_path / "run", params=plain_params(migration_rate=5.0), device=device)
     lost.step(3)
     lost.history.flush()
     again = Simulation.resume(tmp_path / "run", device=device)
-    assert again.params == MeanderParams() and again.step_count == 20
+    assert again.params == plain_params() and again.step_count == 20
 
 
 @pytest.mark.parametrize(
     ("params", "words"),
     [
         (PathMeander(), "goes by MeanderParams and cannot go on by PathMeander"),
-        (MeanderParams(time_step=1.0), "time_step is 1 yr"),
-        (MeanderParams(collision_distance=0.0), "add or remove collide"),
-        (MeanderParams(spacing=500.0, spacing_in_widths=0.0), "coarser than channel 0 is wide"),
+        (plain_params(time_step=1.0), "time_step is 1 yr"),
+        (plain_params(collision_distance=0.0), "add or remove collide"),
+        (plain_params(spacing=500.0, spacing_in_widths=0.0), "coarser than channel 0 is wide"),
     ],
     ids=["solver", "time step", "collisions", "spacing"],
 )
@@ -287,9 +288,9 @@ def test_a_history_in_memory_is_left_as_it_was_when_resuming_is_refused(device):
 
 
 def test_constants_and_columns_of_a_simulation_are_read_only(device):
-    sim = Simulation(many_channels(3), MeanderParams(spacing=25.0), device=device)
+    sim = Simulation(many_channels(3), plain_params(spacing=25.0), device=device)
     with pytest.raises(AttributeError, match=r"read-only; go on with others by Simulation.resume"):
-        sim.params = MeanderParams(migration_rate=1.0)
+        sim.params = plain_params(migration_rate=1.0)
     for name in ("history", "seed", "network", "terrain", "time", "step_count", "threads", "check", "stepper"):
         with pytest.raises(AttributeError):
             setattr(sim, name, None)

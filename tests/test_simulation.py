@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import warp as wp
 from insides import loops_of, tighten
+from plain import plain_params
 from trees import random_tree
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, generate
+from warpriver import PathMeander, RiverNetwork, Simulation, generate
 from warpriver.engine.checks import PhaseError
 from warpriver.history import Every, History, StopReason
 from warpriver.meander.resampling import Resample
@@ -158,7 +159,7 @@ def test_float32_follows_float64(device):
 
 def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
     """With sub-steps and cutoffs among them; nothing is recorded but events."""
-    params = MeanderParams(time_step=1.0)
+    params = plain_params(time_step=1.0)
     one_by_one, at_once = (Simulation(wandering(width=60.0), params, device=device) for _ in range(2))
     for _ in range(150):
         one_by_one.step()
@@ -199,25 +200,25 @@ def test_a_figure_of_eight_is_allowed_and_cut_at_its_crossing(device):
 
 
 def test_long_steps_are_done_in_parts(device):
-    sim = Simulation(wandering(width=60.0), MeanderParams(time_step=2.0), device=device)
+    sim = Simulation(wandering(width=60.0), plain_params(time_step=2.0), device=device)
     sim.step()
     assert 1 < sim.substeps <= int(np.ceil(2.0 / sim.stable_dt))
     assert sim.time == 2.0
     narrow = generate.noisy_line(600.0, 2.0, 1.0, 0)
     sim = Simulation(
-        RiverNetwork.from_polylines([narrow], width=2.0), MeanderParams(spacing=2.0), check=True, device=device
+        RiverNetwork.from_polylines([narrow], width=2.0), plain_params(spacing=2.0), check=True, device=device
     )
     assert sim.run(years=20).stop_reason is StopReason.COMPLETED
 
 
 def test_a_time_step_out_of_proportion_is_refused():
     with pytest.raises(ValueError, match="is it in years"):
-        Simulation(wandering(), MeanderParams(time_step=106.0 * 86400.0))
+        Simulation(wandering(), plain_params(time_step=106.0 * 86400.0))
 
 
 def test_spacing_wider_than_a_channel_is_refused():
     with pytest.raises(ValueError, match=r"spacing 50 m is coarser than channel 0 is wide \(20 m\)"):
-        Simulation(wandering(width=20.0), MeanderParams(spacing_in_widths=0.0))
+        Simulation(wandering(width=20.0), plain_params(spacing_in_widths=0.0))
 
 
 def test_a_ring_is_refused():
@@ -357,7 +358,7 @@ def test_an_error_of_a_callback_is_its_callers_affair(tmp_path, device):
 
 def drifting(device):
     network = random_tree(7, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0, junction_drift=0.5), device=device, threads=2)
+    return Simulation(network, plain_params(spacing=20.0, junction_drift=0.5), device=device, threads=2)
 
 
 def paths(device):

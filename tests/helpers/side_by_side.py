@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 import numpy as np
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.errors import WarpriverError
@@ -85,7 +86,7 @@ def rates():
     """Rates of a network as it stands."""
     line = wr.generate.sine_generated(wavelength=1_500, angle=1.2, wavelengths=4, spacing=25)
     network = wr.RiverNetwork.from_polylines([line], width=80.0)
-    return digest(*wr.meander.migration_rate(network, wr.MeanderParams()))
+    return digest(*wr.meander.migration_rate(network, plain_params()))
 
 
 def files():

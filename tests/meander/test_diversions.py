@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, edits
+from warpriver import RiverNetwork, Simulation, Terrain, edits
 from warpriver.meander.diversions import upstream_of
 
 SPACING, WIDTH = 50.0, 50.0
@@ -25,7 +26,7 @@ def rivers(wall=0.0):
     side = np.linspace([north[half, 0] - 1_200.0, 7_800.0], north[half], 40)
     lines = [north[: half + 1], side, north[half:], np.column_stack([x, np.full_like(x, 2_600.0)])]
     network = RiverNetwork.from_polylines(lines, [40.0, 30.0, WIDTH, WIDTH], discharge=[300.0, 100.0, 400.0, 500.0])
-    sim = Simulation(network, MeanderParams(spacing=SPACING), terrain=ground(wall))
+    sim = Simulation(network, plain_params(spacing=SPACING), terrain=ground(wall))
     sim.step(3)
     return sim
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 from trees import assert_forest, random_tree
 
 import warpriver as wr
@@ -25,7 +26,7 @@ def fork(lower=6000.0):
         # Straight channels do not migrate; the bends that the drift gives the tributaries are held back here, and no
         # corner of a river that goes on through the junction is rounded.
         (
-            wr.MeanderParams(
+            plain_params(
                 spacing=SPACING, junction_drift=0.1, local_weight=0.0, upstream_weight=0.0, upstream_memory="channel"
             ),
             60.0,
@@ -50,7 +51,7 @@ def test_a_junction_wanders_at_its_speed(params, rate, capture, device):
 
 
 def test_without_drift_and_stems_junctions_stay(device):
-    params = wr.MeanderParams(spacing=SPACING, upstream_memory="channel")
+    params = plain_params(spacing=SPACING, upstream_memory="channel")
     sim = wr.Simulation(fork(), params, device=device)
     before = sim.network.node_xy.copy()
     sim.run(steps=50)
@@ -58,7 +59,7 @@ def test_without_drift_and_stems_junctions_stay(device):
 
 
 def test_a_junction_stops_before_the_next_one(device):
-    params = wr.MeanderParams(
+    params = plain_params(
         spacing=SPACING, junction_drift=1.0, local_weight=0.0, upstream_weight=0.0, collision_distance=0.0
     )
     sim = wr.Simulation(fork(lower=1500.0), params, device=device)
@@ -70,7 +71,7 @@ def test_a_junction_stops_before_the_next_one(device):
 def test_on_steep_ground_junctions_stay(device):
     sim = wr.Simulation(
         fork(),
-        wr.MeanderParams(spacing=SPACING, junction_drift=0.5),
+        plain_params(spacing=SPACING, junction_drift=0.5),
         terrain=wr.Terrain(np.add.outer(np.arange(120) * 20.0, np.zeros(90)), 100.0, origin=(-4500.0, 4000.0)),
         device=device,
     )
@@ -107,4 +108,4 @@ def test_a_channel_that_parts_cannot_have_junctions_that_wander():
     lines = [part * [-2000.0, -2500.0], part * [1800.0, -2600.0]]
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH)
     with pytest.raises(ValueError, match="part"):
-        wr.Simulation(network, wr.MeanderParams(spacing=SPACING, collision_distance=0.0, junction_drift=0.1))
+        wr.Simulation(network, plain_params(spacing=SPACING, collision_distance=0.0, junction_drift=0.1))
