@@ -215,7 +215,8 @@ class Case:
         channels = self.channels(law, deal)
         if self.stems is not None:
             self.launch_once("find_tails", [channels, self.points, constants, ..., rate], [self.memory.tail])
-        inputs = [channels, self.points, ground, constants, ..., rate, self.memory]
+        velocities = struct_of(self.kernel.Velocities, point=rate, tail=self.memory.tail)
+        inputs = [channels, self.points, ground, constants, ..., velocities]
         max_speed = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(max_speed)])
         if section is not None:
