@@ -29,10 +29,10 @@ def build(scalar):
     vec2, RasterGrid = cells.vec2, cells.RasterGrid
     Channels, Points, Run = line.Channels, line.Points, line.Run
     ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
-    # Part of an integer of 32 bits, by which chances are compared.
+    # Fraction of an integer of 32 bits, by which chances are compared.
     ALL_BITS = wp.float64(2.0**-32)
     ZERO_64, ONE_64 = wp.float64(0.0), wp.float64(1.0)
-    LEAST, MOST = wp.float32(-1.0), wp.float32(1.0)
+    LOW, HIGH = wp.float32(-1.0), wp.float32(1.0)
     FAR = scalar(2.0**100)
 
     @wp.struct
@@ -53,7 +53,7 @@ def build(scalar):
 
     @wp.struct
     class Breaking:
-        """When banks break: least |w C|, hazard (1/(m yr)) or chance by the point, chance of an avulsion, step (yr).
+        """When banks break: minimum |w C|, hazard (1/(m yr)) or chance by the point, chance of an avulsion, step (yr).
 
         ``by_point`` is 1 for a chance by the point and the step, 0 for a hazard by the bend.
         """
@@ -240,7 +240,7 @@ def build(scalar):
             else:
                 t = wp.min(scalar(count - 1) * walk.spacing / whole, ONE)
                 ahead = wp.normalize(t * (off / left) + (ONE - t) * first)
-                chance = scalar(wp.randf(random, LEAST, MOST))
+                chance = scalar(wp.randf(random, LOW, HIGH))
                 place = place + walk.spacing * turned(ahead, walk.jitter * chance)
             after = wp.float64(0.0)
             if cell_height:

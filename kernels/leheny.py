@@ -516,14 +516,14 @@ def build(scalar):
     def raise_courses(
         # params
         constants: Constants,
-        least: scalar,
+        min_fall: scalar,
         # in
         cell_below: wp.array[int],
         order: wp.array[int],
         # out
         cell_height_io: wp.array[scalar],
     ):
-        """Raise cells until each lies ``least`` or more above the one below it on its course; on one thread.
+        """Raise cells until each lies ``min_fall`` or more above the one below it on its course; on one thread.
 
         ``order`` has each cell after the one below it, which is -1 at outlets.
         """
@@ -531,7 +531,7 @@ def build(scalar):
             cell = order[i]
             below = cell_below[cell]
             if below >= 0:
-                floor = cell_height_io[below] + least
+                floor = cell_height_io[below] + min_fall
                 if cell_height_io[cell] < floor:
                     cell_height_io[cell] = floor
 

@@ -26,7 +26,7 @@ from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
 from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import MOST_SEED, finite_numbers, one_of, whole
+from warpriver.validate import MAX_SEED, finite_numbers, one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
@@ -213,7 +213,7 @@ class _Run:
         device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
-        self.seeds = [whole(seed, "seed", most=MOST_SEED) for seed in seeds]
+        self.seeds = [whole(seed, "seed", maximum=MAX_SEED) for seed in seeds]
         self.events = whole(events, "events", 0)
         self.cell_state = np.zeros(0, np.uint8)
         self.first_height = np.zeros(0)
@@ -233,10 +233,10 @@ class _Run:
         require_memory((start.shape[0] * len(self.seeds), start.shape[1]), GRID_BYTES, self.device, "erosion")
         if fill:
             require_memory(start.shape, FILL_BYTES, "cpu", "filling")
-        self._make_law(start)
+        self._make_constants(start)
         self._make_grids(fill)
 
-    def _make_law(self, start: Terrain) -> None:
+    def _make_constants(self, start: Terrain) -> None:
         """Choose the quantum and set the constants."""
         params, (scalar, _, real) = self.params, PRECISIONS[self.dtype]
         quantum = 2.0 ** (math.frexp(params.depth)[1] - 1 - QUANTUM_BITS[self.dtype])
