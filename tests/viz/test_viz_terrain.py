@@ -214,8 +214,8 @@ def test_a_brook_on_a_wide_map_is_seen():
 
 def test_least_lines_grow_with_width():
     least = maps._least_lines(np.array([2.0, 6.0, 50.0]))
-    assert least[0] == maps.LEAST_LINE and (np.diff(least) > 0.0).all()
-    assert (maps._least_lines(np.full(3, 8.0)) == maps.LEAST_LINE).all()
+    assert least[0] == maps.MIN_LINE and (np.diff(least) > 0.0).all()
+    assert (maps._least_lines(np.full(3, 8.0)) == maps.MIN_LINE).all()
 
 
 def test_lines_are_thinned_but_keep_their_ends():
