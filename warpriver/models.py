@@ -58,8 +58,8 @@ def _shortest_paths(params: PathMeander) -> Model:
 def _shaping(params: Any, rate: Callable[..., Any], follows: str) -> list[Phase]:
     drifts = params.junction_drift > 0.0
     junctions: list[Phase] = []
-    if follows != "nothing" or drifts:
-        junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts))
+    if follows != "nothing" or drifts or params.junctions is not None:
+        junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts, shape=params.junctions))
     return [*([Smooth()] if params.taubin_passes > 0 else []), *junctions]
 
 

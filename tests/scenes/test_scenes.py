@@ -443,6 +443,8 @@ def test_every_preset_and_solver_is_read(folder):
     for params, expected in (
         ('preset = "paper"', wr.MeanderParams.paper()),
         ('preset = "paper"\nspacing = 40.0', wr.MeanderParams.paper().replace(spacing=40.0)),
+        ("junctions = false", wr.MeanderParams(junctions=None)),
+        ("[params.junctions]\nreach = 8.0", wr.MeanderParams(junctions=wr.meander.JunctionParams(reach=8.0))),
         ('solver = "path"\nblur_length = 2.0', wr.PathMeander(blur_length=2.0)),
         ("", wr.MeanderParams()),
     ):
@@ -456,8 +458,9 @@ def test_every_preset_and_solver_is_read(folder):
 def test_the_schema_lists_every_key():
     lines = scene_schema().splitlines()
     keys = {line.split(" ", 1)[0] for line in lines}
-    classes = [*edit_names().values(), wr.MeanderParams, wr.PathMeander, wr.AvulsionParams, Attractor, Guide]
-    fields = {field.name for kind in classes for field in dataclasses.fields(kind)} - {"avulsions"}
+    classes = [*edit_names().values(), wr.MeanderParams, wr.PathMeander, wr.AvulsionParams]
+    classes += [wr.meander.JunctionParams, Attractor, Guide]
+    fields = {field.name for kind in classes for field in dataclasses.fields(kind)} - {"avulsions", "junctions"}
     assert fields | set(OUTPUT) | set(PICTURE) | set(PLAN) | {"polygon", "stroke", "generate", "turn"} <= keys
     for name in (*CONTROLS, *edit_names(), "noisy_line", "fluvial_terrain", "mountain_front"):
         assert f'= "{name}":' in scene_schema()
