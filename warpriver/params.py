@@ -98,7 +98,7 @@ class Params:
         return self
 
 
-def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
+def _check_constant(value: Any, label: str, field: dataclasses.Field[Any]) -> None:
     """Raise ``ValueError`` unless a value lies in the range that its field declares."""
     meta = field.metadata
     kind = meta.get("kind")
@@ -197,6 +197,24 @@ class AvulsionParams(Params):
         low=1.0,
         source="warpriver",
         doc="maximum distance along the channel to where a new course ends",
+    )
+
+    meeting: str = parameter(
+        "refuse",
+        "-",
+        choices=("refuse", "join"),
+        source="warpriver",
+        doc="where a new course meets another channel: it is refused, as in [Paris2023] (refuse), or ends there in a "
+        "junction, and the rest of the old course falls dry (join)",
+    )
+    regional: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="fraction of the avulsions that leave for another channel, or the edge of the ground, along the cheapest "
+        "way over the ground, rather than for a point of their own channel",
     )
 
     def __post_init__(self) -> None:
@@ -343,6 +361,22 @@ class MeanderParams(Params):
         low_open=True,
         source="Sylvester2019",
         doc="f: friction factor; upstream curvature is felt over depth / (2 f) metres",
+    )
+    memory_length: float = parameter(
+        0.0,
+        "widths",
+        low=0.0,
+        source="warpriver",
+        doc="L: upstream curvature is felt over so many widths, where friction and depth would make it depth / (2 f) "
+        "metres; 0: by friction and depth [Paris2023]",
+    )
+    curvature_saturation: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        source="Blanckaert2011",
+        doc="c0: width times curvature at which the rate of bends saturates, as c0 tanh(w C / c0), since the flow no "
+        "longer follows bends that are tighter; 0: never [Paris2023]",
     )
     local_weight: float = parameter(
         -1.0,

@@ -115,7 +115,7 @@ def differences(network):
 def test_without_templates_nothing_is_shaped(device):
     """Two straight tributaries stay so, and keep the angle at which they meet."""
     network = fork((5.0, 1.0), angle=0.4)
-    sim = wr.Simulation(network, wr.MeanderParams.paper(), device=device)
+    sim = wr.Simulation(network, wr.MeanderParams.paper().replace(spacing=20.0), device=device)
     sim.run(steps=50)
     np.testing.assert_allclose(arrival_angles(sim.network)[:2], 0.4, rtol=1e-6)
 

@@ -446,16 +446,17 @@ class DivertChannel(Edit):
     Attributes:
         channel: Identity of the channel.
         at: Place where it leaves.
-        to: Identity of the other channel; by default that which is reached at the lowest cost.
+        to: Identity of the other channel, or "outlet": the edge of the ground; by default the channel that is reached
+            at the lowest cost.
     """
 
     channel: int
     at: Place
-    to: int | None = None
+    to: int | str | None = None
 
     def check(self) -> dict[str, Any]:
         """Check the channels and the place."""
-        to = None if self.to is None else _channel(self.to, "to")
+        to = self.to if self.to is None or self.to == "outlet" else _channel(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
 
 

@@ -177,7 +177,8 @@ class _Lines:
 
     def first_beyond(self, arc: np.ndarray) -> np.ndarray:
         """Return the first point of each channel, of all, that lies so far from its head or farther, (C,)."""
-        return np.searchsorted(self.arc + self._offset[self.owner], self._offset + arc)
+        point: np.ndarray = np.searchsorted(self.arc + self._offset[self.owner], self._offset + arc)
+        return point
 
     def _place(self, arc: np.ndarray) -> np.ndarray:
         """Return the point of each channel at an arc length from its head, (C, 2) m."""
@@ -211,12 +212,14 @@ def _arc(xy: np.ndarray, start: np.ndarray) -> np.ndarray:
     step = np.concatenate([[0.0], np.hypot(*np.diff(xy, axis=0).T)])
     step[start[:-1]] = 0.0
     total = np.cumsum(step)
-    return total - np.repeat(total[start[:-1]], np.diff(start))
+    arc: np.ndarray = total - np.repeat(total[start[:-1]], np.diff(start))
+    return arc
 
 
 def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Angle by which each direction turns to become another one, rad, to the left above 0."""
-    return np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    angle: np.ndarray = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    return angle
 
 
 def _rotated(a: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -226,7 +229,8 @@ def _rotated(a: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     size = np.hypot(*vectors.T)[:, None]
-    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    unit: np.ndarray = np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    return unit
 
 
 class MoveJunctions(Phase):
@@ -259,6 +263,7 @@ class MoveJunctions(Phase):
         self.follows_stems, self.follows_through = follows == "stems", follows == "through nodes"
         self.moves_nodes = self.follows_stems or drifts
         self._capacity = 0
+        self._met = False
 
     def allocate(self, state: State) -> None:
         """Make the device arrays; where there are more points but no more channels, they stay."""
@@ -283,6 +288,10 @@ class MoveJunctions(Phase):
         tributaries = np.bincount(downstream[downstream >= 0], minlength=count)
         self._assign(state, self.downstream, downstream)
         state.assign(self.tributaries, tributaries)
+        if not self._met and (tributaries > 1).any():
+            # Once there were junctions their stages stay, so that edits that come and go outdate nothing.
+            self._met = True
+            state.changed()
         # Where nothing joins there is no junction, and where channels part nothing wanders.
         wanders = tributaries > 1
         wanders &= (np.bincount(network.channel_from, minlength=network.node_count) == 1)[network.channel_from]
@@ -320,8 +329,8 @@ class MoveJunctions(Phase):
     def stages(self, state: State) -> list[Stage]:
         """Return the stage: heads of channels at junctions move, the mouths of tributaries follow and are shaped."""
         joined = state.stems is not None and state.stems.joined
-        shaped = self._shape is not None and state.network.channel_count > 1
-        if not joined and not self._drifts and not shaped:
+        shaped, drifts = self._met and self._shape is not None, self._met and self._drifts
+        if not joined and not drifts and not shaped:
             return []
         kernel, capacity, channels = kernels.build(state.scalar), state.channel_capacity, state.channels()
         junctions, template = kernel.Junctions(), kernel.Template()
@@ -340,7 +349,7 @@ class MoveJunctions(Phase):
             start("settle_heads", [state.network.point_xy, whole.work], [self.shift, state.point_moved])
             if shaped:
                 start("aim_mouths", [junctions, template, whole.work, state.point_moved], [self.aim, self.lead])
-            if self._drifts:
+            if drifts:
                 clear(self.active)
                 start("count_active", [junctions], [self.active])
                 inputs = [junctions, state.params.time_step, state.substep, self.active, self.lead]

@@ -80,8 +80,7 @@ def _parts_of_params() -> Iterator[list[str]]:
     preset = "default, or paper: Table 1 of the paper; further keys change single constants"
     yield _headed("[params]", solvers, _row("preset", "default", "", preset))
     for name, kind in SOLVER_PARAMS.items():
-        rows = [row for row in describe_fields(kind) if row.split()[0] not in PARTS]
-        yield _headed(f'[params] with solver = "{name}"', *rows)
+        yield _headed(f'[params] with solver = "{name}"', *describe_fields(kind))
     for name, part in PARTS.items():
         yield _headed(f"[params.{name}], or {name} = false: {_summary(part)}", *describe_fields(part))
 

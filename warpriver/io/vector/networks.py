@@ -435,7 +435,7 @@ def _build(
         **place,
     )
     # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
-    stated = {}
+    stated: dict[str, Any] = {}
     for name in ("width", "depth"):
         means = [getattr(line, f"mean_{name}") for line in lines]
         known = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]
