@@ -1,5 +1,7 @@
 """Locked points and through nodes while a river moves: what is held, what is refused, and what a node changes."""
 
+import functools
+
 import numpy as np
 import pytest
 from edited import SOLVERS, bends, bits, river
@@ -107,6 +109,17 @@ def test_a_neck_across_a_through_node_is_a_cutoff(solver, radius):
     assert sim.network.channel_lengths().sum() == pytest.approx(whole.network.channel_lengths()[0], rel=0.01)
     node = sim.network.node_xy[sim.network.channel_to[sim.network.channel_joint == 1][0]]
     assert np.abs(node).max() < 200.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_also_where_channels_do_not_join(solver):
+    """A brook that crosses the river is left alone."""
+    sim = neck(functools.partial(SOLVERS[solver], collision_distance=0.0))
+    sim.apply(edits.SplitChannel(0, (0.0, 900.0)))
+    sim.apply(edits.AddChannel([(-2_000.0, -900.0), (-2_100.0, 900.0)], width=20.0))
+    sim.step(3)
+    assert not sim.history.collisions and len(sim.history.cutoffs) == 1
+    assert sim.network.channel_count == 3 and sorted(sim.network.channel_joint.tolist()) == [0, 0, 1]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
