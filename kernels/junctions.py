@@ -120,6 +120,13 @@ def build(scalar):
         return vec2(c * a[0] - s * a[1], s * a[0] + c * a[1])
 
     @wp.func(module=name)
+    def cubic_at(a: vec2, b: vec2, leaving: vec2, arriving: vec2, t: scalar) -> vec2:
+        """Point at t, 0 to 1, of the cubic between two points whose tangents there are unit vectors times the chord."""
+        u = ONE - t
+        way = b - a
+        return a + t * t * (THREE - TWO * t) * way + wp.length(way) * t * u * (u * leaving - t * arriving)
+
+    @wp.func(module=name)
     def shaped_length(channels: Channels, junctions: Junctions, mouths: Template, channel: int) -> scalar:
         """Length of the last reach of a channel, m, that is shaped."""
         widths = channels.form[channel].width + channels.form[junctions.downstream[channel]].width
@@ -221,12 +228,61 @@ def build(scalar):
                     s = scalar(k) / scalar(count) * (chord + end)
                     place = mouth + (s - chord) * aim
                     if s < chord:
-                        t = s / chord
-                        u = ONE - t
-                        place = base + t * t * (THREE - TWO * t) * way
-                        place = place + chord * t * u * (u * leaving - t * aim)
+                        place = cubic_at(base, mouth, leaving, aim, s / chord)
                     j = last - count + k
                     point_moved_io[j] = point_moved_io[j] + part * (place - point_moved_io[j])
+
+    @wp.kernel(module=name, enable_backward=False)
+    def ease_locks(
+        # network
+        channels: Channels,
+        # params
+        reach: scalar,
+        work: Work,
+        # in
+        channel_ease: wp.array[scalar],
+        # out
+        point_moved_io: wp.array[vec2],
+    ):
+        """Draw the river on both sides of a locked point towards two cubics that meet there in one direction.
+
+        Else it would straighten towards the lock from both sides, and have a corner there. By the part ease dt, all of
+        it from a curvature of 1 over the width on at the lock, nothing up to half of that. ``reach`` is in widths, less
+        than half of the channel at most. Points between two locks are those of one of them.
+        """
+        upper = wp.tid()
+        if work.status[HALT] != 0 or channels.step[upper] == ZERO or not line.foot_held(channels, upper):
+            return
+        lower = channels.stems.lower[upper]
+        if lower < 0:
+            return
+        foot = channels.start[upper + 1] - 1
+        head = channels.start[lower]
+        width = channels.form[upper].width
+        above = wp.min(int(reach * width / channels.spacing[upper]), (foot - channels.start[upper] - 3) // 2)
+        below = wp.min(int(reach * width / channels.spacing[lower]), (channels.start[lower + 1] - 1 - head - 3) // 2)
+        if above < 2 or below < 2:
+            return
+        lock = point_moved_io[foot]
+        arrives = lock - point_moved_io[foot - 1]
+        leaves = point_moved_io[head + 1] - lock
+        bend = TWO * wp.abs(turn_between(arrives, leaves)) / wp.max(wp.length(arrives) + wp.length(leaves), TINY)
+        part = wp.clamp(TWO * bend * width - ONE, ZERO, ONE) * wp.min(channel_ease[upper] * channels.step[upper], ONE)
+        if part > ZERO:
+            base = point_moved_io[foot - above]
+            end = point_moved_io[head + below]
+            into = wp.normalize(point_moved_io[foot - above + 1] - point_moved_io[foot - above - 1])
+            out = wp.normalize(point_moved_io[head + below + 1] - point_moved_io[head + below - 1])
+            through = wp.normalize(
+                line.central_tangent(lock - base, end - lock, wp.length(lock - base), wp.length(end - lock))
+            )
+            for k in range(1, above):
+                j = foot - above + k
+                place = cubic_at(base, lock, into, through, scalar(k) / scalar(above))
+                point_moved_io[j] = point_moved_io[j] + part * (place - point_moved_io[j])
+            for k in range(1, below):
+                place = cubic_at(lock, end, through, out, scalar(k) / scalar(below))
+                point_moved_io[head + k] = point_moved_io[head + k] + part * (place - point_moved_io[head + k])
 
     @wp.kernel(module=name, enable_backward=False)
     def count_active(
@@ -345,6 +401,7 @@ def build(scalar):
         Template=Template,
         aim_mouths=aim_mouths,
         shape_mouths=shape_mouths,
+        ease_locks=ease_locks,
         settle_heads=settle_heads,
         count_active=count_active,
         shift_heads=shift_heads,

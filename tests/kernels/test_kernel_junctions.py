@@ -242,3 +242,59 @@ def test_mouths_are_aimed_and_shaped_as_by_the_twin(device, dtype, part):
         sides.add(turn(expected, lower[1] - node) > 0.0)
         leads.append(part_led)
     assert sides == {True, False} and min(leads) < 0.0 and max(leads) == 1.0
+
+
+def eased(upper, lower, reach, width, part):
+    """The lines above and below a locked point after they were drawn towards two cubics that meet there."""
+    above = min(int(reach * width / SPACING), (len(upper) - 4) // 2)
+    below = min(int(reach * width / SPACING), (len(lower) - 4) // 2)
+    upper, lower, lock = upper.copy(), lower.copy(), upper[-1]
+    a, b = lock - upper[-2], lower[1] - lock
+    bend = 2.0 * abs(turn(a, b)) / (np.hypot(*a) + np.hypot(*b))
+    part *= min(max(2.0 * bend * width - 1.0, 0.0), 1.0)
+    base, end = upper[-1 - above], lower[below]
+    into, out = upper[-above] - upper[-2 - above], lower[below + 1] - lower[below - 1]
+    before, after = lock - base, end - lock
+    size_before, size_after = np.hypot(*before), np.hypot(*after)
+    through = before * size_after / size_before + after * size_before / size_after
+    into, out, through = (v / np.hypot(*v) for v in (into, out, through))
+
+    def cubic(p, q, leaving, arriving, t):
+        way, u = q - p, 1.0 - t
+        return p + t * t * (3.0 - 2.0 * t) * way + np.hypot(*way) * t * u * (u * leaving - t * arriving)
+
+    for k in range(1, above):
+        j = len(upper) - 1 - above + k
+        upper[j] += part * (cubic(base, lock, into, through, k / above) - upper[j])
+    for k in range(1, below):
+        lower[k] += part * (cubic(lock, end, through, out, k / below) - lower[k])
+    return upper, lower
+
+
+def test_corners_at_locked_points_are_rounded_as_by_the_twin(device, dtype):
+    rng, scalar, moved = np.random.default_rng(3), SCALARS[dtype], []
+    kernel = junctions.build(scalar)
+    for _ in range(30):
+        counts, heading = rng.integers(12, 60, 2), rng.uniform(0.0, 6.28)
+        corner, width = rng.choice([0.0, rng.normal(0.0, 1.0)]), rng.uniform(10.0, 60.0)
+        way = heading + np.cumsum(rng.normal(0.0, 0.05, counts.sum())) + corner * (np.arange(counts.sum()) >= counts[0])
+        step = SPACING * np.stack([np.cos(way), np.sin(way)], axis=1)
+        xy = rng.uniform(-300.0, 300.0, 2) + np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+        lines = [xy[: counts[0] + 1], xy[counts[0] :]]
+        points = to_device(np.concatenate(lines).astype(REALS[dtype]), kernel.vec2, device)
+        integers = {"upper": [-1, 0], "lower": [1, -1], "held": [1, 0]}
+        channels = channels_of(
+            scalar, start=to_device(starts_of(lines), wp.int32, device),
+            form=forms(np.full(2, width), 1.0, np.full(2, width), SPACING, scalar, device),
+            spacing=to_device(np.full(2, SPACING), scalar, device), step=to_device(np.full(2, STEP), scalar, device),
+            stems=struct_of(
+                Stems, **{name: to_device(np.array(v, np.int32), wp.int32, device) for name, v in integers.items()}
+            ),
+        )  # fmt: skip
+        work, ease = share_out(1, 2, 1, device)[0].work, to_device(np.full(2, 0.7), scalar, device)
+        wp.launch(kernel.ease_locks, 2, [channels, scalar(5.0), work, ease], [points], device=device)
+        expected = np.concatenate(eased(*lines, 5.0, width, 0.7 * STEP))
+        np.testing.assert_allclose(points.numpy(), expected, atol=10 * TOLERANCE[dtype], rtol=0.0)
+        moved.append((abs(corner) > 0.5, np.abs(expected - np.concatenate(lines)).max() > 0.1))
+    assert all(corner == far for corner, far in moved if corner) and any(corner for corner, _ in moved)
+    assert not all(far for _, far in moved), "what does not bend sharply is left"

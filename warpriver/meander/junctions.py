@@ -243,6 +243,7 @@ class MoveJunctions(Phase):
         drift: (C,) speed of the junction at its head, m/yr; ``active``, ``shift``: scratch.
         beside: (C,) int32, the other channel that flows into the one downstream; ``lesser``: the tributary at the head
             that is led; ``angle``: that of the template, rad; ``ease``: how fast a mouth takes it, 1/yr.
+        loosen: (C,) how fast a corner at a locked point is rounded, 1/yr.
         aim: (C,) direction in which each arrives; ``lead``: part of the speed with which its mouth wanders.
     """
 
@@ -275,6 +276,7 @@ class MoveJunctions(Phase):
         self.drift, self.shift = state.zeros(count, state.scalar), state.zeros(count, state.vec2)
         self.beside, self.lesser = state.zeros(count), state.zeros(count)
         self.angle, self.ease = state.zeros(count, state.scalar), state.zeros(count, state.scalar)
+        self.loosen = state.zeros(count, state.scalar)
         self.aim, self.lead = state.zeros(count, state.vec2), state.zeros(count, state.scalar)
 
     def install(self, state: State) -> None:
@@ -296,6 +298,7 @@ class MoveJunctions(Phase):
         wanders = tributaries > 1
         wanders &= (np.bincount(network.channel_from, minlength=network.node_count) == 1)[network.channel_from]
         rate = self._rate(network.channel_width, state.params)
+        state.assign(self.loosen, rate / network.channel_width)
         state.assign(self.drift, np.where(wanders, state.params.junction_drift * rate, 0.0))
         if self._shape is not None:
             self._install_templates(state, downstream, rate)
@@ -330,6 +333,7 @@ class MoveJunctions(Phase):
         """Return the stage: heads of channels at junctions move, the mouths of tributaries follow and are shaped."""
         joined = state.stems is not None and state.stems.joined
         shaped, drifts = self._met and self._shape is not None, self._met and self._drifts
+        locked = joined and state.stems is not None and state.stems.locked
         if not joined and not drifts and not shaped:
             return []
         kernel, capacity, channels = kernels.build(state.scalar), state.channel_capacity, state.channels()
@@ -357,6 +361,8 @@ class MoveJunctions(Phase):
             start("follow_heads", [junctions, state.params.junction_reach, self.shift], [state.point_moved])
             if shaped:
                 start("shape_mouths", [junctions, template, self.aim], [state.point_moved])
+            if locked:
+                start("ease_locks", [state.params.end_damping, whole.work, self.loosen], [state.point_moved])
 
         return [Stage(self.name, run, shared=False)]
 
