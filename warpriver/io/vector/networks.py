@@ -448,8 +448,8 @@ def _build(
             stated[name] = network.channels[name].copy()
             stated[name][known] = [means[c] for c in known]
     if any(line.joint for line in lines) and all(source.ours for source in sources):
-        known = (JOINT_THROUGH, JOINT_LOCK)
-        joint = np.array([int(line.joint) if line.joint in known else JOINT_NONE for line in lines])
+        kinds = (JOINT_THROUGH, JOINT_LOCK)
+        joint = np.array([int(line.joint) if line.joint in kinds else JOINT_NONE for line in lines])
         stated["joint"] = valid_joints(joint, network.channel_from, network.channel_to)
     return network.with_channels(network.channels.replace(**stated)) if stated else network
 
