@@ -111,7 +111,7 @@ def junctions(scene, sim, folder) -> str:
 
 
 def basin(scene, sim, folder) -> str:
-    """Fig. 23: rivers meander in the plain, and stay as they were on steep ground; mouths have the angles of Fig. 21."""
+    """Fig. 23: rivers meander in the plain, and stay as they were on steep ground; mouths arrive as in Fig. 21."""
     slope = np.array([np.hypot(*sim.terrain.gradient(xy).T).mean() for xy in sim.network.polylines()])
     long = sim.network.channel_lengths() > 20.0 * sim.network.channel_width
     plain, steep = (sinuosities(sim.network)[long & part] for part in (slope < 0.005, slope > 0.1))

@@ -91,6 +91,7 @@ DEFAULTS = {
         "exponent": (1.5, "-"),
         "reach": (6.0, "mean widths"),
         "ease": (1.0, "-"),
+        "deferred": (0.0, "-"),
     },
     "LehenyParams": {
         "flow_bias": (0.05, "1/m"),

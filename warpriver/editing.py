@@ -21,6 +21,7 @@ from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Event, Event
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses, window_of
 from warpriver.meander.courses import Refusal, carve_course
+from warpriver.meander.deferred import defer_junction
 from warpriver.meander.diversions import Diversion, divert, find_way, upstream_of
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
@@ -109,7 +110,7 @@ class EditStack:
             back, told = self._doers[type(edit)](edit)
         elif isinstance(edit, edits.EditTerrain):
             back = _edit_ground(stepper, edit)
-        elif isinstance(edit, edits.AvulseChannel):
+        elif isinstance(edit, (edits.AvulseChannel, edits.DeferJunction)):
             back = _avulse(stepper, history, edit)
         elif isinstance(edit, edits.DivertChannel):
             back = self._divert(stepper, history, edit)
@@ -165,8 +166,9 @@ def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
     return lambda: raster.put_cells(window, cells)
 
 
-def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
-    new, state, before = _new_course(edit, stepper), stepper.state, stepper.snapshot()
+def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel | edits.DeferJunction) -> Back:
+    new = _new_course(edit, stepper) if isinstance(edit, edits.AvulseChannel) else _deferred(edit, stepper)
+    state, before = stepper.state, stepper.snapshot()
     work, line = divert(state, new) if isinstance(new, Diversion) else (rework_courses(state, [new]), None)
     raster = None if state.terrain is None else state.terrain.raster
     window = None if state.terrain is None else window_of(state.terrain, new)
@@ -204,6 +206,18 @@ def _divert(edit: edits.DivertChannel, stepper: Stepper) -> Avulsion:
     event = avulsion_of(state, stepper.step_count * state.params.time_step, found, line)
     _adopt(stepper, work)
     return event
+
+
+def _deferred(edit: edits.DeferJunction, stepper: Stepper) -> Diversion:
+    """Find the course along the river of a tributary, or raise ``ValueError`` that says why there is none."""
+    state = stepper.state
+    state.place_nodes()
+    river = _River(state.network, edit.channel)
+    found = defer_junction(state, river.parts[-1], state.params.avulsions or AvulsionParams())
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse | Diversion:

@@ -279,6 +279,15 @@ class JunctionParams(Params):
         doc="how fast a mouth takes its angle in a simulation: in 1 / ease of the time in which the channel below "
         "migrates by its width, at the migration rate",
     )
+    deferred: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="a tributary with less than this part of the river's flow that touches the river runs along its belt from "
+        "then on, down to a bend that reaches as far out, as the Yazoo does; 0: it flows in where it touches",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -29,6 +29,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DeferJunction",
     "DivertChannel",
     "Edit",
     "EditTerrain",
@@ -458,6 +459,24 @@ class DivertChannel(Edit):
         """Check the channels and the place."""
         to = self.to if self.to is None or self.to == "outlet" else _channel(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
+
+
+@dataclasses.dataclass(frozen=True)
+class DeferJunction(Edit):
+    """Let a tributary run along the belt of the river, down to a bend that reaches as far out, and join it there.
+
+    As the Yazoo does beside the Mississippi. The course keeps two widths of the river outside of its bends, and is
+    carved into the ground; it does not go past other tributaries of its side.
+
+    Attributes:
+        channel: Identity of the tributary.
+    """
+
+    channel: int
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel."""
+        return {"channel": _channel(self.channel)}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,7 @@ from warpriver.engine.saved import SavedError
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Refusal, Rejoin
 from warpriver.graph.forest import check_forest
@@ -23,8 +24,11 @@ from warpriver.history.events import Collision, Cutoff, Event, HeldLock
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
 from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
+from warpriver.meander.avulsions import avulsion_of, carve
+from warpriver.meander.deferred import defer_junction
+from warpriver.meander.diversions import Diversion, divert
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams, PathMeander
+from warpriver.params import AvulsionParams, MeanderParams, PathMeander
 
 __all__ = ["Collide", "collision_constants", "gathered_nodes", "join_channels"]
 
@@ -279,10 +283,38 @@ class Collide(Phase):
             edited, done = joined
             events += _collisions(state.network, batch.times[-1], done)
             state.adopt(edited)
+            events += _deferred(state, batch.times[-1], done)
             if self._constants is None:
                 break
             state.run(self.stages(state))
         return events
+
+
+def _deferred(state: State, time: float, done: list[Rejoin]) -> list[Event]:
+    """Lead small tributaries that have just come to a river along its belt, where that is asked for and possible."""
+    shape = state.params.junctions
+    if shape is None or shape.deferred == 0.0:
+        return []
+    events: list[Event] = []
+    for edit in done:
+        network = state.network
+        found, mains = (np.flatnonzero(network.channel_id == name) for name in (edit.minor, edit.main))
+        flow = network.channel_flow()
+        river = edit.kind not in ("neck", "cutoff") and len(found) == len(mains) == 1
+        if not river or flow[found[0]] >= shape.deferred * flow[mains[0]]:
+            continue
+        state.place_nodes()
+        new = defer_junction(state, int(found[0]), state.params.avulsions or AvulsionParams())
+        if isinstance(new, Diversion):
+            try:
+                work, line = divert(state, new)
+            except InputError:  # a locked point is in the way
+                continue
+            events.append(avulsion_of(state, time, new, line))
+            carve(state, new)
+            state.adopt(work.build())
+            state.hasten(np.ones(state.network.channel_count, bool))
+    return events
 
 
 def _held(network: RiverNetwork, time: float, refused: list[Refusal]) -> list[Event]:
