@@ -244,8 +244,8 @@ def build(scalar):
         """Ends of a channel that no other goes on from. Where it leaves the map its foot is not held."""
         reach = constants.end_damping * run.form.width
         if run.edge != EDGE_NONE:
-            return Ends(ZERO, reach, ZERO, ZERO)
-        return Ends(ZERO, reach, ZERO, reach)
+            return Ends(ZERO, reach, ZERO, ZERO, 0, 0)
+        return Ends(ZERO, reach, ZERO, reach, 0, 0)
 
     @wp.func(module=name)
     def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
@@ -261,12 +261,14 @@ def build(scalar):
             ends.above = ends.above + length_of_link(channels, link)
         if line.foot_held(channels, channels.stems.upper[link]):
             ends.head_reach = constants.end_damping * channels.form[link].width
+            ends.head_locked = int(ends.head_reach > ZERO)
         link = int(run.channel)
         while link != bottom and ends.below < ends.foot_reach and not line.foot_held(channels, link):
             link = channels.stems.lower[link]
             ends.below = ends.below + length_of_link(channels, link)
         if line.foot_held(channels, link):
             ends.foot_reach = constants.end_damping * channels.form[link].width
+            ends.foot_locked = int(ends.foot_reach > ZERO)
         # A link that was not looked at lies farther away than the end is felt.
         return ends
 

@@ -246,6 +246,8 @@ def build(scalar):
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
             felt_here = vec2(curvature, felt[0])
             local = terms.local * junction_strength(channels, points, run, j, strength, felt_here, constants)
+            if ends.head_locked + ends.foot_locked != 0:
+                local = local * line.local_weight(j, run, ends, wp.abs(curvature) * section[0])
             push = terms.upstream * line.end_weight(j, run, ends)
             rate = local * felt[0] + push * upstream
             smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed

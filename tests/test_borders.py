@@ -384,6 +384,7 @@ CALLS = {
     "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
     "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
     "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "arrival_angles": lambda t: (wr.meander.arrival_angles, {"network": t["network"], "reach": 1.5}),
     "junction_angles": lambda t: (wr.meander.junction_angles, {"network": t["network"], "params": None}),
     "shape_junctions": lambda t: (wr.meander.shape_junctions, {"network": t["network"], "params": None}),
     "migration_rate": lambda t: (

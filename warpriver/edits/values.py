@@ -29,6 +29,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DeferJunction",
     "DivertChannel",
     "Edit",
     "EditTerrain",
@@ -446,17 +447,36 @@ class DivertChannel(Edit):
     Attributes:
         channel: Identity of the channel.
         at: Place where it leaves.
-        to: Identity of the other channel; by default that which is reached at the lowest cost.
+        to: Identity of the other channel, or "outlet": the edge of the ground; by default the channel that is reached
+            at the lowest cost.
     """
 
     channel: int
     at: Place
-    to: int | None = None
+    to: int | str | None = None
 
     def check(self) -> dict[str, Any]:
         """Check the channels and the place."""
-        to = None if self.to is None else _channel(self.to, "to")
+        to = self.to if self.to is None or self.to == "outlet" else _channel(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
+
+
+@dataclasses.dataclass(frozen=True)
+class DeferJunction(Edit):
+    """Let a tributary run along the belt of the river, down to a bend that reaches as far out, and join it there.
+
+    As the Yazoo does beside the Mississippi. The course keeps two widths of the river outside of its bends, and is
+    carved into the ground; it does not go past other tributaries of its side.
+
+    Attributes:
+        channel: Identity of the tributary.
+    """
+
+    channel: int
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel."""
+        return {"channel": _channel(self.channel)}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ from warpriver.meander.controls import (
     Guide,
     Repeller,
 )
-from warpriver.meander.junctions import JunctionParams, junction_angles, shape_junctions
+from warpriver.meander.junctions import JunctionParams, arrival_angles, junction_angles, shape_junctions
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
@@ -34,6 +34,7 @@ __all__ = [
     "JunctionParams",
     "Repeller",
     "SetControls",
+    "arrival_angles",
     "junction_angles",
     "migration_rate",
     "shape_junctions",
