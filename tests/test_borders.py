@@ -393,6 +393,10 @@ CALLS = {
     ),
     "stable_dt": lambda t: (wr.meander.stable_dt, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
     "step_limits": lambda t: (wr.meander.step_limits, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
+    "mapped_banks": lambda t: (
+        wr.meander.mapped_banks,
+        {"before": t["network"], "after": t["network"], "params": None, "smoothing": 3.0},
+    ),
     "taubin_smooth": lambda t: (
         wr.meander.taubin_smooth,
         {"channels": t["line"], "passes": 3, "strength": 0.5, "pass_band": None, "closed": False},

@@ -30,6 +30,7 @@ LAUNCHERS = {
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
     "depressions": ["hydrology/depressions.py"],
     "flats": ["hydrology/lakes.py"],
+    "inlets": ["meander/inlets.py"],
     "junctions": ["meander/junctions.py", "meander/smoothing.py"],
     "leheny": ["erosion/leheny.py"],
     "memory": ["meander/memory.py"],
