@@ -3,5 +3,7 @@
 from __future__ import annotations
 
 from warpriver.calibration.fits import Fit, calibrate
+from warpriver.calibration.hindcasts import Forecast, Hindcast, Score, hindcast
+from warpriver.calibration.posterior import Posterior, posterior
 
-__all__ = ["Fit", "calibrate"]
+__all__ = ["Fit", "Forecast", "Hindcast", "Posterior", "Score", "calibrate", "hindcast", "posterior"]

@@ -24,7 +24,7 @@ from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.validate import not_negative, positive, shown
 
-__all__ = ["Fit", "calibrate", "fit_observed"]
+__all__ = ["NAMES", "Fit", "calibrate", "checked_names", "fit_observed"]
 
 # What is fitted where nothing is asked for.
 NAMES = ("migration_rate", "memory_length", "curvature_saturation")
@@ -212,7 +212,7 @@ def calibrate(
     """
     years = positive(years, "years", "yr")
     smoothing = not_negative(smoothing, "smoothing", "widths")
-    fit, vary = _checked_names(fit, vary)
+    fit, vary = checked_names(fit, vary)
     if length is not None and not positive(length, "length", "widths") >= SHORTEST_FIELD:
         raise InputError(f"length is {shown(length)} widths; give {SHORTEST_FIELD:g} or more")
     law = (params or MeanderParams(sinuosity_scaling="none")).for_widths(before.channel_width)
@@ -244,7 +244,7 @@ def fit_observed(
     return _fit_of(problem, theta)
 
 
-def _checked_names(fit: Sequence[str], vary: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def checked_names(fit: Sequence[str], vary: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The constants to fit, and those that vary."""
     found = []
     for label, names in (("fit", fit), ("vary", vary)):

@@ -34,8 +34,6 @@ FIELD_SD = 0.5
 # Knots that are so many apart along a line share a direction, as what one of them moves does not reach the next
 # [Curtis1974].
 COLORS = 6
-# Least number of pieces of river for an uncertainty.
-LEAST_BLOCKS = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,12 +210,10 @@ class Problem:
 
     # ---- misfits
 
-    def displaced(self, theta: FloatArray, years: float | None = None) -> tuple[FloatArray, list[FloatArray]]:
+    def displaced(self, theta: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         """Displacement of each point by the law, (N,), nan where it has no counterpart, and the lines."""
         lines = self.observed.before.lines
-        run = trace(
-            lines, self.law(theta), self._seeds[:0], self.params, years or self.observed.years, device=self.device
-        )
+        run = trace(lines, self.law(theta), self._seeds[:0], self.params, self.observed.years, device=self.device)
         moved = np.split(run.xy, lines.start[1:-1])
         return np.concatenate([match.distance for match in match_all(lines, moved)]), moved
 
@@ -228,18 +224,18 @@ class Problem:
     def residuals(self, theta: FloatArray) -> FloatArray:
         """Misfits of the scored points in standard deviations, each as much as it counts, then those of the priors."""
         misfit = np.nan_to_num(self._evaluate(theta)[0][self.observed.scored])
-        return np.concatenate([misfit * self._weight() / self.scale, self._prior_misfit(theta)])
+        return np.concatenate([misfit * self._root()[self.observed.scored], self._prior_misfit(theta)])
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivative of ``residuals`` by the unknowns."""
         change = np.nan_to_num(self._evaluate(theta)[1][self.observed.scored])
-        return np.concatenate([change * (self._weight() / self.scale)[:, None], self._prior_change()])
+        return np.concatenate([change * self._root()[self.observed.scored, None], self._prior_change()])
 
     def loss(self, z: FloatArray) -> FloatArray:
         """Robust loss 2 (sqrt(1 + z) - 1) of misfits beyond ``OUTLIER``, and squares for the priors."""
         z = np.asarray(z)
         count = int(self.observed.scored.sum())
-        limit = (OUTLIER * self._weight()) ** 2
+        limit = (OUTLIER * self.scale * self._root()[self.observed.scored]) ** 2
         part = z[:count] / limit
         root = np.sqrt(1.0 + part)
         rho = np.stack([z, np.ones_like(z), np.zeros_like(z)])
@@ -248,13 +244,28 @@ class Problem:
         rho[2, :count] = -0.5 / (root**3 * limit)
         return rho
 
-    def cost(self, theta: FloatArray) -> float:
-        """Minus the logarithm of the posterior density, but for a constant."""
-        return 0.5 * float(self.loss(self.residuals(theta) ** 2)[0].sum())
+    def costs(self, unknowns: FloatArray) -> FloatArray:
+        """Minus the logarithm of the posterior density, but for a constant, of members (M, unknowns): (M,).
 
-    def _weight(self) -> FloatArray:
-        """Root of the independent observations that a scored point is worth."""
-        return np.sqrt(np.minimum(self._spacing[self.observed.scored] / self.correlation_length, 1.0))
+        All members are simulated together.
+        """
+        lines, observed = self.observed.before.lines, self.observed
+        law = np.concatenate([self.law(theta) for theta in unknowns])
+        tiled, none = lines.tiled(len(unknowns)), np.zeros((0, len(law), 3))
+        run = trace(tiled, law, none, self.params, observed.years, device=self.device)
+        costs = []
+        for theta, xy in zip(unknowns, np.split(run.xy, len(unknowns)), strict=True):
+            moved = np.split(xy, lines.start[1:-1])
+            displacement = np.concatenate([match.distance for match in match_all(lines, moved)])
+            misfit = np.nan_to_num(observed.displacement - displacement - observed.normal @ theta[-2:])
+            scored = (misfit * self._root())[observed.scored]
+            residual = np.concatenate([scored, self._prior_misfit(theta)])
+            costs.append(0.5 * float(self.loss(residual**2)[0].sum()))
+        return np.array(costs)
+
+    def _root(self) -> FloatArray:
+        """What a misfit at each point is multiplied by."""
+        return np.sqrt(np.minimum(self._spacing / self.correlation_length, 1.0)) / self.scale
 
     def _prior_misfit(self, theta: FloatArray) -> FloatArray:
         rows = [theta[len(self.names) : -2] / FIELD_SD]
