@@ -271,7 +271,7 @@ def build(scalar):
         Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
         close to 1: 1 - A is the sum of the weights of a segment of that depth.
         """
-        lap = wp.max(1, wp.min(run.last - run.first + 1, line.recurrence_reach(terms.root)))
+        lap = wp.max(1, wp.min(run.last - run.first + 1, terms.reach))
         origin = run.begin - lap
         warm, depth = ring_warmup(points, run, constants, origin)
         whole = decay_weights(depth)
@@ -289,7 +289,7 @@ def build(scalar):
     def line_sweep(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
         """Sweep over a run of a line, from where what lies farther upstream is lost in rounding."""
         warm = warmup_start(points, run, constants)
-        warm = wp.max(run.first, warm - line.recurrence_reach(terms.root))
+        warm = wp.max(run.first, warm - terms.reach)
         return Sweep(warm, run.first, run.begin, run.stop, ZERO, vec2(ZERO, ZERO))
 
     @wp.kernel(module=name, enable_backward=False)

@@ -97,7 +97,7 @@ class Params:
         return self
 
 
-def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
+def _check_constant(value: Any, label: str, field: dataclasses.Field[Any]) -> None:
     """Raise ``ValueError`` unless a value lies in the range that its field declares."""
     meta = field.metadata
     if value is None and field.default is None:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -129,7 +129,7 @@ class Migrate(Phase):
     """
 
     name = "migrate"
-    point_velocity: wp.array
+    point_velocity: DeviceArray
     memory: StemMemory | None
 
     def allocate(self, state: State) -> None:
@@ -178,7 +178,7 @@ class Migrate(Phase):
             memory.add(channels, points, constants, share, self.point_velocity)
 
         def find_tails(whole: Share) -> None:
-            memory.find_tails(channels, points, constants, whole.work, self.point_velocity)
+            memory.find_tails(channels, whole.work)
 
         return [
             *areas,
