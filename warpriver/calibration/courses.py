@@ -160,7 +160,7 @@ class _Run:
     def __init__(self, lines: Lines, law: FloatArray, seeds: FloatArray, params: MeanderParams, device: Any):
         kernel, size = kernels.build(SCALAR), len(lines.xy)
 
-        def give(values: Any, kind: Any) -> wp.array:
+        def give(values: Any, kind: Any) -> Any:
             return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
 
         self._kernel, self._device, self._size, self._count = kernel, device, size, len(seeds)
@@ -196,7 +196,7 @@ class _Run:
         self._measure()
 
     @staticmethod
-    def _take(courses: Any, xy: wp.array, section: wp.array, law: wp.array) -> None:
+    def _take(courses: Any, xy: Any, section: Any, law: Any) -> None:
         courses.xy, courses.section, courses.law = xy, section, law
 
     def _launch(self, name: str, threads: int, inputs: list[Any], outputs: list[Any]) -> None:

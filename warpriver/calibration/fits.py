@@ -22,7 +22,7 @@ from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 from warpriver.public import public
 from warpriver.raster import Raster
-from warpriver.validate import not_negative, positive, shown
+from warpriver.validate import not_negative, positive, shown, whole
 
 __all__ = ["NAMES", "Fit", "calibrate", "checked_names", "fit_observed"]
 
@@ -126,6 +126,18 @@ class Fit:
     def lines(self) -> list[FloatArray]:
         """The lines of the first survey where the law takes them by the time of the second, (n, 2) each, m."""
         return self.problem.displaced(self.unknowns)[1]
+
+    def part(self, line: int) -> slice:
+        """The points of one of the lines."""
+        number = whole(line, "line")
+        if number >= len(self.start) - 1:
+            raise InputError(f"line is {number}; there are {len(self.start) - 1}, counted from 0")
+        return slice(int(self.start[number]), int(self.start[number + 1]))
+
+    def later(self, line: int) -> FloatArray:
+        """The line of the second survey that one of the lines is compared with, (n, 2), m."""
+        self.part(line)
+        return self.problem.observed.after[line]
 
     def erodibility(self, cell_size: float | None = None) -> ErodibilityField:
         """A map of how the rate varies along the river, 1 where it is ``params.migration_rate``, as a control.

@@ -123,7 +123,7 @@ class Hindcast:
 
     def score(self, lead: float) -> Score:
         """Means over the forecasts of one of the leads."""
-        found = [f for f in self.forecasts if self._nearest(f.lead) == lead]
+        found = [f for f in self.forecasts if self.nearest_lead(f.lead) == lead]
         if not found:
             raise InputError(f"there are no forecasts of {shown(lead)} yr; there are some of {self.leads}")
         means = [
@@ -132,13 +132,14 @@ class Hindcast:
         ]
         return Score(lead, len(found), *means)
 
-    def _nearest(self, lead: float) -> float:
+    def nearest_lead(self, lead: float) -> float:
+        """The lead that was asked for to which a time is nearest."""
         return min(self.leads, key=lambda each: abs(each - lead))
 
     def __str__(self) -> str:
         rows = ["lead, yr  forecasts  distance, m  no change  linear  in the band"]
         for lead in self.leads:
-            if any(self._nearest(f.lead) == lead for f in self.forecasts):
+            if any(self.nearest_lead(f.lead) == lead for f in self.forecasts):
                 s = self.score(lead)
                 linear = "-" if math.isnan(s.linear) else f"{s.linear:.1f}"
                 rows.append(
