@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.device import resolve_device
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import CUDA_CHUNK, launch
@@ -17,8 +18,6 @@ from warpriver.kernels import sensitivities as kernels
 from warpriver.params import MeanderParams
 
 __all__ = ["Lines", "Traced", "strength_over_rate", "trace"]
-
-FloatArray = NDArray[np.float64]
 
 # An explicit step keeps D dt / h^2 at this, where 1/2 is the limit; D = k w |omega|, which saturation only lessens.
 DIFFUSION_NUMBER = 0.4

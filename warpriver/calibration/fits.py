@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.calibration.courses import FloatArray, trace
+from warpriver.arrays import FloatArray
+from warpriver.calibration.courses import trace
 from warpriver.calibration.observed import Observed, observe, survey
 from warpriver.calibration.problems import BOUNDS, COLUMNS, OUTLIER, Field, Problem, robust_scale
 from warpriver.errors import InputError, warn
@@ -127,6 +128,11 @@ class Fit:
         """The lines of the first survey where the law takes them by the time of the second, (n, 2) each, m."""
         return self.problem.displaced(self.unknowns)[1]
 
+    @property
+    def crs(self) -> str | None:
+        """Coordinate reference system of the surveys, or None."""
+        return self.problem.observed.before.crs
+
     def part(self, line: int) -> slice:
         """The points of one of the lines."""
         number = whole(line, "line")
@@ -155,8 +161,8 @@ class Fit:
         lines = self.problem.observed.before.lines
         size = 0.5 * float(lines.mean_width().min()) if cell_size is None else positive(cell_size, "cell_size", "m")
         factor = self.law[:, 0] / self.params.migration_rate
-        crs = self.problem.observed.before.crs
-        return ErodibilityField(_nearest_values(self.xy, factor, size, FIELD_REACH * float(self.width.max()), crs))
+        reach = FIELD_REACH * float(self.width.max())
+        return ErodibilityField(_nearest_values(self.xy, factor, size, reach, self.crs))
 
     def __str__(self) -> str:
         rows = [f"r {self.correlation:.3f}, skill {self.skill:.2f} over {self.years:g} yr, "

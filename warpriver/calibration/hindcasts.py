@@ -12,7 +12,8 @@ import numpy.typing as npt
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.calibration.courses import FloatArray, Lines
+from warpriver.arrays import FloatArray
+from warpriver.calibration.courses import Lines
 from warpriver.calibration.fits import NAMES, Fit, checked_names, fit_observed
 from warpriver.calibration.observed import Observed, Survey, match_all, observe, survey
 from warpriver.errors import InputError

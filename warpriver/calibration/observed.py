@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.calibration.courses import FloatArray, Lines
+from warpriver.arrays import FloatArray
+from warpriver.calibration.courses import Lines
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.graph.stems import find_stems

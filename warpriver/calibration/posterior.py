@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from warpriver.calibration.courses import FloatArray
+from warpriver.arrays import FloatArray
 from warpriver.calibration.fits import Fit
 from warpriver.errors import InputError, MissingExtraError, warn
 from warpriver.public import public

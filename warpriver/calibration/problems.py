@@ -11,7 +11,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.calibration.courses import FloatArray, Lines, trace
+from warpriver.arrays import FloatArray
+from warpriver.calibration.courses import Lines, trace
 from warpriver.calibration.observed import Observed, match_all
 from warpriver.metrics.changes import Match
 from warpriver.params import MeanderParams
