@@ -14,6 +14,7 @@ from warpriver.arrays import FloatArray
 from warpriver.device import resolve_device
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import CUDA_CHUNK, launch
+from warpriver.errors import InputError
 from warpriver.kernels import sensitivities as kernels
 from warpriver.params import MeanderParams
 
@@ -21,6 +22,8 @@ __all__ = ["Lines", "Traced", "strength_over_rate", "trace"]
 
 # An explicit step keeps D dt / h^2 at this, where 1/2 is the limit; D = k w |omega|, which saturation only lessens.
 DIFFUSION_NUMBER = 0.4
+# Steps of one simulation at most: bends have long come and gone by then.
+MOST_STEPS = 200_000
 # Points move by so many widths at most before they are spread evenly again.
 DRIFT = 0.1
 # Width times curvature that few bends exceed: what the drift is estimated with where nothing saturates.
@@ -142,7 +145,13 @@ def trace(
 def _stable_steps(lines: Lines, law: FloatArray, params: MeanderParams, years: float) -> int:
     diffusivity = law[:, 0] * strength_over_rate(lines.width, params) * max(-params.local_weight, 0.1)
     most = np.maximum.reduceat(diffusivity, lines.start[:-1]) / lines.spacing() ** 2
-    return max(1, math.ceil(years * float(most.max()) / DIFFUSION_NUMBER))
+    steps = years * float(most.max()) / DIFFUSION_NUMBER
+    if not steps <= MOST_STEPS:
+        raise InputError(
+            f"{years:g} yr at {law[:, 0].max():g} m/yr need {steps:.1e} steps; check the years, the width and the "
+            "migration rate"
+        )
+    return max(1, math.ceil(steps))
 
 
 def _spreads(lines: Lines, law: FloatArray, params: MeanderParams, years: float) -> int:

@@ -143,7 +143,7 @@ class Fit:
     def later(self, line: int) -> FloatArray:
         """The line of the second survey that one of the lines is compared with, (n, 2), m."""
         self.part(line)
-        return self.problem.observed.after[line]
+        return self.problem.observed.after[line] + self.offset
 
     def erodibility(self, cell_size: float | None = None) -> ErodibilityField:
         """A map of how the rate varies along the river, 1 where it is ``params.migration_rate``, as a control.
@@ -257,16 +257,23 @@ def fit_observed(
         for name in vary
     ]
     priors = {name: prior for name, prior in PRIORS.items() if name in names}
-    problem = Problem(observed, guess, names, fields, priors, offset, device)
-    theta = _minimised(problem, shift)
-    return _fit_of(problem, theta)
+    problem = Problem(observed.shifted(shift), guess, names, fields, priors, offset, device)
+    theta, total = problem.start(), shift
+    for _ in range(ROUNDS):
+        # The offset is small where the search begins: nearest places change with it.
+        theta = _minimised(problem, theta)
+        total = total + theta[-2:]
+        problem = Problem(observed.shifted(total), guess, names, fields, priors, offset, device)
+        theta[-2:] = 0.0
+    problem.settle(theta)
+    return _fit_of(problem, theta, total)
 
 
 def checked_names(fit: Sequence[str], vary: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The constants to fit, and those that vary."""
     found = []
     for label, names in (("fit", fit), ("vary", vary)):
-        listed = [names] if isinstance(names, str) else list(names)
+        listed = list(names)
         for name in listed:
             if not isinstance(name, str) or name not in COLUMNS:
                 raise InputError(f"{label} names {shown(name)}; it can be {', '.join(COLUMNS)}")
@@ -338,44 +345,39 @@ def _robust_solution(terms: FloatArray, seen: FloatArray, scale: float) -> tuple
     return np.asarray(x, np.float64), np.asarray(misfit)
 
 
-def _minimised(problem: Problem, shift: FloatArray) -> FloatArray:
+def _minimised(problem: Problem, theta: FloatArray) -> FloatArray:
     """The unknowns at which the misfits are least."""
     with IMPORTING:
         from scipy.optimize import least_squares
 
     low, high = problem.bounds()
-    theta = problem.start()
-    theta[-2:] = shift
     theta = np.clip(theta, low + 1e-6, high - 1e-6)
-    for _ in range(ROUNDS):
-        problem.settle(theta)
-        unit = np.full(problem.count, FIRST_STEP)
-        unit[-2:] *= problem.scale
-        # The length of the first step is 1 in these units where the search begins at 0.
-        found = least_squares(
-            lambda u, at=theta, unit=unit: problem.residuals(at + unit * u),
-            np.zeros(problem.count),
-            lambda u, at=theta, unit=unit: problem.jacobian(at + unit * u) * unit,
-            bounds=((low - theta) / unit, (high - theta) / unit),
-            loss=problem.loss,
-            xtol=STEP_TOLERANCE,
-            ftol=COST_TOLERANCE,
-        )
-        theta = theta + unit * found.x
     problem.settle(theta)
-    return theta
+    unit = np.full(problem.count, FIRST_STEP)
+    unit[-2:] *= problem.scale
+    # The length of the first step is 1 in these units where the search begins at 0.
+    found = least_squares(
+        lambda u: problem.residuals(theta + unit * u),
+        np.zeros(problem.count),
+        lambda u: problem.jacobian(theta + unit * u) * unit,
+        bounds=((low - theta) / unit, (high - theta) / unit),
+        loss=problem.loss,
+        xtol=STEP_TOLERANCE,
+        ftol=COST_TOLERANCE,
+    )
+    return np.asarray(theta + unit * found.x)
 
 
-def _fit_of(problem: Problem, theta: FloatArray) -> Fit:
+def _fit_of(problem: Problem, theta: FloatArray, offset: FloatArray) -> Fit:
     """The fit that unknowns stand for."""
     observed, lines = problem.observed, problem.observed.before.lines
     misfit = problem.misfit(theta)
-    seen = observed.displacement - observed.normal @ theta[-2:]
+    seen = observed.displacement
     predicted = seen - misfit
     scored = observed.scored & np.isfinite(misfit)
     r = float(np.corrcoef(predicted[scored], seen[scored])[0, 1]) if scored.sum() > 2 else math.nan
     river = float((lines.spacing()[lines.owner()])[scored].sum())
-    independent = river / problem.correlation_length
+    independent = river / problem.alike(np.where(scored, predicted, 0.0))
     if not r * math.sqrt(max(independent, 0.0)) > SIGNIFICANCE:
         raise InputError(
             f"the law does not explain how this river moved: r is {r:.2f} over {river / 1e3:.0f} km; check that before "
@@ -393,7 +395,7 @@ def _fit_of(problem: Problem, theta: FloatArray) -> Fit:
         log_error={name: float(np.sqrt(covariance[k, k])) for k, name in enumerate(problem.names)},
         correlation=r,
         skill=1.0 - float(np.abs(misfit[scored]).mean() / np.abs(seen[scored]).mean()),
-        offset=theta[-2:].copy(),
+        offset=offset,
         scale=problem.scale,
         correlation_length=problem.correlation_length,
         years=observed.years,

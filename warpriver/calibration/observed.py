@@ -16,7 +16,7 @@ from warpriver.metrics.changes import Match, match_lines
 from warpriver.metrics.lines import arc_length_of, norm
 from warpriver.network import RiverNetwork
 
-__all__ = ["Observed", "Survey", "match_all", "observe", "survey"]
+__all__ = ["Observed", "Survey", "left_normals", "match_all", "observe", "survey"]
 
 # Points a width along the lines.
 POINTS_A_WIDTH = 3.0
@@ -69,6 +69,13 @@ class Observed:
     normal: FloatArray
     scored: NDArray[np.bool_]
     after: list[FloatArray]
+
+    def shifted(self, offset: FloatArray) -> Observed:
+        """What would have been observed had the later survey lain elsewhere by minus the offset, (2,) m."""
+        after = [xy - offset for xy in self.after]
+        displacement = np.concatenate([match.distance for match in match_all(self.before.lines, after)])
+        scored = self.scored & np.isfinite(displacement)
+        return dataclasses.replace(self, displacement=displacement, scored=scored, after=after)
 
 
 def survey(network: RiverNetwork, name: str, smoothing: float) -> Survey:
@@ -124,7 +131,8 @@ def observe(before: Survey, after: Survey, years: float) -> Observed:
         part = slice(lines.start[k], lines.start[k + 1])
         scored[part] = _away_from_gaps(scored[part], margins[k])
     _check_overlap(before, after, displacement, scored)
-    return Observed(before, years, displacement, _left_normals(lines), scored, counterpart)
+    normal = np.concatenate([left_normals(xy) for xy in np.split(lines.xy, lines.start[1:-1])])
+    return Observed(before, years, displacement, normal, scored, counterpart)
 
 
 def match_all(lines: Lines, later: list[FloatArray]) -> list[Match]:
@@ -206,12 +214,10 @@ def _away_from_gaps(found: NDArray[np.bool_], points_a_width: float) -> NDArray[
     return kept
 
 
-def _left_normals(lines: Lines) -> FloatArray:
-    parts = []
-    for xy in np.split(lines.xy, lines.start[1:-1]):
-        chord = np.gradient(xy, axis=0)
-        parts.append(np.stack([-chord[:, 1], chord[:, 0]], axis=1) / norm(chord)[:, None])
-    return np.concatenate(parts)
+def left_normals(xy: FloatArray) -> FloatArray:
+    """Unit vectors across a line to the left at its points, (n, 2)."""
+    chord = np.gradient(xy, axis=0)
+    return np.asarray(np.stack([-chord[:, 1], chord[:, 0]], axis=1) / norm(chord)[:, None])
 
 
 def _check_overlap(before: Survey, after: Survey, displacement: FloatArray, scored: NDArray[np.bool_]) -> None:
@@ -227,14 +233,18 @@ def _check_overlap(before: Survey, after: Survey, displacement: FloatArray, scor
             f"they do not overlap: before lies within x {w:.0f} to {e:.0f}, y {s:.0f} to {n:.0f}, after within x "
             f"{w2:.0f} to {e2:.0f}, y {s2:.0f} to {n2:.0f}; check their coordinate systems"
         )
-    elif np.isfinite(displacement).mean() < 0.1:
-        reason = (
-            f"{np.isfinite(displacement).mean():.0%} of the points of before have a counterpart on after that runs the "
-            "same way; check that both show the same river and run downstream"
-        )
+    elif _found_upstream(before, after) > 2.0 * np.isfinite(displacement).mean():
+        reason = "they run in opposite directions; reverse one of them"
     else:
         reason = (
             f"only {float(in_widths[scored].sum()):.0f} widths of river lie away from its ends and from cutoffs, and "
             f"{LEAST_SCORED:g} are needed; give a longer reach, or surveys that are closer in time"
         )
     raise InputError(f"before and after cannot be compared: {reason}")
+
+
+def _found_upstream(before: Survey, after: Survey) -> float:
+    """Part of the points that had a counterpart if the later survey ran the other way."""
+    later = [xy[::-1] for xy in after.polylines()]
+    found = match_all(before.lines, [later[k] for k in _counterparts(before, after)])
+    return float(np.isfinite(np.concatenate([match.distance for match in found])).mean())

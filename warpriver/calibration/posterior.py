@@ -16,7 +16,7 @@ from warpriver.validate import seeded, shown, whole
 __all__ = ["Posterior", "posterior"]
 
 # Steps of a chain that are dropped, as a fraction; and the least number of independent samples of a constant.
-BURN_IN, LEAST_SAMPLES = 0.3, 50.0
+BURN_IN, LEAST_SAMPLES = 0.3, 200.0
 # Walkers begin about the fit, within so many of its standard errors.
 SPREAD = 0.5
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray
 from warpriver.calibration.courses import Lines, trace
-from warpriver.calibration.observed import Observed, match_all
+from warpriver.calibration.observed import Observed, left_normals, match_all
 from warpriver.metrics.changes import Match
 from warpriver.params import MeanderParams
 
@@ -28,10 +28,14 @@ BOUNDS = {
     "friction": (2e-4, 0.2),
     "curvature_saturation": (0.02, 3.0),
 }
+# Logarithm of how far the rate is looked for from its first guess, either way: a factor of thirty.
+RATE_RANGE = 3.4
 # Misfits beyond so many standard deviations count less and less.
 OUTLIER = 1.5
 # Standard deviation of the logarithm of a constant that varies along a river, about its value for the whole.
 FIELD_SD = 0.5
+# Misfits are alike over so many widths at most: longer waves in them are too few to be told from one.
+MOST_ALIKE = 30.0
 # Knots that are so many apart along a line share a direction, as what one of them moves does not reach the next
 # [Curtis1974].
 COLORS = 6
@@ -170,6 +174,10 @@ class Problem:
         low, high = np.full(self.count, -4.0 * FIELD_SD), np.full(self.count, 4.0 * FIELD_SD)
         for k, name in enumerate(self.names):
             low[k], high[k] = np.log(BOUNDS[name])
+            if name == "migration_rate":
+                # The first guess of a rate is not far off; far off, steps are many.
+                guess = math.log(self.params.migration_rate)
+                low[k], high[k] = max(low[k], guess - RATE_RANGE), min(high[k], guess + RATE_RANGE)
         # Surveys that lie farther apart are to be put right first.
         reach = float(self.observed.before.lines.mean_width().max()) if self.offset else 1e-3
         low[-2:], high[-2:] = -reach, reach
@@ -321,14 +329,14 @@ class Problem:
         """Take the scale of the misfits, and the distance over which they are alike, from those that there are."""
         misfit = np.where(self.observed.scored, self.misfit(theta), np.nan)
         self.scale = max(robust_scale(misfit[np.isfinite(misfit)]), 1e-6)
+        most = MOST_ALIKE * float(self.observed.before.lines.mean_width().max())
+        self.correlation_length = min(self.alike(np.clip(np.nan_to_num(misfit / self.scale), -3.0, 3.0)), most)
+
+    def alike(self, series: FloatArray) -> float:
+        """Distance along the river over which a series, one value a point, is alike, m: its integral scale."""
         lines = self.observed.before.lines
-        kept = np.clip(np.nan_to_num(misfit / self.scale), -3.0, 3.0)
-        lengths = [
-            _integral_scale(part) * h
-            for part, h in zip(np.split(kept, lines.start[1:-1]), lines.spacing(), strict=True)
-        ]
-        weight = np.diff(lines.start)
-        self.correlation_length = float(np.average(lengths, weights=weight))
+        parts = zip(np.split(series, lines.start[1:-1]), lines.spacing(), strict=True)
+        return float(np.average([_integral_scale(part) * h for part, h in parts], weights=np.diff(lines.start)))
 
     def covariance(self, theta: FloatArray) -> FloatArray:
         """Covariance of the unknowns, by the spread of what pieces of river say of them [Liang1986].
@@ -355,12 +363,12 @@ class Problem:
 
 
 def _foot_change(match: Match, xy: FloatArray, change: FloatArray) -> FloatArray:
-    """Derivative of the distances to a line by the directions, (A, n): how its nearest points move across it."""
-    along = np.diff(xy, axis=0)[match.segment]
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
-    share = match.share[:, None]
-    foot = (1.0 - share) * change[:, match.segment] + share * change[:, match.segment + 1]
-    return np.asarray((foot * left).sum(axis=2))
+    """Derivative of the distances to a line by the directions, (A, n): how its nearest places move across it.
+
+    Only what points move across the line counts: they slide along it where the even places do.
+    """
+    across = (change * left_normals(xy)).sum(axis=2)
+    return np.asarray((1.0 - match.share) * across[:, match.segment] + match.share * across[:, match.segment + 1])
 
 
 def _integral_scale(series: FloatArray) -> float:
