@@ -70,6 +70,10 @@ def things(tmp_path_factory):
     history.save(folder / "run.npz")
     wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
+    bends = wr.generate.sine_generated(600.0, 0.9, 8, 20.0)
+    meander = wr.RiverNetwork.from_polylines([bends], width=40.0)
+    grown = wr.Simulation(meander, threads=1)
+    grown.step(3)
     return {
         "folder": folder,
         "line": line,
@@ -83,6 +87,9 @@ def things(tmp_path_factory):
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
+        "meander": meander,
+        "grown": grown.network,
+        "fit": wr.calibrate(meander, grown.network, grown.time, fit=["migration_rate"]),
     }
 
 
@@ -432,6 +439,24 @@ CALLS = {
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
     ),
+    "calibrate": lambda t: (
+        wr.calibration.calibrate,
+        {
+            "before": t["meander"],
+            "after": t["grown"],
+            "years": 5.0,
+            "params": None,
+            "fit": ["migration_rate"],
+            "vary": [],
+            "length": 50.0,
+            "smoothing": 0.5,
+            "offset": True,
+        },
+    ),
+    "write_fit": lambda t: (
+        wr.calibration.write_fit,
+        {"fit": t["fit"], "folder": t["folder"] / "fit", "network": t["grown"], "years": 3.0},
+    ),
     "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
     "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
@@ -443,7 +468,8 @@ CALLS = {
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
     "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
-    "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
+    "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast", "line_formats", "posterior",
+    "write_hindcast", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

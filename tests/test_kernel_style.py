@@ -44,6 +44,7 @@ LAUNCHERS = {
     "runs": ["engine/state.py"],
     "scans": ["engine/scans.py"],
     "schedule": ["engine/state.py", "engine/substeps.py"],
+    "sensitivities": ["calibration/courses.py"],
     "shortcuts": ["shortest_path/shortcuts.py"],
     "smoothing": ["meander/smoothing.py"],
     "stamps": ["valley/stamps.py", "valley/valley.py"],

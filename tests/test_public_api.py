@@ -45,7 +45,7 @@ LEVELS = [
     {"editing", "models"},
     {"resume"},
     {"simulation"},
-    {"bench", "estimate"},
+    {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},
     {"cli", "__main__"},

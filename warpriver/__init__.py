@@ -11,7 +11,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        calibration,
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        meander,
+        metrics,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -37,6 +50,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "calibration",
     "edits",
     "erode",
     "erosion",
@@ -81,9 +95,11 @@ _HOMES = {
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "calibrate": "warpriver.calibration",  # listed by its room
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "hindcast": "warpriver.calibration",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -95,7 +111,20 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "calibration",
+    "edits",
+    "erosion",
+    "generate",
+    "history",
+    "hydrology",
+    "io",
+    "meander",
+    "metrics",
+    "scenes",
+    "valley",
+    "viz",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -2,6 +2,7 @@
 
 from warpriver.viz import gl
 from warpriver.viz.belt import draw_before_after, draw_belt
+from warpriver.viz.calibration import draw_fit, draw_fit_map, draw_hindcast
 from warpriver.viz.erosion import draw_drainage, draw_elevation, draw_ordered_network, erosion_movie
 from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
@@ -14,6 +15,9 @@ __all__ = [
     "draw_belt",
     "draw_drainage",
     "draw_elevation",
+    "draw_fit",
+    "draw_fit_map",
+    "draw_hindcast",
     "draw_network",
     "draw_ordered_network",
     "draw_valley",
