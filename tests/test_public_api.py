@@ -43,6 +43,7 @@ LEVELS = [
     {"editing", "models"},
     {"resume"},
     {"simulation"},
+    {"landscape"},
     {"bench", "estimate"},
     {"viz"},
     {"scenes"},

@@ -11,7 +11,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        landscape,
+        meander,
+        metrics,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -46,6 +59,7 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
@@ -84,6 +98,7 @@ _HOMES = {
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -95,7 +110,20 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "edits",
+    "erosion",
+    "generate",
+    "history",
+    "hydrology",
+    "io",
+    "landscape",
+    "meander",
+    "metrics",
+    "scenes",
+    "valley",
+    "viz",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -19,7 +19,7 @@ from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth
 from warpriver.graph.edits import JUNCTION_CLEARANCE
 from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
-from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
+from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses, section_along
 from warpriver.meander.courses import Refusal, carve_course
 from warpriver.meander.diversions import find_way, upstream_of
 from warpriver.network import RiverNetwork
@@ -202,12 +202,15 @@ def _divert(edit: edits.DivertChannel, stepper: Stepper) -> Avulsion:
     last = int(start[channel + 1])
     old = network.point_xy[point:last].numpy().astype(np.float64) + network.origin
     width, identity = float(network.channel_width[channel]), int(network.channel_id[channel])
+    depth, flow = float(network.channel_depth[channel]), float(network.channel_discharge[channel])
+    section = section_along(network, point, last)
     work = _rework(stepper)
     node = work.junction_at(int(np.searchsorted(start, end, side="right")) - 1, end)
     line = np.concatenate([course.xy[:-1], work.node_place(node)[None]])
     work.divert(channel, point, line, node)
     _adopt(stepper, work)
-    return Avulsion(stepper.step_count * state.params.time_step, identity, width, old, line, course.bed)
+    time = stepper.step_count * state.params.time_step
+    return Avulsion(time, identity, width, old, line, course.bed, depth, flow, section)
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:

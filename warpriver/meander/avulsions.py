@@ -20,13 +20,14 @@ from warpriver.history.events import Avulsion, Crevasse, Event
 from warpriver.kernels import avulsions as kernels
 from warpriver.kernels.status import CREVASSES, FAULT, FAULT_NONE, STEPS
 from warpriver.meander.courses import Course, Refusal, carve_course, falling_bed, walk_courses
+from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
 with IMPORTING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_course", "rework_courses"]
+__all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_course", "rework_courses", "section_along"]
 
 FloatArray = NDArray[np.float64]
 
@@ -309,8 +310,17 @@ def rework_courses(state: State, taken: Sequence[NewCourse]) -> Reworking:
 
 def avulsion_of(state: State, time: float, new: NewCourse) -> Avulsion:
     """Return the event of a channel that takes a new course; the network is still as it was."""
-    bed = np.empty(0) if state.terrain is None else new.course.bed
-    return Avulsion(time, int(state.network.channel_id[new.channel]), new.width, new.old_xy, new.course.xy, bed)
+    bed, network = np.empty(0) if state.terrain is None else new.course.bed, state.network
+    identity, flow = int(network.channel_id[new.channel]), float(network.channel_discharge[new.channel])
+    told = _depth_at(state, new.channel, new.first), flow, section_along(network, new.first, new.last + 1)
+    return Avulsion(time, identity, new.width, new.old_xy, new.course.xy, bed, *told)
+
+
+def section_along(network: RiverNetwork, first: int, stop: int) -> FloatArray | None:
+    """Return width and depth of some points in m, (n, 2); None where they are constant along channels."""
+    if network.point_section is None:
+        return None
+    return network.point_section[first:stop].numpy().astype(np.float64)
 
 
 def carve(state: State, new: NewCourse) -> None:
