@@ -37,8 +37,9 @@ def build(scalar):
     # Distances whose squares differ by less are the same: those to a corner that two segments share.
     ALIKE = scalar(1.0 + (1.0e-12 if scalar is wp.float64 else 1.0e-5))
     STILL = scalar(1.0e-4 if scalar is wp.float64 else 1.0e-2)
-    # A channel is taken to have passed over a cell if it moved by so much of the distances before and after.
-    PASSING = scalar(1.5)
+    # A channel is taken to have passed over a cell if so many times its way exceed the distances before and after: on
+    # its way it may turn.
+    PASSING = scalar(3.0)
     YEAR = wp.float64(QUANTA)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
@@ -91,11 +92,16 @@ def build(scalar):
 
     @wp.struct
     class Interval:
-        """From one course to the next: the time of the first in yr, the years between, and those that are added up."""
+        """From the course before to one at a time in yr; cells of different blocks may have seen the former earlier.
 
-        begin: wp.float64
-        years: wp.float64
+        ``block_time``: when that was. ``counted``: factor of the years that are added up for moisture and sediment,
+        ``extra``: years added to them.
+        """
+
+        end: wp.float64
         counted: wp.float64
+        extra: wp.float64
+        block_time: wp.array[wp.float64]
         moisture: Profile
         sediment: Profile
 
@@ -290,25 +296,24 @@ def build(scalar):
         return wp.int64(wp.floor(years * YEAR + HALF_64))
 
     @wp.func(module=name)
-    def cover_cell(
-        course: Course, interval: Interval, near: Nearest, row: int, column: int, way: vec2, cells_io: Cells
-    ):
-        """Note when a cell was under the channel, whose distance in widths goes from ``way[0]`` to ``way[1]``."""
+    def cover_cell(course: Course, near: Nearest, row: int, column: int, times: wp.vec2d, way: vec2, cells_io: Cells):
+        """Note when a cell was under the channel, whose distance in widths changes from one time to the other."""
         before, after = way[0], way[1]
+        years = times[1] - times[0]
         low, high = wp.min(before, after), wp.max(before, after)
         if low > HALF or high < -HALF:
             return
         share = ONE
         if high > low:
             share = (wp.min(high, HALF) - wp.max(low, -HALF)) / (high - low)
-        cells_io.occupied[row, column] = cells_io.occupied[row, column] + quanta(interval.years * wp.float64(share))
+        cells_io.occupied[row, column] = cells_io.occupied[row, column] + quanta(years * wp.float64(share))
         leave = ONE
         kind = wp.uint8(CHANNEL)
         if wp.abs(after) > HALF:
             edge = wp.where(after < ZERO, -HALF, HALF)
             leave = (edge - before) / (after - before)
             kind = wp.uint8(BAR)
-        cells_io.left[row, column] = interval.begin + interval.years * wp.float64(leave)
+        cells_io.left[row, column] = times[0] + years * wp.float64(leave)
         cells_io.kind[row, column] = kind
         if near.segment >= 0:
             bend = course.bend[near.segment]
@@ -317,7 +322,9 @@ def build(scalar):
             cells_io.inner[row, column] = wp.float32(wp.where(after < ZERO, -turn, turn))
 
     @wp.func(module=name)
-    def advance_cell(course: Course, interval: Interval, near: Nearest, row: int, column: int, cells_io: Cells):
+    def advance_cell(
+        course: Course, interval: Interval, begin: wp.float64, near: Nearest, row: int, column: int, cells_io: Cells
+    ):
         """Bring a cell to the end of an interval, in which its distance to the channel changes evenly."""
         after = signed_widths(near)
         before = before_of(course, near, cells_io.offset[row, column], after)
@@ -325,16 +332,17 @@ def build(scalar):
         # The side of what is out of reach is not known.
         if wp.abs(after) >= FAR:
             after = wp.where(before < ZERO, -after, after)
-        if interval.counted > ZERO_64:
-            moist = interval.counted * mean_of(interval.moisture, before, after)
+        counted = (interval.end - begin) * interval.counted + interval.extra
+        if counted > ZERO_64:
+            moist = counted * mean_of(interval.moisture, before, after)
             cells_io.moisture[row, column] = cells_io.moisture[row, column] + quanta(moist)
-            laid = interval.counted * mean_of(interval.sediment, before, after)
+            laid = counted * mean_of(interval.sediment, before, after)
             if laid > ZERO_64:
                 cells_io.sediment[row, column] = cells_io.sediment[row, column] + quanta(laid)
                 if near.segment >= 0:
                     deep = laid * wp.float64(section_at(course, near)[1])
                     cells_io.deep[row, column] = cells_io.deep[row, column] + quanta(deep)
-        cover_cell(course, interval, near, row, column, vec2(before, after), cells_io)
+        cover_cell(course, near, row, column, wp.vec2d(begin, interval.end), vec2(before, after), cells_io)
 
     # ---- kernels
 
@@ -439,7 +447,7 @@ def build(scalar):
             for column in range(west, wp.min(west + TILE, grid.columns)):
                 p = vec2(scalar(column), -scalar(row)) * grid.cell_size
                 found = nearest_near(course, bins_io, block, slot, p)
-                advance_cell(course, interval, found, row, column, cells_io)
+                advance_cell(course, interval, interval.block_time[block], found, row, column, cells_io)
 
     @wp.kernel(module=name, enable_backward=False)
     def lay_courses(
@@ -487,29 +495,33 @@ def build(scalar):
         # in
         course: Course,
         bins: Bins,
-        point: wp.array[vec4],
+        point_xy: wp.array[vec2],
         # out
-        moved_out: wp.array[vec2],
+        point_foot_out: wp.array[vec2],
+        point_moved_out: wp.array[scalar],
+        point_segment_out: wp.array[int],
     ):
-        """How far both ends of segments lie from an earlier course, m: 0 where that is out of reach.
+        """Where points come from: the foot of each on an earlier course, how far away that is in m, on which segment.
 
-        ``point``: segments as in ``Course.line``. The distance is that in widths, times the width there.
+        The nearest segment is that in widths. Out of reach, and off the raster, the segment is -1 and the way 0.
         """
         i = wp.tid()
-        tile_columns = grid.block_columns * TILES_IN_BLOCK
-        way = vec2()
-        for end in range(2):
-            p = vec2(point[i][0], point[i][1]) + scalar(end) * vec2(point[i][2], point[i][3])
-            column, row = int(wp.floor(p[0] / grid.cell_size + HALF)), int(wp.floor(HALF - p[1] / grid.cell_size))
-            if column >= 0 and row >= 0 and column < grid.columns and row < grid.rows:
-                slot = bins.tile_slot[(row // TILE) * tile_columns + column // TILE]
-                if slot >= 0:
-                    block = (row // BLOCK) * grid.block_columns + column // BLOCK
-                    near = nearest_near(course, bins, block, slot, p)
-                    if near.squared < REACH * REACH:
-                        form = course.form[near.segment]
-                        way[end] = wp.sqrt(near.squared) * (form[1] + near.part * form[2])
-        moved_out[i] = way
+        p = point_xy[i]
+        point_foot_out[i] = p
+        point_moved_out[i] = ZERO
+        point_segment_out[i] = -1
+        column, row = int(wp.floor(p[0] / grid.cell_size + HALF)), int(wp.floor(HALF - p[1] / grid.cell_size))
+        if column >= 0 and row >= 0 and column < grid.columns and row < grid.rows:
+            slot = bins.tile_slot[(row // TILE) * grid.block_columns * TILES_IN_BLOCK + column // TILE]
+            if slot >= 0:
+                block = (row // BLOCK) * grid.block_columns + column // BLOCK
+                near = nearest_near(course, bins, block, slot, p)
+                if near.squared < REACH * REACH:
+                    form = course.form[near.segment]
+                    line = course.line[near.segment]
+                    point_foot_out[i] = vec2(line[0] + near.part * line[2], line[1] + near.part * line[3])
+                    point_moved_out[i] = wp.sqrt(near.squared) * (form[1] + near.part * form[2])
+                    point_segment_out[i] = near.segment
 
     return SimpleNamespace(
         vec2=vec2,

@@ -73,7 +73,7 @@ class Cells:
         if self.last is not None:
             years = time - self.last[2]
             moved = np.stack([self.way(line[:, ends]) for ends in (slice(0, 2), slice(2, 4))], axis=1)
-            way = 1.5 * (moved[which, 0] + part * (moved[which, 1] - moved[which, 0]))
+            way = 3.0 * (moved[which, 0] + part * (moved[which, 1] - moved[which, 0]))
         width = section[which, 0] + part * (section[which, 2] - section[which, 0])
         other = (before * after < 0.0) & (np.abs(after) < REACH)
         passed = (np.abs(before) + np.abs(after)) * width <= way

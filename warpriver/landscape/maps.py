@@ -17,8 +17,9 @@ from warpriver.history import Avulsion, Collision, Crevasse, Cutoff, History
 from warpriver.hydrology import fill_depressions, stream_power
 from warpriver.kernels import covers
 from warpriver.landscape.falloff import falloff_table, moisture_falloff, sediment_falloff, smoothstep
+from warpriver.landscape.motion import lead_between
 from warpriver.landscape.params import LandscapeParams
-from warpriver.landscape.splatting import LEFT_NEVER, Splat, segments_of
+from warpriver.landscape.splatting import LEFT_NEVER, Segments, Splat, segments_of
 from warpriver.landscape.traces import lobes_of, old_courses_of
 from warpriver.network import RiverNetwork
 from warpriver.public import public
@@ -182,19 +183,23 @@ def _made_maps(
     times, events = history.times, list(history.events)
     at = np.array([event.time for event in events])
     network: RiverNetwork | None = None
+    before: Segments | None = None
     for k in range(records[-1] + 1):
         following = history.networks[k]
-        frame = splat.frame(segments_of(following))
-        splat.advance(frame, float(times[k]), None if k > first else 0.0)
+        segments, counted = segments_of(following), k > first
+        met: list[Any] = []
+        if before is not None:
+            met = [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= times[k]))]
+            left = [event for event in met if isinstance(event, (Cutoff, Collision, Avulsion))]
+            segments = lead_between(splat, before, segments, left, (float(times[k - 1]), float(times[k])), counted)
+        splat.advance(splat.frame(segments), float(times[k]), counted=counted)
         if network is not None:
-            _lay_events(
-                [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= times[k]))], network, splat, params
-            )
-        network = following
+            _lay_events(met, network, splat, params)
+        network, before = following, segments
         if k in records:
             if window == 1:
                 span = times[k] - times[k - 1] if k else history.params.time_step
-                splat.advance(frame, float(times[k]), float(span))
+                splat.advance(splat.frame(segments), float(times[k]), extra=float(span))
             yield _finished(splat, history, cell_size, origin, params, power, scale, float(times[k]))
 
 

@@ -49,6 +49,7 @@ def old_courses_of(events: Sequence[Any]) -> Segments:
         np.hstack([xy[k] for k in pair]),
         np.hstack([section[k] for k in pair]),
         np.stack([from_end[k] for k in pair], axis=1),
+        np.zeros((len(head), 2)),
         np.array(times)[owner[head]],
     )
 
@@ -87,9 +88,9 @@ def lobes_of(events: Sequence[Crevasse], network: RiverNetwork, length: float, h
     segments = np.concatenate([line[:, k] for k in ends], axis=2).reshape(-1, 4)
     sections = np.stack([v[:, k] for k in ends for v in (wide, thick)], axis=2).reshape(-1, 4)
     time = np.repeat([event.time for event in events], LOBE_SEGMENTS)
-    return Segments(segments, sections, np.zeros((len(segments), 2)), time)
+    return Segments(segments, sections, np.zeros((len(segments), 2)), np.zeros((len(segments), 2)), time)
 
 
 def nothing() -> Segments:
     """Return no segments."""
-    return Segments(np.empty((0, 4)), np.empty((0, 4)), np.empty((0, 2)), np.empty(0))
+    return Segments(np.empty((0, 4)), np.empty((0, 4)), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
