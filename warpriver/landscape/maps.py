@@ -39,6 +39,10 @@ PLANTS = ("water", "bare sand", "pioneers", "willow", "swamp", "forest", "grassl
 POWER_PERCENTILE = 99.0
 # Widths around the outermost channels that a raster holds where no bounds are given.
 MARGIN = covers.FELT
+# How far below its rim the water of an old course stands, in what is left of its depth; least depth of a lake, alike.
+RIM, LEAST_LAKE = 0.1, 0.08
+# Hollows deeper than this are wet, m.
+SWAMP_DEPTH = 0.15
 # Most cells of a raster.
 MOST_CELLS = 2**31
 
@@ -320,7 +324,9 @@ def _finished(
     if params.plug_length > 0.0:
         open_part *= smoothstep(host["inner"] / params.plug_length)
     hollow = np.where(old, depth * np.clip(1.0 - (2.0 * host["across"]) ** 2, 0.0, 1.0) * open_part, 0.0)
-    lake = np.where((kind == covers.OXBOW) & ~channel, np.maximum(hollow - 0.25 * depth * open_part, 0.0), 0.0)
+    # Water stands below the rim; where little of it is left a swamp is.
+    lake = np.where((kind == covers.OXBOW) & ~channel, hollow - RIM * depth * open_part, 0.0)
+    lake[lake < np.maximum(LEAST_LAKE * depth, 1e-3)] = 0.0
     bar = (kind == covers.BAR) & ~channel
     # Bars emerge below the floodplain and grow up to it; scroll bars are what floods leave on them at intervals.
     phase = 2.0 * np.pi * left / params.scroll_period
@@ -423,6 +429,6 @@ def _plants(
     kind[fresh] = PLANTS.index("willow")
     kind[years < 0.75 * params.cover_time] = PLANTS.index("pioneers")
     kind[(years < 0.25 * params.cover_time) & (sand > 0.5)] = PLANTS.index("bare sand")
-    kind[(hollow > 0.0) & (sand < 0.6)] = PLANTS.index("swamp")
+    kind[hollow > SWAMP_DEPTH] = PLANTS.index("swamp")
     kind[water] = PLANTS.index("water")
     return kind
