@@ -15,7 +15,7 @@ from warpriver.kernels.variants import once
 wp.set_module_options({"enable_backward": False})
 
 # Cells along the side of a block and of a tile; candidates that a tile has room for.
-BLOCK, TILE, NEAR_LIMIT = 32, 8, 40
+BLOCK, TILE, NEAR_LIMIT = 32, 8, 64
 TILES_IN_BLOCK = BLOCK // TILE
 
 

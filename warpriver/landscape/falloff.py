@@ -36,7 +36,7 @@ def moisture_falloff(widths: npt.ArrayLike) -> np.ndarray:
         widths: Distances in widths of the channel.
     """
     ratio = np.minimum(np.abs(floats(widths, "widths")) / FELT, 1.0)
-    return (1.0 - ratio**2) ** 3
+    return np.asarray((1.0 - ratio**2) ** 3)
 
 
 @public

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers, positive, whole
 
-__all__ = ["GROUND", "PLANTS", "LandscapeMaps", "landscape_maps"]
+__all__ = ["GROUND", "PLANTS", "Landscape", "LandscapeMaps", "bounds_of", "landscape_maps"]
 
 FloatArray = NDArray[np.float64]
 
@@ -148,63 +148,81 @@ def landscape_maps(
         MemoryError: The cells do not fit.
     """
     record = _checked_record(history, until)
-    *_, maps = _made_maps(
-        history,
-        [record],
-        terrain,
-        positive(cell_size, "cell_size", unit="m"),
-        params or LandscapeParams(),
-        bounds,
-        window,
-        (falloff_table(moisture_falloff, "moisture_falloff"), falloff_table(sediment_falloff, "sediment_falloff")),
-        device,
-        threads,
-    )
-    return maps
+    options: dict[str, Any] = {"params": params, "window": window, "device": device, "threads": threads}
+    options |= {"moisture_falloff": moisture_falloff, "sediment_falloff": sediment_falloff}
+    bounds = bounds if bounds is not None or terrain is not None else bounds_of(history, record)
+    landscape = Landscape(history, terrain, cell_size, bounds=bounds, last=record, **options)
+    landscape.lead_to(record)
+    return landscape.maps()
 
 
-def _made_maps(
-    history: History,
-    records: Sequence[int],
-    terrain: Terrain | None,
-    cell_size: float,
-    params: LandscapeParams,
-    bounds: Any,
-    window: int | None,
-    tables: tuple[FloatArray, FloatArray],
-    device: Any,
-    threads: int | None,
-) -> Iterator[LandscapeMaps]:
-    """Yield the maps at some records, in ascending order."""
-    if window is not None:
-        window = whole(window, "window", 1, "records")
-    if threads is not None:
-        threads = whole(threads, "threads", 1)
-    shape, origin = _checked_place(history, terrain, cell_size, bounds, records[-1])
-    splat = Splat(shape, cell_size, origin, tables, device=device, threads=threads)
-    power, scale = _stream_power(terrain, splat, cell_size, origin)
-    first = 0 if window is None else max(0, records[-1] + 1 - window)
-    times, events = history.times, list(history.events)
-    at = np.array([event.time for event in events])
-    network: RiverNetwork | None = None
-    before: Segments | None = None
-    for k in range(records[-1] + 1):
-        following = history.networks[k]
-        segments, counted = segments_of(following), k > first
-        met: list[Any] = []
-        if before is not None:
-            met = [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= times[k]))]
-            left = [event for event in met if isinstance(event, (Cutoff, Collision, Avulsion))]
-            segments = lead_between(splat, before, segments, left, (float(times[k - 1]), float(times[k])), counted)
-        splat.advance(splat.frame(segments), float(times[k]), counted=counted)
-        if network is not None:
-            _lay_events(met, network, splat, params)
-        network, before = following, segments
-        if k in records:
-            if window == 1:
-                span = times[k] - times[k - 1] if k else history.params.time_step
-                splat.advance(splat.frame(segments), float(times[k]), extra=float(span))
-            yield _finished(splat, history, cell_size, origin, params, power, scale, float(times[k]))
+class Landscape:
+    """Cells that are led through a history, record by record, also while it grows; see :func:`landscape_maps`.
+
+    Attributes:
+        record: Index of the record that the cells are at, -1 before the first.
+    """
+
+    def __init__(
+        self,
+        history: History,
+        terrain: Terrain | None,
+        cell_size: float,
+        *,
+        bounds: Any,
+        last: int | None = None,
+        params: LandscapeParams | None = None,
+        window: int | None = None,
+        moisture_falloff: Callable[[np.ndarray], np.ndarray] = moisture_falloff,
+        sediment_falloff: Callable[[np.ndarray], np.ndarray] = sediment_falloff,
+        device: Any = "cpu",
+        threads: int | None = None,
+    ):
+        """Make empty cells; arguments as of :func:`landscape_maps`, ``last`` the record that ``window`` counts from."""
+        size = self._cell_size = positive(cell_size, "cell_size", unit="m")
+        self._history, self._params = history, params or LandscapeParams()
+        window = None if window is None else whole(window, "window", 1, "records")
+        threads = None if threads is None else whole(threads, "threads", 1)
+        tables = (
+            falloff_table(moisture_falloff, "moisture_falloff"),
+            falloff_table(sediment_falloff, "sediment_falloff"),
+        )
+        shape, self._origin = _checked_place(history, terrain, size, bounds)
+        self._splat = Splat(shape, size, self._origin, tables, device=device, threads=threads)
+        self._power, self._scale = _stream_power(terrain, self._splat, size, self._origin)
+        self._last, self._first = last, 0 if window is None or last is None else max(0, last + 1 - window)
+        self._alone = window == 1
+        self._network: RiverNetwork | None = None
+        self._segments: Segments | None = None
+        self.record = -1
+
+    def lead_to(self, record: int) -> None:
+        """Lead the cells up to a record, the present one or a later one."""
+        history, splat = self._history, self._splat
+        times, events = history.times, history.events
+        at = np.array([event.time for event in events])
+        for k in range(self.record + 1, record + 1):
+            network, now = history.networks[k], float(times[k])
+            segments, counted = segments_of(network), k > self._first
+            met: list[Any] = []
+            if self._network is not None and self._segments is not None:
+                met = [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= now)).tolist()]
+                left = [event for event in met if isinstance(event, (Cutoff, Collision, Avulsion))]
+                segments = lead_between(splat, self._segments, segments, left, (float(times[k - 1]), now), counted)
+            frame = splat.frame(segments)
+            splat.advance(frame, now, counted=counted)
+            if self._network is not None:
+                _lay_events(met, self._network, splat, self._params)
+            if self._alone and k == self._last:
+                span = now - float(times[k - 1]) if k else history.params.time_step
+                splat.advance(frame, now, extra=span)
+            self._network, self._segments, self.record = network, segments, k
+
+    def maps(self) -> LandscapeMaps:
+        """Return the maps at the present record."""
+        now = float(self._history.times[self.record])
+        place = self._cell_size, self._origin, self._history.crs
+        return _finished(self._splat, place, self._params, self._power, self._scale, now)
 
 
 def _lay_events(events: Sequence[Any], network: RiverNetwork, splat: Splat, params: LandscapeParams) -> None:
@@ -229,7 +247,7 @@ def _checked_record(history: History, until: int | None) -> int:
 
 
 def _checked_place(
-    history: History, terrain: Terrain | None, cell_size: float, bounds: Any, last: int
+    history: History, terrain: Terrain | None, cell_size: float, bounds: Any
 ) -> tuple[tuple[int, int], tuple[float, float]]:
     """Return rows and columns, and the west and north edge of the maps."""
     if terrain is not None and terrain.crs is not None and history.crs is not None:
@@ -242,7 +260,7 @@ def _checked_place(
     elif terrain is not None:
         west, south, east, north = terrain.bounds
     else:
-        west, south, east, north = _bounds_of(history, last)
+        west, south, east, north = bounds_of(history, len(history) - 1)
     # Whole cells, as many as reach beyond the bounds by no more than rounding does.
     columns, rows = ((high - low) / cell_size for low, high in ((west, east), (south, north)))
     if not (columns >= 2.0 and rows >= 2.0):
@@ -255,7 +273,7 @@ def _checked_place(
     return (math.ceil(rows - 1e-6), math.ceil(columns - 1e-6)), (west, north)
 
 
-def _bounds_of(history: History, last: int) -> tuple[float, float, float, float]:
+def bounds_of(history: History, last: int) -> tuple[float, float, float, float]:
     """Return the bounds of all channels up to a record, with a margin."""
     boxes = []
     for k in range(last + 1):
@@ -294,9 +312,7 @@ def _stream_power(
 
 def _finished(
     splat: Splat,
-    history: History,
-    cell_size: float,
-    origin: tuple[float, float],
+    place: tuple[float, tuple[float, float], str | None],
     params: LandscapeParams,
     power: FloatArray | None,
     scale: float,
@@ -348,7 +364,7 @@ def _finished(
     plants = _plants(water, wet, age, sand, hollow, params)
 
     def raster(values: np.ndarray, name: str, unit: str = "") -> Raster:
-        return Raster(values, cell_size, origin, history.crs, unit, name, device=splat.device.alias)
+        return Raster(values, *place, unit, name, device=splat.device.alias)
 
     offset = np.where(np.abs(host["offset"]) < covers.FELT, host["offset"], np.nan)
     return LandscapeMaps(

@@ -40,6 +40,10 @@ class Motion:
     begin: np.ndarray
     born: np.ndarray
 
+    def take(self, which: np.ndarray) -> Motion:
+        """Return the motion of some of the segments."""
+        return Motion(self.segments.take(which), self.begin[which], self.born[which])
+
     def at(self, part: float, latest: float) -> Segments:
         """Return the segments when a part of the time between the records has passed, of those born up to a time."""
         line = self.begin + part * (self.segments.line - self.begin)
@@ -106,7 +110,8 @@ def lead_between(
     if len(old.line):
         old = dataclasses.replace(old, moved=splat.trace(old.line.reshape(-1, 2))[1].reshape(-1, 2))
     segments, years = motion.segments, times[1] - times[0]
-    ratio = (segments.moved / segments.section[:, ::2]).max(axis=1)
+    # No finer than the cells are.
+    ratio = (segments.moved / np.maximum(segments.section[:, ::2], splat.cell_size)).max(axis=1)
     fast = ratio > STAGE_WIDTHS
     stages = int(np.clip(np.ceil(ratio[fast].max() / STAGE_WIDTHS), 2, MOST_STAGES)) if fast.any() else 1
     part_of_stage = np.arange(1, stages) / stages
@@ -115,6 +120,13 @@ def lead_between(
         reach = FAST_REACH * segments.section[fast, ::2].max(axis=1)
         lines = (motion.begin[fast], segments.line[fast])
         fast_blocks = np.union1d(*(splat.blocks_near(line, reach) for line in lines))
+    # What no cell of those blocks can feel is left out.
+    some = fast_blocks
+    if len(old.line):
+        some = np.union1d(some, splat.blocks_near(old.line, FELT * old.section[:, ::2].max(axis=1)))
+    motion = motion.take(
+        splat.reaches(segments.line, FELT * segments.section[:, ::2].max(axis=1) + segments.moved.max(axis=1), some)
+    )
     parts = np.union1d(part_of_stage, (np.unique(old.time) - times[0]) / years if len(old.line) else [])
     for part in parts.tolist():
         time = times[0] + part * years

@@ -73,9 +73,9 @@ def segments_of(network: RiverNetwork) -> Segments:
 def sections_of(network: RiverNetwork) -> np.ndarray:
     """Return width and depth at each point, (P, 2) m."""
     if network.point_section is not None:
-        return network.point_section[: network.point_count].numpy().astype(np.float64)
-    constant = np.stack([network.channel_width, network.channel_depth], axis=1)
-    return np.repeat(constant, np.diff(network.starts()), axis=0).astype(np.float64)
+        return np.asarray(network.point_section[: network.point_count].numpy(), np.float64)
+    constant = np.stack([network.channel_width, network.channel_depth], axis=1).astype(np.float64)
+    return np.asarray(np.repeat(constant, np.diff(network.starts()), axis=0))
 
 
 def bend_of(xy: np.ndarray, start: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def bend_of(xy: np.ndarray, start: np.ndarray, width: np.ndarray) -> np.ndarray:
     # At a head there is nothing upstream: the first reach of that length.
     high = np.minimum(np.maximum(high, low + BEND_HALF * width), foot)
     swing = np.interp(high, arc, direction) - np.interp(low, arc, direction)
-    return width * swing / np.maximum(high - low, 1e-9)
+    return np.asarray(width * swing / np.maximum(high - low, 1e-9))
 
 
 class Frame:
@@ -131,6 +131,7 @@ class Splat:
 
     Attributes:
         shape: Rows and columns.
+        cell_size: Side of a cell, m.
         cells: ``kernels.Cells``, the state of the cells.
         touched: Cells worked at so far, those of each interval counted anew.
     """
@@ -157,7 +158,7 @@ class Splat:
             dtype: Precision of positions and distances.
             threads: Threads on the CPU, by default one for each core.
         """
-        self.shape, self.device = shape, resolve_device(device)
+        self.shape, self.cell_size, self.device = shape, cell_size, resolve_device(device)
         require_memory(shape, CELL_BYTES, self.device, "landscape maps")
         self._scalar, self._real = PRECISIONS[dtype][0], np.dtype(dtype)
         self._kernel = kernels.build(self._scalar)
@@ -253,7 +254,7 @@ class Splat:
         """
         assert self._last is not None
         kernel, device, count = self._kernel, self.device, len(xy)
-        point: wp.array = wp.array((xy - self._zero).astype(self._real), dtype=kernel.vec2, device=device)
+        point: wp.array[Any] = wp.array((xy - self._zero).astype(self._real), dtype=kernel.vec2, device=device)
         foot = wp.empty(count, dtype=kernel.vec2, device=device)
         moved = wp.empty(count, dtype=self._scalar, device=device)
         segment = wp.empty(count, dtype=wp.int32, device=device)
@@ -261,26 +262,38 @@ class Splat:
         self._launch(kernel.trace_points, count, inputs, [foot, moved, segment])
         return foot.numpy().astype(np.float64) + self._zero, moved.numpy().astype(np.float64), segment.numpy()
 
+    def _boxes(self, line: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return first and last + 1 row and column, (n, 2) each, of the blocks around segments, and which have any."""
+        size = BLOCK * self._grid.cell_size
+        x, y = (np.sort(line[:, k::2] - self._zero[k], axis=1) for k in (0, 1))
+        # Rows go down from the first cell's centre.
+        low = np.stack([-(y[:, 1] + reach), x[:, 0] - reach], axis=1) / size
+        high = np.stack([-(y[:, 0] - reach), x[:, 1] + reach], axis=1) / size
+        most = np.array([self._grid.block_rows, self._grid.block_columns])
+        first = np.clip(np.floor(low), 0, most).astype(np.int64)
+        last = np.clip(np.floor(high) + 1, 0, most).astype(np.int64)
+        return first, last, (first < last).all(axis=1)
+
     def blocks_near(self, line: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
         """Return the blocks within a distance in m of the boxes around segments, ascending."""
-        size, across, down = BLOCK * self._grid.cell_size, self._grid.block_columns, self._grid.block_rows
-        mask = np.zeros((down + 1, across + 1), np.int64)
-        x, y = (np.sort(line[:, k::2] - self._zero[k], axis=1) for k in (0, 1))
-        west, east = x[:, 0] - reach, x[:, 1] + reach
-        south, north = y[:, 0] - reach, y[:, 1] + reach
-        left, right = (np.floor(v / size) for v in (west, east))
-        top, bottom = (np.floor(-v / size) for v in (north, south))
-        seen = (right >= 0) & (left < across) & (bottom >= 0) & (top < down)
-        low = [np.maximum(v[seen], 0).astype(np.int64) for v in (top, left)]
-        high = [np.minimum(v[seen] + 1, n).astype(np.int64) for v, n in ((bottom, down), (right, across))]
-        for sign, rows, columns in (
-            (1, low[0], low[1]),
-            (-1, low[0], high[1]),
-            (-1, high[0], low[1]),
-            (1, high[0], high[1]),
-        ):
-            np.add.at(mask, (rows, columns), sign)
+        mask = np.zeros((self._grid.block_rows + 1, self._grid.block_columns + 1), np.int64)
+        first, last, seen = self._boxes(line, reach)
+        first, last = first[seen], last[seen]
+        # Corners of each box of blocks, whose running sums are 1 within it.
+        for sign, rows, columns in ((1, first, first), (-1, first, last), (-1, last, first), (1, last, last)):
+            np.add.at(mask, (rows[:, 0], columns[:, 1]), sign)
         return np.flatnonzero(mask.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].ravel())
+
+    def reaches(self, line: np.ndarray, reach: np.ndarray | float, blocks: np.ndarray) -> np.ndarray:
+        """Tell which segments come within a distance in m, by the boxes around them, of any of some blocks."""
+        total = np.zeros((self._grid.block_rows + 1, self._grid.block_columns + 1), np.int64)
+        inner = np.zeros((self._grid.block_rows, self._grid.block_columns), np.int64)
+        inner.ravel()[blocks] = 1
+        total[1:, 1:] = inner.cumsum(axis=0).cumsum(axis=1)
+        first, last, seen = self._boxes(line, reach)
+        (top, left), (bottom, right) = first.T, last.T
+        count = total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]
+        return np.asarray(seen & (count > 0))
 
     def advance(
         self, frame: Frame, time: float, *, blocks: np.ndarray | None = None, counted: bool = True, extra: float = 0.0
@@ -333,13 +346,13 @@ class Splat:
             return
         frame = self.frame(segments)
         self._take_tiles(frame, frame.blocks)
-        times: wp.array = wp.array(segments.time, dtype=wp.float64, device=self.device)
+        times: wp.array[Any] = wp.array(segments.time, dtype=wp.float64, device=self.device)
         inputs = [self._grid, kind, frame.course, times]
         self._launch(self._kernel.lay_courses, len(frame.bins.tile), inputs, [frame.bins, self.cells])
 
     def touched_sigma(self) -> float:
         """Return half of the greatest width of a channel so far, in cells."""
-        return 0.5 * self._widest / self._grid.cell_size
+        return float(0.5 * self._widest / self._grid.cell_size)
 
     def _launch(self, kernel: Any, dim: int, inputs: list[Any], outputs: list[Any]) -> None:
         if dim:

@@ -318,7 +318,7 @@ def section_along(network: RiverNetwork, first: int, stop: int) -> FloatArray | 
     """Return width and depth of some points in m, (n, 2); None where they are constant along channels."""
     if network.point_section is None:
         return None
-    return network.point_section[first:stop].numpy().astype(np.float64)
+    return np.asarray(network.point_section[first:stop].numpy(), np.float64)
 
 
 def carve(state: State, new: NewCourse) -> None:

@@ -259,7 +259,7 @@ def landscape_picture(maps: LandscapeMaps, terrain: Terrain | None = None) -> np
         tone *= np.where(relief.known, 1.0 + (1.0 - 0.5 * moist) * (relief.shade - 1.0), 1.0)
     color *= tone[..., None]
     color = _watered(color, maps, ground)
-    return np.round(255.0 * np.clip(color, 0.0, 1.0)).astype(np.uint8)
+    return np.asarray(np.round(255.0 * np.clip(color, 0.0, 1.0)), np.uint8)
 
 
 def _planted(
@@ -325,7 +325,7 @@ def _shade(height: np.ndarray, cell: float) -> np.ndarray:
     slope = (-across + down) / np.sqrt(2.0)
     slope = np.nan_to_num(slope)
     strong = np.percentile(np.abs(slope[slope != 0.0]), 95.0) if (slope != 0.0).any() else 1.0
-    return np.tanh(-slope * SHADED_SLOPE * 2.0 / max(float(strong), 1e-12))
+    return np.asarray(np.tanh(-slope * SHADED_SLOPE * 2.0 / max(float(strong), 1e-12)))
 
 
 def _noise(shape: tuple[int, int], size: float, seed: int) -> np.ndarray:
@@ -339,7 +339,7 @@ def _noise(shape: tuple[int, int], size: float, seed: int) -> np.ndarray:
     if step > 1:
         field = zoom(field, step, order=1)
     field = field[: shape[0], : shape[1]]
-    return (field - field.mean()) / max(float(field.std()), 1e-9)
+    return np.asarray((field - field.mean()) / max(float(field.std()), 1e-9))
 
 
 def _rgb(color: str) -> np.ndarray:
@@ -349,4 +349,4 @@ def _rgb(color: str) -> np.ndarray:
 def _mix(a: Any, b: Any, part: Any) -> np.ndarray:
     """Blend colours, (rows, columns, 3) or (3,), by a part of the second."""
     part = np.asarray(part)[..., None]
-    return (1.0 - part) * a + part * b
+    return np.asarray((1.0 - part) * a + part * b)
