@@ -384,6 +384,28 @@ CALLS = {
     "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
     "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
     "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "to_xarray_history": lambda t: (t["history"].to_xarray, {"every": 1}),
+    "to_zarr": lambda t: (t["history"].to_zarr, {"path": t["folder"] / f"{len(list(t['folder'].iterdir()))}.zarr"}),
+    "erodibility": lambda t: (
+        wr.landscape.erodibility,
+        {
+            "maps": wr.landscape_maps(t["history"], None, 80.0, bounds=(-500.0, -500.0, 500.0, 500.0)),
+            "strength": 0.5,
+            "reach": 100.0,
+        },
+    ),
+    "simulate_with_plants": lambda t: (
+        wr.landscape.simulate_with_plants,
+        {
+            "simulation": wr.Simulation(t["network"], threads=1),
+            "years": 0.5,
+            "bounds": (-500.0, -500.0, 500.0, 500.0),
+            "every": 0.3,
+            "strength": 0.5,
+            "cell_size": 100.0,
+            "record_every": 1,
+        },
+    ),
     "landscape_maps": lambda t: (
         wr.landscape_maps,
         {
@@ -449,6 +471,7 @@ CALLS = {
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
     "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
     "draw_elevation": drawn(wr.viz.draw_elevation, ("terrain", "terrain")),
+    "draw_landscape": drawn(wr.viz.draw_landscape, ("history", "history")),
     "draw_network": drawn(wr.viz.draw_network, ("network", "network")),
     "draw_valley": drawn(wr.viz.draw_valley, ("valley", "valley")),
     "draw_valley_sections": drawn(wr.viz.draw_valley_sections, ("valley", "valley")),
