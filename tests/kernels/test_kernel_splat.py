@@ -4,6 +4,8 @@ The kernels ``count_blocks``, ``list_blocks``, ``find_starts``, ``trace_points``
 are launched by ``landscape/splatting.py``, through which they are tested.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 import reference_splat as twin
@@ -38,8 +40,14 @@ def networks(seed, count=5, channels=4):
         yield wr.RiverNetwork.from_polylines(lines, width=sections)
 
 
-def halves(segments):
-    return segments.line, segments.section
+def led(splat, network, time):
+    """Lead the cells to a network, whose segments have come from the one before; return these."""
+    segments = segments_of(network)
+    if time > 0.0:
+        moved = splat.trace(segments.line.reshape(-1, 2))[1].reshape(-1, 2)
+        segments = dataclasses.replace(segments, moved=moved)
+    splat.advance(splat.frame(segments), time)
+    return segments
 
 
 def reshaped(values):
@@ -51,9 +59,8 @@ def test_cells_are_those_of_the_twin(device, dtype, seed):
     """Distances in widths times the least width in cells: within 1e-6 of a cell. Sums within that over a profile."""
     splat, cells = splat_of(device, dtype), twin.Cells(SHAPE, CELL, ORIGIN)
     for k, network in enumerate(networks(seed)):
-        segments = segments_of(network)
-        splat.advance(splat.frame(segments), 2.5 * k)
-        cells.advance(*halves(segments), 2.5 * k)
+        segments = led(splat, network, 2.5 * k)
+        cells.advance(segments.line, segments.section, 2.5 * k)
     got, widest = splat.cells, segments.section[:, ::2].max() / CELL
     offset, expected = got.offset.numpy(), reshaped(cells.offset)
     np.testing.assert_allclose(np.abs(offset), np.abs(expected), atol=WITHIN[dtype] / widest)
@@ -79,7 +86,7 @@ def test_nothing_depends_on_threads_or_on_the_order_of_channels(device):
             lines = network.polylines()
             widths = network.point_widths()
             mixed = wr.RiverNetwork.from_polylines([lines[c] for c in order], width=[widths[c] for c in order])
-            splat.advance(splat.frame(segments_of(mixed)), 3.0 * k)
+            led(splat, mixed, 3.0 * k)
         return {name: getattr(splat.cells, name).numpy() for name in ("offset", "moisture", "sediment", "left", "kind")}
 
     first = state(1, [0, 1, 2, 3])
@@ -103,14 +110,15 @@ def test_old_courses_are_laid_at_their_own_time(device):
     splat = splat_of(device)
     line = np.array([[1100.0, 4700.0, 1200.0, 4700.0], [1200.0, 4700.0, 1300.0, 4650.0]])
     section = np.tile([40.0, 3.0], (2, 2))
-    splat.lay(Segments(line, section, np.array([[0.0, 2.5], [2.5, 0.0]]), np.array([7.0, 7.0])), covers.OXBOW)
+    from_end = np.array([[0.0, 2.5], [2.5, 0.0]])
+    splat.lay(Segments(line, section, from_end, np.zeros((2, 2)), np.array([7.0, 7.0])), covers.OXBOW)
     widths, _, _ = twin.distances(line, section, twin.Cells(SHAPE, CELL, ORIGIN).xy)
     under = reshaped(np.abs(widths) <= 0.5)
     cells = splat.cells
     np.testing.assert_array_equal(cells.kind.numpy() == covers.OXBOW, under)
     assert (cells.left.numpy()[under] == 7.0).all() and (cells.section.numpy()[under] == [40.0, 3.0]).all()
     np.testing.assert_allclose(cells.across.numpy()[under], np.abs(reshaped(widths))[under], atol=1e-6)
-    splat.lay(Segments(line, section, np.zeros((2, 2)), np.array([9.0, 9.0])), covers.BAR)
+    splat.lay(Segments(line, section, from_end, np.zeros((2, 2)), np.array([9.0, 9.0])), covers.BAR)
     thick = np.where(under, 3.0 * (1.0 - 4.0 * reshaped(widths) ** 2), 0.0)
     np.testing.assert_allclose(cells.lobe.numpy(), thick, atol=1e-5)
     assert (cells.left.numpy()[under] == 7.0).all()

@@ -62,6 +62,7 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
     """
     count = len(after.line)
     foot, moved, source = splat.trace(after.line.reshape(-1, 2))
+    _trace_beyond(splat, before, after, foot, moved, source)
     begin, moved, source = foot.reshape(-1, 4), moved.reshape(-1, 2), source.reshape(-1, 2)
     length = np.hypot(*(before.line[:, 2:] - before.line[:, :2]).T)
     # Along each old channel; segments of different ones follow each other without a gap.
@@ -87,6 +88,30 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
         begin[far] = after.line[far]
         moved[far] = 0.0
     return Motion(dataclasses.replace(after, moved=moved), begin, born)
+
+
+def _trace_beyond(
+    splat: Splat, before: Segments, after: Segments, foot: np.ndarray, moved: np.ndarray, source: np.ndarray
+) -> None:
+    """Find the feet of points beyond the edge of the raster, in place, from where they are felt within."""
+    xy, width = after.line.reshape(-1, 2), after.section[:, ::2].ravel()
+    beyond = np.flatnonzero((source < 0) & splat.is_beyond(xy, 2.0 * FELT * width))
+    if not len(beyond) or not len(before.line):
+        return
+    with IMPORTING:
+        from scipy.spatial import cKDTree
+
+    middle = 0.5 * (before.line[:, :2] + before.line[:, 2:])
+    reach = FELT * float(width[beyond].max())
+    away, nearest = cKDTree(middle).query(xy[beyond], distance_upper_bound=reach)
+    found = np.isfinite(away)
+    beyond, nearest = beyond[found], nearest[found]
+    line = before.line[nearest]
+    way, off = line[:, 2:] - line[:, :2], xy[beyond] - line[:, :2]
+    part = np.clip((off * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-30), 0.0, 1.0)
+    foot[beyond] = line[:, :2] + part[:, None] * way
+    moved[beyond] = np.hypot(*(xy[beyond] - foot[beyond]).T)
+    source[beyond] = nearest
 
 
 def lead_between(

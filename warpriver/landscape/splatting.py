@@ -260,7 +260,17 @@ class Splat:
         segment = wp.empty(count, dtype=wp.int32, device=device)
         inputs = [self._grid, self._last.course, self._last.bins, point]
         self._launch(kernel.trace_points, count, inputs, [foot, moved, segment])
-        return foot.numpy().astype(np.float64) + self._zero, moved.numpy().astype(np.float64), segment.numpy()
+        feet = foot.numpy().astype(np.float64) + self._zero
+        return feet, moved.numpy().astype(np.float64), segment.numpy().copy()
+
+    def is_beyond(self, xy: np.ndarray, reach: np.ndarray) -> np.ndarray:
+        """Tell which points lie off the raster, and no farther from it than a distance in m, (n,)."""
+        x, y = (xy - self._zero).T
+        half, (rows, columns) = 0.5 * self.cell_size, self.shape
+        across = np.maximum(-half - x, x - (columns * self.cell_size - half))
+        down = np.maximum(y - half, -(rows * self.cell_size - half) - y)
+        away = np.maximum(across, down)
+        return np.asarray((away >= 0.0) & (away <= reach))
 
     def _boxes(self, line: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return first and last + 1 row and column, (n, 2) each, of the blocks around segments, and which have any."""
