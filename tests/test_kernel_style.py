@@ -20,7 +20,7 @@ INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64",
 # What every file takes, and what gives a kernel that a factory makes its name.
 VARIANTS = ("from warpriver.kernels.variants import once", "from warpriver.kernels.variants import named, once")
 # Files without device code of their own, and so without a ``build``.
-WITHOUT_BUILD = ("__init__", "links", "status", "variants")
+WITHOUT_BUILD = ("__init__", "covers", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
     "avulsions": ["meander/avulsions.py", "meander/courses.py"],
@@ -47,6 +47,7 @@ LAUNCHERS = {
     "sensitivities": ["calibration/courses.py"],
     "shortcuts": ["shortest_path/shortcuts.py"],
     "smoothing": ["meander/smoothing.py"],
+    "splat": ["landscape/splatting.py"],
     "stamps": ["valley/stamps.py", "valley/valley.py"],
     "terrain": ["terrain.py"],
     "terrains": ["generate/terrains.py"],

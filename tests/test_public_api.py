@@ -45,6 +45,7 @@ LEVELS = [
     {"editing", "models"},
     {"resume"},
     {"simulation"},
+    {"landscape"},
     {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         history,
         hydrology,
         io,
+        landscape,
         meander,
         metrics,
         scenes,
@@ -60,6 +61,7 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
@@ -100,6 +102,7 @@ _HOMES = {
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
     "hindcast": "warpriver.calibration",  # listed by its room
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -119,6 +122,7 @@ _ROOMS = (
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "scenes",
