@@ -83,6 +83,7 @@ def things(tmp_path_factory):
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
+        "wide": wr.Terrain(np.add.outer(np.zeros(80), 0.02 * np.arange(80.0)[::-1]), 50.0, (-2000.0, 2000.0)),
     }
 
 
@@ -384,6 +385,22 @@ CALLS = {
     "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
     "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
     "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "SectionTable": lambda t: (wr.landscape.SectionTable, {"depth": [[0.0, 1.0, 0.0]], "row": [0, 0]}),
+    "SectionTable.of": lambda t: (
+        wr.landscape.SectionTable.of,
+        {"forms": [lambda y: y * (1.0 - y)], "row": None, "places": 9},
+    ),
+    "carve": lambda t: (
+        wr.landscape.carve,
+        {
+            "terrain": t["wide"],
+            "network": t["network"],
+            "params": None,
+            "sections": None,
+            "deposits": None,
+            "history": t["history"],
+        },
+    ),
     "junction_angles": lambda t: (wr.meander.junction_angles, {"network": t["network"], "params": None}),
     "shape_junctions": lambda t: (wr.meander.shape_junctions, {"network": t["network"], "params": None}),
     "migration_rate": lambda t: (

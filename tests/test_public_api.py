@@ -43,7 +43,7 @@ LEVELS = [
     {"editing", "models"},
     {"resume"},
     {"simulation"},
-    {"bench", "estimate"},
+    {"bench", "estimate", "landscape"},
     {"viz"},
     {"scenes"},
     {"cli", "__main__"},

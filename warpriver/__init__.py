@@ -11,7 +11,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        landscape,
+        meander,
+        metrics,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -46,6 +59,7 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
@@ -81,6 +95,7 @@ _HOMES = {
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "carve": "warpriver.landscape.carving",  # listed by its room
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
@@ -95,7 +110,10 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "edits", "erosion", "generate", "history", "hydrology", "io", "landscape", "meander", "metrics", "scenes", "valley",
+    "viz",
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
