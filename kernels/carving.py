@@ -38,6 +38,8 @@ def build(scalar):
     ZERO_64, HALF_64, ONE_64, TWO_64, THREE_64, NAN_64 = (wp.float64(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, math.nan))
     # Half-widths in cells up to which the deepest part of a section is as wide as a cell, and from which it is as is.
     COARSE, FINE = scalar(2.5), scalar(6.0)
+    # Distance over which levels are averaged, over that at which banks end.
+    SPREAD = scalar(0.35)
     # Slope over that of the angle of repose from which ground is taken for a wall, and at which it is nothing else.
     WALL_FROM, WALL_SPAN = wp.float64(0.35), wp.float64(0.5)
 
@@ -167,8 +169,9 @@ def build(scalar):
     ):
         """Level of the water at the cells of tiles, the cut of the ground there, and (depth, bank, wall).
 
-        The level is the mean over segments in reach, with weights (1 - (r / reach)^2)^8 times their length; depth and
-        the weights of banks and walls are the greatest of all.
+        The level is the mean over segments in reach, with weights (1 - (r / reach)^2)^2 / (1 + (r / s)^2)^4 times
+        their length, s being a part of the distance at which banks end; depth and the weights of banks and walls are
+        the greatest of all.
         """
         slot, place = wp.tid()
         cell = tile_cell(tiles, slot, place)
@@ -188,17 +191,23 @@ def build(scalar):
                 reach = between(segments.reach[s], part)
                 if away < reach:
                     half = between(segments.half[s], part)
-                    bank = wp.max(bank, falling((away - half) / (between(segments.bank[s], part) - half)))
+                    end = between(segments.bank[s], part)
+                    bank = wp.max(bank, falling((away - half) / (end - half)))
                     wall = wp.max(wall, falling((away - half) / (reach - half)))
                     q = ONE - (away / reach) * (away / reach)
-                    q = q * q * q * q
-                    weight = wp.float64(q * q * wp.min(wp.sqrt(square), reach))
+                    spread = ONE + (away / (SPREAD * end)) * (away / (SPREAD * end))
+                    spread = spread * spread
+                    weight = wp.float64(q * q / (spread * spread) * wp.min(wp.sqrt(square), end))
                     at = wp.float64(part)
                     total += weight
                     level += weight * (segments.level[s][0] + at * (segments.level[s][1] - segments.level[s][0]))
                     cut += weight * (segments.cut[s][0] + at * (segments.cut[s][1] - segments.cut[s][0]))
                     if away < half + grid.cell_size:
                         depth = wp.max(depth, section_depth(segments, section, s, xy, grid.cell_size))
+        if depth > ZERO:
+            # Outside of a corner a bed reaches farther than the circle around it.
+            bank = ONE
+            wall = ONE
         level_out[slot, place] = NAN_64
         cut_out[slot, place] = ZERO_64
         if total > ZERO_64:

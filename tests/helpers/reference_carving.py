@@ -61,13 +61,14 @@ def water_at(seg, section, xy, cell):
     near = away < reach
     if not near.any():
         return np.nan, 0.0, 0.0, 0.0, 0.0
-    weight = np.where(near, (1.0 - (away / reach) ** 2) ** 8 * np.minimum(np.hypot(*along.T), reach), 0.0)
+    weight = (1.0 - (away / reach) ** 2) ** 2 / (1.0 + (away / (0.35 * bank)) ** 2) ** 4
+    weight = np.where(near, weight * np.minimum(np.hypot(*along.T), bank), 0.0)
     level, cut = ((weight * at(seg[name], part)).sum() / weight.sum() for name in ("level", "cut"))
-    depth = section_depths(seg, section, xy, cell)
     inside = near & (away < half + cell)
+    depth = np.where(inside, section_depths(seg, section, xy, cell), 0.0).max()
     bank = np.where(near, falling((away - half) / (bank - half)), 0.0).max()
     wall = np.where(near, falling((away - half) / (reach - half)), 0.0).max()
-    return level, cut, np.where(inside, depth, 0.0).max(), bank, wall
+    return level, cut, depth, *((1.0, 1.0) if depth > 0.0 else (bank, wall))
 
 
 def carved_height(height, level, cut, depth, bank, wall):

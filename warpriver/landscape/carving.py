@@ -18,11 +18,11 @@ from warpriver.history.history import History
 from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.hydrology.drape import falling_levels
 from warpriver.kernels import carving as kernels
+from warpriver.landscape.constants import CarveParams
 from warpriver.landscape.profiles import Lines, WaterProfile, fine_lines, lines_of, water_profile
 from warpriver.landscape.sections import SectionTable, parabola, trapezoid
 from warpriver.meander.junctions import shape_junctions
 from warpriver.network import RiverNetwork
-from warpriver.params import Params, parameter
 from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
@@ -47,58 +47,6 @@ COVER, SHALLOW = 0.5, 0.05
 # Courses of a run at most that lakes are held against, and the widths beside a course that the river has worked over.
 MOST_COURSES, SWEPT = 24, 0.5
 WHOLE = 255
-
-
-@dataclasses.dataclass(frozen=True)
-class CarveParams(Params):
-    """Constants of carving."""
-
-    section: str = parameter(
-        "parabola", "-", choices=("parabola", "trapezoid"), source="warpriver", doc="form of the cross sections"
-    )
-    side_part: float = parameter(
-        0.2, "-", low=0.01, high=0.5, source="warpriver", doc="part of the width that each side of a trapezoid takes up"
-    )
-    bank_reach: float = parameter(
-        1.0,
-        "widths",
-        low=0.0,
-        source="warpriver",
-        doc="distance from the water's edge at which banks have come up to the ground, at least a cell and a half",
-    )
-    repose_angle: float = parameter(
-        35.0,
-        "deg",
-        low=1.0,
-        high=85.0,
-        source="warpriver",
-        doc="slope that walls of deep cuts have at most, over that of the ground before",
-    )
-    max_cut: float = parameter(
-        60.0,
-        "m",
-        low=0.0,
-        source="warpriver",
-        doc="limit of how far water is led below the ground; beyond it hollows upstream are filled instead",
-    )
-    fill_part: float = parameter(
-        0.0,
-        "-",
-        low=0.0,
-        high=1.0,
-        source="warpriver",
-        doc="where ground rises along a river: 0 cuts through it, 1 fills the hollow above it, between is in between",
-    )
-    smoothing: float = parameter(
-        6.0, "widths", low=0.0, source="warpriver", doc="length along a river over which the water's level is averaged"
-    )
-    junctions: bool = True
-    lake_time: float = parameter(
-        50.0, "yr", low=0.0, low_open=True, source="warpriver", doc="time in which an oxbow lake fills up by a factor e"
-    )
-    plug_length: float = parameter(
-        2.0, "widths", low=0.0, source="warpriver", doc="length of the plug at each end of an oxbow lake"
-    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -463,6 +411,8 @@ def _let_fall(
     narrow = np.where(places.half < NARROW_CELLS * base.cell_size, places.depth, 0.0)
     deepest = np.maximum.reduceat(narrow[places.order], places.first)
     depth[places.cell] = np.maximum(depth[places.cell], deepest)
+    # Their weights are those of the bed, in corners that lines cut as well.
+    shapes.reshape(-1, 3)[places.cell[deepest > 0.0], 1:] = 1.0
     found = flat[places.cell]
     ends = (graph.upper, graph.lower)
     while True:

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 Form = Callable[[FloatArray], ArrayLike]
 
 # Places across a form that is given as a function.
-PLACES = 65
+PLACES = 257
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
