@@ -178,7 +178,9 @@ def build(scalar):
         total = wp.float64(0.0)
         level = wp.float64(0.0)
         cut = wp.float64(0.0)
-        depth, bank, wall = scalar(0.0), scalar(0.0), scalar(0.0)
+        depth = scalar(0.0)
+        # Parts of the way from the water's edge to where banks and walls end.
+        bank, wall = scalar(1.0), scalar(1.0)
         if cell[0] < rows and cell[1] < columns:
             xy = cells.center_of_cell(grid, cell[0], cell[1])
             for k in range(tiles.start[slot], tiles.start[slot + 1]):
@@ -187,33 +189,35 @@ def build(scalar):
                 offset = xy - segments.first[s]
                 square = wp.max(wp.dot(along, along), TINY)
                 part = wp.clamp(wp.dot(offset, along) / square, ZERO, ONE)
-                away = wp.length(offset - part * along)
+                offset = offset - part * along
                 reach = between(segments.reach[s], part)
-                if away < reach:
-                    half = between(segments.half[s], part)
+                away = wp.dot(offset, offset)
+                if away < reach * reach:
+                    q = ONE - away / (reach * reach)
                     end = between(segments.bank[s], part)
-                    bank = wp.max(bank, falling((away - half) / (end - half)))
-                    wall = wp.max(wall, falling((away - half) / (reach - half)))
-                    q = ONE - (away / reach) * (away / reach)
-                    spread = ONE + (away / (SPREAD * end)) * (away / (SPREAD * end))
+                    spread = ONE + away / (SPREAD * SPREAD * end * end)
                     spread = spread * spread
                     weight = wp.float64(q * q / (spread * spread) * wp.min(wp.sqrt(square), end))
                     at = wp.float64(part)
                     total += weight
                     level += weight * (segments.level[s][0] + at * (segments.level[s][1] - segments.level[s][0]))
                     cut += weight * (segments.cut[s][0] + at * (segments.cut[s][1] - segments.cut[s][0]))
+                    away = wp.sqrt(away)
+                    half = between(segments.half[s], part)
+                    bank = wp.min(bank, (away - half) / (end - half))
+                    wall = wp.min(wall, (away - half) / (reach - half))
                     if away < half + grid.cell_size:
                         depth = wp.max(depth, section_depth(segments, section, s, xy, grid.cell_size))
         if depth > ZERO:
             # Outside of a corner a bed reaches farther than the circle around it.
-            bank = ONE
-            wall = ONE
+            bank = ZERO
+            wall = ZERO
         level_out[slot, place] = NAN_64
         cut_out[slot, place] = ZERO_64
         if total > ZERO_64:
             level_out[slot, place] = level / total
             cut_out[slot, place] = cut / total
-        shape_out[slot, place] = wp.vec3d(wp.float64(depth), wp.float64(bank), wp.float64(wall))
+        shape_out[slot, place] = wp.vec3d(wp.float64(depth), wp.float64(falling(bank)), wp.float64(falling(wall)))
 
     @wp.func(module=name)
     def carved_height(height: wp.float64, level: wp.float64, cut: wp.float64, shape: wp.vec3d) -> wp.float64:

@@ -32,8 +32,9 @@ __all__ = ["CarveParams", "CarveReport", "Carved", "carve"]
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
-# Sides of segments over the width of their channel, and over a cell, whichever is longer.
-STEP_WIDTHS, STEP_CELLS = 0.25, 1.0
+# Sides of segments over the mean of width and cell (so that a bend of two widths is followed to a sixteenth of a cell),
+# and their limits in widths; no side is shorter than a cell.
+STEP, STEP_WIDTHS = 1.0, (0.25, 0.75)
 # Part of a cell between two places of a line at which the water is looked at, and by which a bank is wider than a bed.
 VISIT_CELLS, BANK_CELLS = 0.45, 1.5
 # Half-widths in cells below which a channel is narrow.
@@ -167,9 +168,9 @@ def _form(params: CarveParams) -> Any:
 
 
 def _with_deposits(ground: Terrain, deposits: Raster | None) -> Terrain:
-    """Return a copy of the ground with deposits on it."""
+    """Return the ground with deposits on it."""
     if deposits is None:
-        return ground.copy()
+        return ground
     if not ground.raster.matches(deposits) or deposits.is_integer:
         raise InputError("deposits must be a Raster of thickness in m on the cells of the terrain")
     added = np.nan_to_num(deposits.numpy(), nan=0.0)
@@ -288,7 +289,9 @@ class _Carving:
 def _segments(body: _Body, params: CarveParams, cell: float) -> dict[str, tuple[np.ndarray, Any]]:
     """Return the pieces of lines, as the kernels hold them: arrays by name, with their types."""
     lines = body.lines
-    step = np.maximum(STEP_WIDTHS * 2.0 * lines.half, STEP_CELLS * cell)
+    width = 2.0 * lines.half
+    step = np.clip(STEP * np.sqrt(width * cell), STEP_WIDTHS[0] * width, STEP_WIDTHS[1] * width)
+    step = np.maximum(step, cell)
     xy, base, part = fine_lines(lines, step)
     after = np.minimum(base + 1, len(lines.xy) - 1)
 
@@ -561,16 +564,15 @@ def _result(
     lakes: int,
 ) -> Carved:
     raster = ground.raster
-    change = carved.height.numpy() - base.to_numpy()
-    known = np.isfinite(change)
+    reached = np.flatnonzero(carved.support.numpy())
+    change = carved.height.numpy().reshape(-1)[reached] - base.height.numpy().reshape(-1)[reached]
     area = ground.cell_size**2
-    support = raster.like(carved.support, name="support")
     report = CarveReport(
-        cells=int(carved.support.numpy().sum()),
-        cut_volume=float(-np.minimum(change[known], 0.0).sum() * area),
-        fill_volume=float(np.maximum(change[known], 0.0).sum() * area),
-        deepest_cut=float(-min(change[known].min(initial=0.0), 0.0)),
-        highest_fill=float(max(change[known].max(initial=0.0), 0.0)),
+        cells=len(reached),
+        cut_volume=float(-np.minimum(change, 0.0).sum() * area),
+        fill_volume=float(np.maximum(change, 0.0).sum() * area),
+        deepest_cut=float(-min(change.min(initial=0.0), 0.0)),
+        highest_fill=float(max(change.max(initial=0.0), 0.0)),
         held_points=int((profile.excess > 0.0).sum()),
         excess=float(profile.excess.max(initial=0.0)),
         lakes=lakes,
@@ -579,7 +581,7 @@ def _result(
         terrain=carved.terrain(),
         water=raster.like(carved.water, unit="m", name="water_level"),
         depth=raster.like(carved.depth, unit="m", name="water_depth"),
-        support=support,
+        support=raster.like(carved.support, name="support"),
         materials=_materials(carved, ground, base),
         network=network.with_elevations(profile.level),
         cut_excess=profile.excess,
@@ -589,13 +591,15 @@ def _result(
 
 def _materials(carved: _Carving, ground: Terrain, base: Terrain) -> dict[str, Raster]:
     """Return the weights of all materials, which add up to 255 where there is ground."""
-    found = {name: array.numpy().astype(np.int64) for name, array in carved.materials.items()}
-    rest = WHOLE - sum(found.values())
-    thickness = np.nan_to_num(base.to_numpy() - ground.to_numpy(), nan=0.0)
-    deposit = np.rint(rest * np.clip(thickness / COVER, 0.0, 1.0)).astype(np.int64)
-    found["deposit"], found["ground"] = deposit, rest - deposit
-    known = np.isfinite(base.to_numpy())
-    return {
-        name: ground.raster.like(np.where(known, values, 0).astype(np.uint8), name=name)
-        for name, values in found.items()
-    }
+    like = ground.raster.like
+    found = {name: like(array, name=name) for name, array in carved.materials.items()}
+    known = np.isfinite(base.height.numpy())
+    rest = np.where(known, WHOLE, 0).astype(np.uint8)
+    for array in carved.materials.values():
+        rest -= array.numpy()
+    deposit = np.zeros(ground.shape, np.uint8)
+    if base is not ground:
+        thickness = np.nan_to_num(base.height.numpy() - ground.height.numpy(), nan=0.0)
+        deposit = np.rint(rest * np.clip(thickness / COVER, 0.0, 1.0)).astype(np.uint8)
+    found["deposit"], found["ground"] = like(deposit, name="deposit"), like(rest - deposit, name="ground")
+    return found

@@ -66,7 +66,7 @@ def write_surfaces(
     suffix = target.suffix.lower()
     if suffix not in SCENES:
         raise InputError(f"cannot write {target}: the name must end in {', '.join(SCENES)}")
-    if not surfaces or not all(isinstance(surface, Surface) for surface in surfaces):
+    if not len(surfaces) or not all(isinstance(surface, Surface) for surface in surfaces):
         raise InputError("surfaces holds none, or something else; give those of landscape_surfaces(carved)")
     zero = _corner(surfaces) if origin is None else np.array(finite_numbers(origin, 2, "origin"))
     upright = y_up or suffix == GLB
