@@ -31,6 +31,7 @@ COMMANDS = {
     "simulate": ("line.csv --years 0.5 --no-progress -o", "out"),
     "erode": ("--size 12x10 --events 5 --no-progress -o", "out"),
     "valley": ("S1 --set length=40 -o", "out.npz"),
+    "landscape": ("line.csv --resolution 40 --export mesh -o", "out"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
     "bench": ("--points 300 --channels 3 --json", "out.json"),
