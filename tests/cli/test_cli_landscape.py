@@ -66,7 +66,7 @@ def test_lines_on_a_terrain_and_rivers_of_a_terrain(files, tmp_path, capsys):
     assert code == 0, err
     told = json.loads((tmp_path / "a" / "blender" / "landscape.json").read_text())
     assert (told["rows"], told["columns"]) == (80, 90) and told["metres_per_pixel"] == pytest.approx([30.0, 30.0])
-    code, said, err = run(
+    code, _, err = run(
         capsys, "landscape", files / "ground.npz", "--min-area", "100cells", "-o", tmp_path / "b", "--export", "mesh"
     )
     assert code == 0, err

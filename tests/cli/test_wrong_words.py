@@ -34,6 +34,7 @@ COMMANDS = {
     "landscape": ("line.csv --resolution 40 --export mesh -o", "out"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
+    "metrics": ("line.csv run -o", "out.csv"),
     "bench": ("--points 300 --channels 3 --json", "out.json"),
     "info": ("line.csv", None),
 }

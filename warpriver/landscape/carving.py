@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import CellArray, DeviceArray, FlagArray, FloatArray, IndexArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError, warn
 from warpriver.extras import IMPORTING
@@ -29,8 +29,6 @@ from warpriver.terrain import Terrain, surface_of
 
 __all__ = ["CarveParams", "CarveReport", "Carved", "carve"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Sides of segments over the mean of width and cell (so that a bend of two widths is followed to a sixteenth of a cell),
 # and their limits in widths; no side is shorter than a cell.
@@ -197,17 +195,17 @@ class _Body:
     lines: Lines
     level: FloatArray
     cut: FloatArray
-    row: NDArray[np.int32] | None
+    row: CellArray | None
 
 
 @dataclasses.dataclass(frozen=True)
 class _Graph:
     """How lines follow each other: nodes above and below each, their number, and which are level."""
 
-    upper: NDArray[np.int32]
-    lower: NDArray[np.int32]
+    upper: CellArray
+    lower: CellArray
     nodes: int
-    rings: NDArray[np.bool_]
+    rings: FlagArray
 
     @staticmethod
     def of(network: RiverNetwork) -> _Graph:
@@ -237,7 +235,7 @@ class _Carving:
         self.depth = wp.full(base.shape, math.nan, dtype=wp.float64, device=device)
         self.support = wp.zeros(base.shape, dtype=wp.uint8, device=device)
         self.materials = {n: wp.zeros(base.shape, dtype=wp.uint8, device=device) for n in ("bed", "bank", "wall")}
-        self._section: wp.array = wp.array(table.depth, dtype=wp.float64, device=device)
+        self._section: DeviceArray = wp.array(table.depth, dtype=wp.float64, device=device)
 
     def terrain(self) -> Terrain:
         """Return the ground as it is now, in the same memory."""
@@ -346,8 +344,8 @@ def _close_rings(
     lines: Lines,
     xy: FloatArray,
     first: IndexArray,
-    head: NDArray[np.bool_],
-    foot: NDArray[np.bool_],
+    head: FlagArray,
+    foot: FlagArray,
     unit: FloatArray,
     before: FloatArray,
     behind: FloatArray,
@@ -361,7 +359,8 @@ def _close_rings(
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    return vectors / np.maximum(np.hypot(*vectors.T), 1e-300)[:, None]
+    unit: FloatArray = vectors / np.maximum(np.hypot(*vectors.T), 1e-300)[:, None]
+    return unit
 
 
 def _tiles(arrays: Mapping[str, tuple[np.ndarray, Any]], base: Terrain) -> dict[str, Any]:
@@ -400,7 +399,7 @@ def _tiles(arrays: Mapping[str, tuple[np.ndarray, Any]], base: Terrain) -> dict[
 
 
 def _let_fall(
-    level: wp.array, shape: wp.array, body: _Body, graph: _Graph, tiles: Mapping[str, Any], base: Terrain
+    level: DeviceArray, shape: DeviceArray, body: _Body, graph: _Graph, tiles: Mapping[str, Any], base: Terrain
 ) -> None:
     """Lower the water in the cells that lines run through until it rises from none to the next, downstream.
 
@@ -444,7 +443,7 @@ class _Visits:
     """
 
     start: IndexArray
-    seen: NDArray[np.bool_]
+    seen: FlagArray
     half: FloatArray
     depth: FloatArray
     cell: IndexArray

@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import ByteArray, FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING, need
 from warpriver.files import beside, in_memory
 from warpriver.landscape.carving import Carved
 from warpriver.landscape.scene_files import write_surfaces
-from warpriver.landscape.splines import channel_splines, splines_as_json
+from warpriver.landscape.splines import Placing, channel_splines, splines_as_json
 from warpriver.landscape.surfaces import landscape_surfaces
 from warpriver.raster import Raster
 
 __all__ = ["ENGINES", "Engine", "engine_size", "write_engine"]
 
-FloatArray = NDArray[np.float64]
 
 TOP, WHOLE = 65535, 255
 # Unreal Engine: sides of a landscape, and quads of a component, of which the other side has a whole number.
@@ -198,7 +198,7 @@ class _Grid:
     def splines(self, engine: Engine) -> dict[str, Any]:
         """Return the channels in the coordinates of an engine."""
         x, y = self.mesh_origin(engine)
-        order = {
+        order: Placing = {
             "x east, y south, z up": lambda v: np.column_stack([v[:, 0], -v[:, 1], v[:, 2]]),
             "x east, y up, z north": lambda v: np.column_stack([v[:, 0], v[:, 2], v[:, 1]]),
             "x east, y up, z south": lambda v: np.column_stack([v[:, 0], v[:, 2], -v[:, 1]]),
@@ -206,7 +206,7 @@ class _Grid:
         }[engine.axes]
 
         def turn(vectors: FloatArray) -> FloatArray:
-            return engine.unit * order(vectors)
+            return np.multiply(engine.unit, order(vectors))
 
         def place(points: FloatArray) -> FloatArray:
             return turn(points - [x, y, 0.0])
@@ -280,7 +280,7 @@ def _write_masks(
     return files, told
 
 
-def whole_weights(stack: FloatArray) -> NDArray[np.uint8]:
+def whole_weights(stack: FloatArray) -> ByteArray:
     """Return weights, (..., K), as whole numbers that add up to 255; what is left by rounding goes to the greatest."""
     total = stack.sum(axis=-1, keepdims=True)
     scaled = stack * (WHOLE / np.maximum(total, 1e-300))
@@ -292,7 +292,8 @@ def whole_weights(stack: FloatArray) -> NDArray[np.uint8]:
         np.take_along_axis(whole, scaled.argmax(axis=-1)[..., None], axis=-1) + rest[..., None],
         axis=-1,
     )
-    return whole.astype(np.uint8)
+    weights: ByteArray = whole.astype(np.uint8)
+    return weights
 
 
 def resampled(values: FloatArray, shape: tuple[int, int]) -> FloatArray:
@@ -319,7 +320,8 @@ def without_gaps(values: FloatArray) -> FloatArray:
         from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(gap, return_distances=False, return_indices=True)
-    return values[tuple(nearest)]
+    found: FloatArray = values[tuple(nearest)]
+    return found
 
 
 def _write_json(path: Path, content: Any) -> None:

@@ -21,7 +21,7 @@ from warpriver.io.vector.histories import history_layers, records_between
 from warpriver.io.vector.layers import write_geopackage
 from warpriver.io.vector.network_layers import POINTS, network_layers
 from warpriver.landscape.carving import Carved
-from warpriver.landscape.engines import ENGINES, write_engine
+from warpriver.landscape.engines import ENGINES, engine_size, write_engine
 from warpriver.landscape.scene_files import write_surfaces
 from warpriver.landscape.splines import channel_splines, spline_layer, splines_as_json
 from warpriver.landscape.surfaces import landscape_surfaces
@@ -90,6 +90,8 @@ def export_landscape(
             raise InputError(f"maps[{name!r}] is no Raster on the cells of the terrain")
     side = None if size is None else whole(size, "size", 2, "vertices")
     step = None if every is None else whole(every, "every", 1, "records")
+    for target in ENGINES.keys() & set(wanted):
+        engine_size(ENGINES[target], carved.terrain.shape, side)
     made: list[Path] = []
     for target in dict.fromkeys(wanted):
         place = Path(folder) / target

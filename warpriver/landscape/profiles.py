@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.hydrology.drape import falling_levels, without_gaps
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 __all__ = ["Lines", "WaterProfile", "fine_lines", "lines_of", "water_profile"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Places across a section at which the ground is looked at, in half-widths from the middle.
 ACROSS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -138,7 +136,7 @@ def fine_lines(lines: Lines, step: FloatArray) -> tuple[FloatArray, IndexArray, 
     return np.where(t[:, None] > 0.0, cubic, xy[base]), base, t
 
 
-def _tangents(chord: FloatArray, length: FloatArray, last: NDArray[np.bool_], owner: IndexArray) -> FloatArray:
+def _tangents(chord: FloatArray, length: FloatArray, last: FlagArray, owner: IndexArray) -> FloatArray:
     """Return the slope of a cubic at each point per metre of its line, by three points where there are three."""
     unit = chord / np.maximum(length, 1e-300)[:, None]
     before, behind = np.roll(unit, 1, axis=0), unit
@@ -169,7 +167,9 @@ def _normals(xy: FloatArray, start: IndexArray) -> FloatArray:
     ahead[start[1:] - 1] -= 1
     behind[start[:-1]] += 1
     along = xy[ahead] - xy[behind]
-    return np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-300)[:, None]
+    left: FloatArray = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    left /= np.maximum(np.hypot(*along.T), 1e-300)[:, None]
+    return left
 
 
 def _smoothed(values: FloatArray, xy: FloatArray, start: IndexArray, length: FloatArray) -> FloatArray:
@@ -190,7 +190,8 @@ def _smoothed(values: FloatArray, xy: FloatArray, start: IndexArray, length: Flo
         base = start[:-1][channel]
 
         def sum_to(k: IndexArray, total: FloatArray = total, base: IndexArray = base) -> FloatArray:
-            return total[base + k] - total[base]
+            found: FloatArray = total[base + k] - total[base]
+            return found
 
         low, high, n = index - reach[channel], index + reach[channel] + 1, counts[channel]
         inside = sum_to(np.minimum(high, n)) - sum_to(np.maximum(low, 0))

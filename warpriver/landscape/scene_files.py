@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import beside
 from warpriver.landscape.surfaces import Surface
@@ -24,7 +24,6 @@ from warpriver.validate import finite_numbers
 
 __all__ = ["SCENES", "write_surfaces"]
 
-FloatArray = NDArray[np.float64]
 
 GLB, OBJ, USDA, USDC = SCENES = (".glb", ".obj", ".usda", ".usdc")
 # Rows of text that are made at a time.
@@ -84,7 +83,8 @@ def write_surfaces(
 
 
 def _corner(surfaces: Iterable[Surface]) -> FloatArray:
-    return np.floor(np.min([surface.bounds[0][:2] for surface in surfaces], axis=0))
+    corner: FloatArray = np.floor(np.min([surface.bounds[0][:2] for surface in surfaces], axis=0))
+    return corner
 
 
 def _turned(vectors: FloatArray, y_up: bool) -> FloatArray:

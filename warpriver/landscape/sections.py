@@ -6,15 +6,15 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import CellArray, FloatArray
 from warpriver.errors import InputError
 from warpriver.public import public
 from warpriver.validate import floats, shown, whole
 
 __all__ = ["SectionTable", "parabola", "trapezoid"]
 
-FloatArray = NDArray[np.float64]
 Form = Callable[[FloatArray], ArrayLike]
 
 # Places across a form that is given as a function.
@@ -36,7 +36,7 @@ class SectionTable:
     """
 
     depth: FloatArray
-    row: NDArray[np.int32] | None = None
+    row: CellArray | None = None
 
     @public
     def __init__(self, depth: ArrayLike, row: ArrayLike | None = None):
@@ -90,7 +90,8 @@ class SectionTable:
     @property
     def fraction(self) -> FloatArray:
         """(K,) mean depth of each form in greatest depths: the area of a section is this times width times depth."""
-        return 0.5 * (self.depth[:, 1:] + self.depth[:, :-1]).mean(axis=1)
+        mean: FloatArray = 0.5 * (self.depth[:, 1:] + self.depth[:, :-1]).mean(axis=1)
+        return mean
 
 
 def parabola(y: FloatArray) -> FloatArray:

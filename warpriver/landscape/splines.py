@@ -7,17 +7,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.extras import need
 from warpriver.io.vector.layers import Layer
 from warpriver.landscape.profiles import lines_of
 from warpriver.network import RiverNetwork
 from warpriver.public import public
 
-__all__ = ["Splines", "channel_splines", "spline_layer", "splines_as_json"]
+__all__ = ["Placing", "Splines", "channel_splines", "spline_layer", "splines_as_json"]
 
-FloatArray = NDArray[np.float64]
 # Turns places, and turns directions, into those of a program.
 Placing = Callable[[FloatArray], FloatArray]
 
@@ -36,7 +35,7 @@ class Splines:
         network: The channels.
     """
 
-    start: NDArray[np.int64]
+    start: IndexArray
     xyz: FloatArray
     tangent: FloatArray
     width: FloatArray

@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.landscape.carving import Carved
 from warpriver.landscape.profiles import fine_lines, lines_of
@@ -18,7 +18,6 @@ from warpriver.validate import whole
 
 __all__ = ["Surface", "channel_ribbons", "landscape_surfaces"]
 
-FloatArray = NDArray[np.float64]
 
 # Colours of the surfaces, linear red, green, blue and opacity.
 GROUND, WATER = (0.42, 0.39, 0.29, 1.0), (0.10, 0.24, 0.30, 0.85)
@@ -45,7 +44,7 @@ class Surface:
     points: FloatArray
     normals: FloatArray
     uv: FloatArray
-    triangles: NDArray[np.int64]
+    triangles: IndexArray
     color: tuple[float, float, float, float]
     crs: str | None = None
 
@@ -159,7 +158,7 @@ def _raster_surface(
     return Surface(name, points, _mesh_normals(points, triangles), uv, triangles, color, terrain.crs)
 
 
-def _mesh_normals(points: FloatArray, triangles: NDArray[np.int64]) -> FloatArray:
+def _mesh_normals(points: FloatArray, triangles: IndexArray) -> FloatArray:
     """Return the unit normals of points: of the faces around them, by their areas."""
     corner = points[triangles]
     face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
