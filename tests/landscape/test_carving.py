@@ -302,6 +302,10 @@ def test_tables_and_deposits_must_fit():
         carve(ground, network, deposits=plane(cell=3.0).raster)
     with pytest.raises(ValueError, match="lie off the terrain"):
         carve(ground, straight(y=5000.0))
+    elsewhere = wr.Terrain(ground.to_numpy(), CELL, crs="EPSG:32619")
+    other = wr.RiverNetwork.from_polylines(network.polylines(), WIDTH, crs="EPSG:32620")
+    with pytest.raises(ValueError, match="the terrain is in EPSG:32619, the channels in EPSG:32620"):
+        carve(elsewhere, other)
     with pytest.raises(ValueError, match="max_cut"):
         CarveParams(max_cut=-1.0)
 

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from warpriver.arrays import CellArray, DeviceArray, FlagArray, FloatArray, IndexArray
+from warpriver.crs import same_crs, short_name
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError, warn
 from warpriver.extras import IMPORTING
@@ -129,10 +130,15 @@ def carve(
 
     Raises:
         ValueError: A channel that lies off the terrain, channels that flow in a circle, a table of sections for another
-            number of points, or deposits on other cells.
+            number of points, deposits on other cells, or another CRS.
     """
     params = params or CarveParams()
     ground = surface_of(terrain)
+    if ground.crs is not None and network.crs is not None and not same_crs(ground.crs, network.crs):
+        raise InputError(
+            f"the terrain is in {short_name(ground.crs)}, the channels in {short_name(network.crs)}; read one of them "
+            "with to_crs="
+        )
     table = sections or SectionTable.of([_form(params)])
     if table.row is not None and len(table.row) != network.point_count:
         raise InputError(f"sections.row has {len(table.row)} rows for {network.point_count} points; give one a point")
