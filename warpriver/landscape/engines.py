@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +34,8 @@ UNREAL = {505: 126, 1009: 126, 2017: 126, 4033: 126, 8129: 127}
 POWERS = (33, 65, 129, 257, 513, 1025, 2049, 4097)
 # A landscape of Unreal Engine at a scale of 100 has a step of 1/128 m; step 32,768 is its own height.
 UNREAL_STEPS, UNREAL_ZERO, CENTIMETERS = 128.0, 32768, 100.0
-# Points of the ground in a mesh at most.
-MOST_POINTS = 500_000
+# Points of the ground in a mesh, and pixels that are worked at at a time.
+MOST_POINTS, BLOCK = 500_000, 1_000_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,10 +106,12 @@ def write_engine(carved: Carved, folder: Path, name: str, size: int | None, maps
     """Write all that an engine takes into a folder; return the files."""
     engine, terrain = ENGINES[name], carved.terrain
     shape = engine_size(engine, terrain.shape, size)
-    height = resampled(without_gaps(terrain.to_numpy()), shape)
+    height = without_gaps(terrain.to_numpy())
     low, high = float(height.min()), float(height.max())
     high = high if high > low else low + 1.0
-    level = np.rint((height - low) * (TOP / (high - low))).astype(np.uint16)
+    level = np.empty(shape, np.uint16)
+    for rows in _blocks(shape):
+        level[rows] = np.rint((resampled(height, shape, rows) - low) * (TOP / (high - low)))
     grid = _Grid(carved, shape, low, high)
     folder.mkdir(parents=True, exist_ok=True)
     files = [_write_height(folder / f"heightmap{suffix}", level, engine) for suffix in engine.height]
@@ -247,10 +249,12 @@ def _write_masks(
     """Write the weights of materials, which add up to 255 in a pixel, and other maps; return files and contents."""
     names = list(carved.materials)
     known = np.isfinite(carved.terrain.to_numpy())
-    stack = np.stack([resampled(carved.materials[n].numpy().astype(np.float64), shape) for n in names], axis=-1)
+    found = [carved.materials[name].numpy() for name in names]
     # Where there is no ground it is called ground all the same: engines blend all pixels.
-    stack[..., names.index("ground")] += WHOLE * resampled((~known).astype(np.float64), shape)
-    weight = whole_weights(stack)
+    found[names.index("ground")][~known] = WHOLE
+    weight = np.empty((*shape, len(names)), np.uint8)
+    for rows in _blocks(shape):
+        weight[rows] = whole_weights(np.stack([resampled(values, shape, rows) for values in found], axis=-1))
     files: list[Path] = []
     told: dict[str, Any] = {}
 
@@ -275,7 +279,10 @@ def _write_masks(
         values = without_gaps(raster.numpy().astype(np.float64))
         low, high = float(values.min()), float(values.max())
         part = (values - low) / (high - low if high > low else 1.0)
-        write(f"map_{name}.png", np.rint(WHOLE * resampled(part, shape)).astype(np.uint8))
+        pixels = np.empty(shape, np.uint8)
+        for rows in _blocks(shape):
+            pixels[rows] = np.rint(WHOLE * resampled(part, shape, rows))
+        write(f"map_{name}.png", pixels)
         told[name] = {"file": f"map_{name}.png", "low": low, "high": high, "unit": raster.unit}
     return files, told
 
@@ -296,19 +303,30 @@ def whole_weights(stack: FloatArray) -> ByteArray:
     return weights
 
 
-def resampled(values: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Return values at vertices spread evenly from the first row and column to the last ones, bilinear."""
+def resampled(values: NDArray[Any], shape: tuple[int, int], rows: slice = slice(None)) -> FloatArray:
+    """Return values at vertices spread evenly from the first row and column to the last ones, bilinear.
+
+    Args:
+        values: (r, c) numbers.
+        shape: Rows and columns of the vertices.
+        rows: The rows of them that are wanted.
+    """
     out = values
-    for axis in (0, 1):
+    for axis, wanted in ((0, rows), (1, slice(None))):
         count = out.shape[axis]
-        if shape[axis] == count:
-            continue
-        at = np.linspace(0.0, count - 1.0, shape[axis])
+        at = np.linspace(0.0, count - 1.0, shape[axis])[wanted]
         low = np.minimum(at.astype(np.int64), count - 2)
         part = np.expand_dims(at - low, 1 - axis)
-        before, behind = np.take(out, low, axis=axis), np.take(out, low + 1, axis=axis)
+        before, behind = (np.take(out, k, axis=axis).astype(np.float64) for k in (low, low + 1))
         out = before + part * (behind - before)
     return out
+
+
+def _blocks(shape: tuple[int, int]) -> Iterator[slice]:
+    """Yield rows, some at a time: rasters of engines are large, and what is computed on the way is larger."""
+    step = max(1, BLOCK // shape[1])
+    for first in range(0, shape[0], step):
+        yield slice(first, min(first + step, shape[0]))
 
 
 def without_gaps(values: FloatArray) -> FloatArray:
