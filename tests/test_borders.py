@@ -90,6 +90,8 @@ def things(tmp_path_factory):
         "meander": meander,
         "grown": grown.network,
         "fit": wr.calibrate(meander, grown.network, grown.time, fit=["migration_rate"]),
+        "carved": wr.landscape.carve(wr.landscape.plain_under(network, 60.0), network),
+        "wide": wr.Terrain(np.add.outer(np.zeros(80), 0.02 * np.arange(80.0)[::-1]), 50.0, (-2000.0, 2000.0)),
     }
 
 
@@ -432,6 +434,51 @@ CALLS = {
     ),
     "moisture_falloff": lambda t: (wr.landscape.moisture_falloff, {"widths": [0.0, 1.0]}),
     "sediment_falloff": lambda t: (wr.landscape.sediment_falloff, {"widths": [0.0, 1.0]}),
+    "SectionTable": lambda t: (wr.landscape.SectionTable, {"depth": [[0.0, 1.0, 0.0]], "row": [0, 0]}),
+    "SectionTable.of": lambda t: (
+        wr.landscape.SectionTable.of,
+        {"forms": [lambda y: y * (1.0 - y)], "row": None, "places": 9},
+    ),
+    "carve": lambda t: (
+        wr.landscape.carve,
+        {
+            "terrain": t["wide"],
+            "network": t["network"],
+            "params": None,
+            "sections": None,
+            "deposits": None,
+            "history": t["history"],
+        },
+    ),
+    "plain_under": lambda t: (
+        wr.landscape.plain_under,
+        {"network": t["network"], "cell_size": 50.0, "slope": 1e-3, "margin": 100.0, "history": None},
+    ),
+    "ground_of_run": lambda t: (wr.landscape.ground_of_run, {"history": t["history"], "terrain": None}),
+    "channel_ribbons": lambda t: (wr.landscape.channel_ribbons, {"network": t["network"]}),
+    "channel_splines": lambda t: (wr.landscape.channel_splines, {"network": t["network"]}),
+    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "most_points": 1000}),
+    "write_surfaces": lambda t: (
+        wr.landscape.write_surfaces,
+        {
+            "surfaces": wr.landscape.landscape_surfaces(t["carved"]),
+            "path": t["folder"] / "a.glb",
+            "origin": (0.0, 0.0),
+            "y_up": False,
+        },
+    ),
+    "export_landscape": lambda t: (
+        wr.landscape.export_landscape,
+        {
+            "carved": t["carved"],
+            "folder": t["folder"] / "land",
+            "targets": ["mesh"],
+            "history": t["history"],
+            "maps": None,
+            "size": None,
+            "every": None,
+        },
+    ),
     "junction_angles": lambda t: (wr.meander.junction_angles, {"network": t["network"], "params": None}),
     "shape_junctions": lambda t: (wr.meander.shape_junctions, {"network": t["network"], "params": None}),
     "migration_rate": lambda t: (

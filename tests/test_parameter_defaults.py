@@ -90,6 +90,18 @@ DEFAULTS = {
         "junctions": ("JunctionParams()", "-"),
         "avulsions": (None, "-"),
     },
+    "CarveParams": {
+        "section": ("parabola", "-"),
+        "side_part": (0.2, "-"),
+        "bank_reach": (1.0, "widths"),
+        "repose_angle": (35.0, "deg"),
+        "max_cut": (60.0, "m"),
+        "fill_part": (0.0, "-"),
+        "smoothing": (6.0, "widths"),
+        "junctions": (True, None),
+        "lake_time": (50.0, "yr"),
+        "plug_length": (2.0, "widths"),
+    },
     "JunctionParams": {
         "narrow_angle": (28.0, "deg"),
         "wide_angle": (95.0, "deg"),

@@ -98,6 +98,7 @@ _HOMES = {
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
     "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
