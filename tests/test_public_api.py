@@ -38,7 +38,7 @@ LEVELS = [
     {"history"},
     {"graph"},
     {"engine"},
-    {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
+    {"erosion", "generate", "hydrology", "meander", "metrics", "riverscape", "shortest_path", "valley"},
     {"io"},
     {"editing", "models"},
     {"resume"},
