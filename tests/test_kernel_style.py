@@ -24,6 +24,7 @@ WITHOUT_BUILD = ("__init__", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
     "avulsions": ["meander/avulsions.py", "meander/courses.py"],
+    "beds": ["riverscape/beds.py"],
     "cells": ["hydrology/cells.py"],
     "collisions": ["meander/collisions.py"],
     "controls": ["meander/control_map.py"],

@@ -4,6 +4,41 @@ It makes what a map of heights leaves out plausible, at any scale, by the type o
 hydraulic model: depths and speeds are those of uniform flow in a section of the type.
 """
 
+from warpriver.riverscape.beds import Bed
 from warpriver.riverscape.courses import Basins, Courses, Falls, Rocks
+from warpriver.riverscape.labels import ChannelLabels, label_channels, river_mask
+from warpriver.riverscape.layout import BedParams
+from warpriver.riverscape.profiles import ProfileParams
+from warpriver.riverscape.rosgen import (
+    RiverTypes,
+    RosgenParams,
+    classify_rivers,
+    classify_values,
+    entrenchment_ratio,
+)
+from warpriver.riverscape.scene import Riverscape
+from warpriver.riverscape.templates import FlowParams, UniformFlow, uniform_flow
+from warpriver.riverscape.trajectories import TrajectoryParams
 
-__all__ = ["Basins", "Courses", "Falls", "Rocks"]
+__all__ = [
+    "Basins",
+    "Bed",
+    "BedParams",
+    "ChannelLabels",
+    "Courses",
+    "Falls",
+    "FlowParams",
+    "ProfileParams",
+    "RiverTypes",
+    "Riverscape",
+    "Rocks",
+    "RosgenParams",
+    "TrajectoryParams",
+    "UniformFlow",
+    "classify_rivers",
+    "classify_values",
+    "entrenchment_ratio",
+    "label_channels",
+    "river_mask",
+    "uniform_flow",
+]

@@ -93,8 +93,8 @@ class Rocks:
 class Courses:
     """All courses of a riverscape; their stations lie end to end, and run downstream.
 
-    Between two stations everything is linear. A place p lies between the stations i and i + 1 of a course where (p -
-    station_xy[i]) . station_tangent[i] >= 0 and the same of i + 1 is negative; the part of the way is the ratio of both.
+    Between two stations everything is linear. With f_i = (p - xy[i]) . tangent[i], a place p lies between the stations
+    i and i + 1 of a course where f_i >= 0 > f_(i + 1); the part of the way is f_i / (f_i - f_(i + 1)).
 
     Attributes:
         start: (K + 1,) offsets of the courses' stations.
@@ -121,6 +121,8 @@ class Courses:
         form: (P, 2) two forms of section, indices into ``templates.FORMS``; ``blend`` (P,) is the weight of the second.
         blend: See ``form``.
         reach: (P,) distance from the water's edge at which the banks have come up to the ground, m.
+        ease: (P,) distance from the water's edge over which the banks become steep, m.
+        rim: (P,) height over which the upper edge of the banks is rounded, m.
         falls: Steps of the water surface.
         basins: Hollows.
         rocks: Rocks.
@@ -149,6 +151,8 @@ class Courses:
     form: IndexArray
     blend: FloatArray
     reach: FloatArray
+    ease: FloatArray
+    rim: FloatArray
     falls: Falls
     basins: Basins
     rocks: Rocks
