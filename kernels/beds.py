@@ -32,7 +32,7 @@ def build(scalar):
     ZERO, HALF, ONE, TWO, THREE, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 6.0))
     TEN, FIFTEEN, SIXTEENTH = (scalar(v) for v in (10.0, 15.0, 0.0625))
     HALF_64, NAN_64 = wp.float64(0.5), wp.float64(math.nan)
-    TINY = scalar(1.0e-12)
+    TINY, HALF_ROOT = scalar(1.0e-12), scalar(math.sqrt(0.5))
     # A bank rises by BANK_START at the water's edge, and then ever more up to BANK (35 degrees).
     BANK, BANK_START = scalar(math.tan(math.radians(STEEPEST_BANK))), scalar(GENTLEST_BANK)
     # Part of the reach at which what is cut begins to fade out; slope that stands ahead of a section's ends.
@@ -51,7 +51,7 @@ def build(scalar):
         ``shape``: weight of the second form, weight of the bend, its lane as a row of the table, softness of the
         rim, m.
         ``form``: two rows of ``form_depth``. ``segment``: of the segment from each station on: what it reaches beyond
-        its two ends, m. ``group``: of the same.
+        its two ends, m, and the square of what it reaches from its first one. ``group``: of the same.
         """
 
         line: wp.array[vec4]
@@ -59,7 +59,7 @@ def build(scalar):
         section: wp.array[vec4]
         shape: wp.array[vec4]
         form: wp.array[wp.vec2i]
-        segment: wp.array[vec2]
+        segment: wp.array[vec3]
         group: wp.array[int]
         form_depth: wp.array2d[scalar]
         bend_depth: wp.array2d[scalar]
@@ -197,7 +197,11 @@ def build(scalar):
     def segment_cut(stations: Stations, i: int, xy: vec2, base: wp.float64) -> scalar:
         """Depth of what a segment cuts out of ground of that height at a place, m."""
         limit = stations.segment[i]
-        a, b = stations.line[i], stations.line[i + 1]
+        a = stations.line[i]
+        x, y = xy[0] - a[0], xy[1] - a[1]
+        if x * x + y * y >= limit[2]:
+            return ZERO
+        b = stations.line[i + 1]
         fa = (xy[0] - a[0]) * a[2] + (xy[1] - a[1]) * a[3]
         fb = (xy[0] - b[0]) * b[2] + (xy[1] - b[1]) * b[3]
         if -fa >= limit[0] or fb >= limit[1]:
@@ -391,6 +395,61 @@ def build(scalar):
         point_segment_out[i] = best
         point_place_out[i] = found
 
+    @wp.func(module=name)
+    def slab_cells(
+        stations: Stations,
+        i: int,
+        across: scalar,
+        ahead: vec2,
+        per_cell: scalar,
+        first: int,
+        segment_cell_out: wp.array[wp.vec2i],
+    ) -> int:
+        """Number of cells of the index that a segment may reach; they are written from ``first`` on, if it is >= 0."""
+        a, b = stations.line[i], stations.line[i + 1]
+        size = ONE / per_cell
+        slack = size * HALF_ROOT
+        # The sections at both ends, a little beyond them.
+        low = vec2(wp.min(a[0] - ahead[0], b[0] - ahead[1]), wp.min(a[1] - ahead[0], b[1] - ahead[1]))
+        high = vec2(wp.max(a[0] + ahead[0], b[0] + ahead[1]), wp.max(a[1] + ahead[0], b[1] + ahead[1]))
+        aside = across * wp.max(wp.abs(a[3]), wp.abs(b[3])) + slack
+        upward = across * wp.max(wp.abs(a[2]), wp.abs(b[2])) + slack
+        left, right = int(wp.floor((low[0] - aside) * per_cell)), int(wp.floor((high[0] + aside) * per_cell))
+        bottom, top = int(wp.floor((low[1] - upward) * per_cell)), int(wp.floor((high[1] + upward) * per_cell))
+        reach = across + wp.max(ahead[0], ahead[1]) + HALF * wp.length(vec2(b[0] - a[0], b[1] - a[1])) + slack
+        count = int(0)
+        for row in range(bottom, top + 1):
+            for column in range(left, right + 1):
+                x, y = (scalar(column) + HALF) * size, (scalar(row) + HALF) * size
+                fa = (x - a[0]) * a[2] + (y - a[1]) * a[3]
+                fb = (x - b[0]) * b[2] + (y - b[1]) * b[3]
+                if fa > -ahead[0] - slack and fb < ahead[1] + slack:
+                    if wp.length(vec2(x - HALF * (a[0] + b[0]), y - HALF * (a[1] + b[1]))) < reach:
+                        if first >= 0:
+                            segment_cell_out[first + count] = wp.vec2i(column, row)
+                        count += 1
+        return count
+
+    @wp.kernel(module=name, enable_backward=False)
+    def list_cells(
+        # params
+        stations: Stations,
+        per_cell: scalar,
+        # in
+        segment: wp.array[int],
+        segment_across: wp.array[scalar],
+        segment_ahead: wp.array[vec2],
+        segment_first: wp.array[int],
+        # out
+        segment_count_out: wp.array[int],
+        segment_cell_out: wp.array[wp.vec2i],
+    ):
+        """Count the cells that each segment may reach, and list them from its ``segment_first`` on; -1: only count."""
+        k = wp.tid()
+        segment_count_out[k] = slab_cells(
+            stations, segment[k], segment_across[k], segment_ahead[k], per_cell, segment_first[k], segment_cell_out
+        )
+
     return SimpleNamespace(
         vec2=vec2,
         vec3=vec3,
@@ -403,4 +462,5 @@ def build(scalar):
         evaluate_cells=evaluate_cells,
         sample_ground=sample_ground,
         locate_points=locate_points,
+        list_cells=list_cells,
     )

@@ -44,7 +44,10 @@ UNLIMITED = 1e6
 AHEAD_LENGTHS, AHEAD_HALVES = 1.0, 0.1
 # Least softness of the rim, m.
 LEAST_RIM = 0.005
-CELL_BYTES = 16
+# Bytes a cell of a raster, and a pair of the index, need.
+CELL_BYTES, INDEX_BYTES = 16, 80
+# Size of the index's cells, in median distances from a line to the end of its banks.
+CELLS_ACROSS = 0.4
 
 
 class Bed(NamedTuple):
@@ -141,7 +144,7 @@ class Beds:
         stations.shape = self._array(np.column_stack([courses.blend, courses.bend, lane, soft]), built.vec4)
         stations.form = self._array(courses.form, wp.vec2i)
         limits = self._limits()
-        stations.segment = self._array(limits, built.vec2)
+        stations.segment = self._array(np.column_stack([limits, self._far(limits) ** 2]), built.vec3)
         stations.group = self._array(courses.group[courses.station_course], wp.int32)
         stations.form_depth = self._array(FORM_TABLE, wp.float64)
         stations.bend_depth = self._array(BEND_TABLE, wp.float64)
@@ -160,6 +163,15 @@ class Beds:
         limits[last[~leaves[courses.to_node]], 1] = UNLIMITED
         return limits
 
+    def _far(self, limits: FloatArray) -> FloatArray:
+        """How far from its first station each segment may reach, (P,) m."""
+        courses = self.courses
+        across = 0.5 * courses.width + courses.reach
+        across = np.maximum(across, np.append(across[1:], 0.0))
+        length = np.append(np.abs(np.diff(courses.along)), 0.0)
+        # At the far end of a cap, of the fan, or of the segment.
+        return across + np.minimum(limits.max(axis=1), across) + 1.001 * length
+
     def _of_marks(self, built: Any) -> Any:
         basins, rocks = self.courses.basins, self.courses.rocks
         xy = np.concatenate([basins.xy, rocks.xy]) - self._zero
@@ -176,11 +188,12 @@ class Beds:
         courses = self.courses
         course = courses.station_course
         segment = np.flatnonzero(course[1:] == course[:-1])
-        a, b = courses.xy[segment] - self._zero, courses.xy[segment + 1] - self._zero
+        # By groups, so that a cell's list needs no further sorting.
+        segment = segment[np.argsort(courses.group[course[segment]], kind="stable")]
         across = np.maximum(*(0.5 * courses.width[k] + courses.reach[k] for k in (segment, segment + 1)))
         ahead = np.minimum(limits[segment], across[:, None])
-        size = float(np.clip(0.25 * np.median(across), 0.25, 200.0))
-        pair, cell = _cells_of(a, b, courses.tangent[segment], courses.tangent[segment + 1], across, ahead, size)
+        size = float(np.clip(CELLS_ACROSS * np.median(across), 0.25, 200.0))
+        owner, cell = self._cells(built, segment, across, ahead, size)
         mark = self._mark_place
         mark_pair, mark_cell = _cells_of_discs(mark[:, :2], mark[:, 2], size)
         low = np.minimum(cell.min(axis=0), mark_cell.min(axis=0) if len(mark_cell) else cell.min(axis=0))
@@ -188,18 +201,16 @@ class Beds:
         block = kernels.BLOCK
         shape = (high - low) // block + 1  # columns, rows of blocks
         table = np.full((int(shape[1]), int(shape[0])), -1, np.int64)
-        own = (cell - low) // block
-        table[own[:, 1], own[:, 0]] = 0
+        shift = block.bit_length() - 1
+        table.ravel()[((cell[:, 1] - low[1]) >> shift) * shape[0] + ((cell[:, 0] - low[0]) >> shift)] = 0
         used = np.flatnonzero(table.ravel() == 0)
         table.ravel()[used] = np.arange(len(used))
         cells = len(used) * block * block
-        group = courses.group[course[segment]]
-        order = [group[pair], pair]
-        starts, items = _packed(self._cell_number(cell - low, table), segment[pair], order, cells)
+        starts, items = _packed(self._cell_number(cell - low, table), owner, cells)
         # Marks away from all courses change nothing.
         number = self._cell_number(mark_cell - low, table)
         inside = number >= 0
-        mark_starts, mark_items = _packed(number[inside], mark_pair[inside], [mark_pair[inside]], cells)
+        mark_starts, mark_items = _packed(number[inside], mark_pair[inside], cells)
         index = built.Index()
         index.west, index.south, index.per_cell = float(low[0] * size), float(low[1] * size), 1.0 / size
         index.block = self._array(table, wp.int32)
@@ -207,12 +218,31 @@ class Beds:
         index.mark_start, index.cell_mark = self._array(mark_starts, wp.int32), self._array(mark_items, wp.int32)
         return index
 
+    def _cells(
+        self, built: Any, segment: IndexArray, across: FloatArray, ahead: FloatArray, size: float
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Cells that segments may reach, segment by segment: (n,) segment and (n, 2) column and row."""
+        device = self.terrain.device
+        inputs = [self._stations, 1.0 / size, self._array(segment, wp.int32), self._array(across, wp.float64)]
+        inputs.append(self._array(ahead, built.vec2))
+        count = wp.empty(len(segment), dtype=wp.int32, device=device)
+        nowhere, nothing = self._array(np.full(len(segment), -1), wp.int32), wp.empty(1, dtype=wp.vec2i, device=device)
+        launch_kernel(built.list_cells, len(segment), [*inputs, nowhere], [count, nothing], device=device)
+        counts = count.numpy().astype(np.int64)
+        total = int(counts.sum())
+        require_memory((total, 1), INDEX_BYTES, device, "an index of a bed")
+        first = self._array(np.cumsum(counts) - counts, wp.int32)
+        cell = wp.empty(total, dtype=wp.vec2i, device=device)
+        launch_kernel(built.list_cells, len(segment), [*inputs, first], [count, cell], device=device)
+        return np.repeat(segment.astype(np.int32), counts), cell.numpy().reshape(-1, 2)
+
     @staticmethod
-    def _cell_number(cell: IndexArray, table: IndexArray) -> IndexArray:
-        block = kernels.BLOCK
-        u, v = cell[:, 0] // block, cell[:, 1] // block
-        own = table[v, u]
-        return np.where(own < 0, -1, (own * block + cell[:, 1] - v * block) * block + cell[:, 0] - u * block)
+    def _cell_number(cell: NDArray[np.integer], table: IndexArray) -> NDArray[np.int32]:
+        shift, inner = kernels.BLOCK.bit_length() - 1, kernels.BLOCK - 1
+        column, row = (np.ascontiguousarray(cell[:, k], np.int32) for k in (0, 1))
+        own = table.astype(np.int32).ravel()[(row >> shift) * np.int32(table.shape[1]) + (column >> shift)]
+        number = (((own << shift) + (row & inner)) << shift) + (column & inner)
+        return np.where(own < 0, np.int32(-1), number)
 
     def heights(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the heights of the bed and of the ground without it at (n, 2) places."""
@@ -290,25 +320,6 @@ class Beds:
         return speed[:, None] * ahead / np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
 
 
-def _cells_of(
-    a: FloatArray, b: FloatArray, ta: FloatArray, tb: FloatArray, across: FloatArray, ahead: FloatArray, size: float
-) -> tuple[IndexArray, IndexArray]:
-    """Cells that segments reach: their number, and (n, 2) column and row of the cell."""
-    margin = np.maximum(across, ahead.max(axis=1))[:, None]
-    low = np.floor((np.minimum(a, b) - margin) / size).astype(np.int64)
-    high = np.floor((np.maximum(a, b) + margin) / size).astype(np.int64)
-    pair, cell = _boxes(low, high)
-    middle = (cell + 0.5) * size
-    slack = size * math.sqrt(0.5)
-    fa = ((middle - a[pair]) * ta[pair]).sum(axis=1)
-    fb = ((middle - b[pair]) * tb[pair]).sum(axis=1)
-    left = middle - 0.5 * (a + b)[pair]
-    away = np.hypot(*left.T)
-    reach = across[pair] + 0.5 * np.hypot(*(b - a).T)[pair] + np.maximum(*ahead.T)[pair]
-    keep = (fa > -ahead[pair, 0] - slack) & (fb < ahead[pair, 1] + slack) & (away < reach + slack)
-    return pair[keep], cell[keep]
-
-
 def _cells_of_discs(xy: FloatArray, radius: FloatArray, size: float) -> tuple[IndexArray, IndexArray]:
     low = np.floor((xy - radius[:, None]) / size).astype(np.int64)
     high = np.floor((xy + radius[:, None]) / size).astype(np.int64)
@@ -325,8 +336,8 @@ def _boxes(low: IndexArray, high: IndexArray) -> tuple[IndexArray, IndexArray]:
     return pair, np.column_stack([low[pair, 0] + rank % columns, low[pair, 1] + rank // columns])
 
 
-def _packed(cell: IndexArray, item: IndexArray, order: list[IndexArray], count: int) -> tuple[IndexArray, IndexArray]:
-    """Offsets of cells, and their items, sorted by ``order`` (the most important key first)."""
-    ranked = np.lexsort([*order[::-1], cell])
+def _packed(cell: NDArray[np.int32], item: NDArray[np.integer], count: int) -> tuple[IndexArray, NDArray[np.integer]]:
+    """Offsets of cells, and their items in the order in which they come."""
+    order = np.argsort(cell, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=count))])
-    return starts, item[ranked]
+    return starts, item[order]

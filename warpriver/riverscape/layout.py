@@ -70,6 +70,12 @@ class BedParams(Params):
     basin_depth: float = parameter(
         0.6, "mean depths", low=0.0, source="warpriver", doc="depth of the basins of steep rivers below their sections"
     )
+    unevenness: float = parameter(
+        0.1, "-", low=0.0, high=0.5, source="warpriver", doc="how far the width varies along a course, as a part"
+    )
+    pool_width: float = parameter(
+        0.16, "-", low=0.0, high=0.4, source="warpriver", doc="how much wider pools are than their river, as a part"
+    )
     change: float = parameter(
         3.0, "widths", low=0.1, source="warpriver", doc="length over which a section becomes that of the next channel"
     )
@@ -129,7 +135,10 @@ def lay_courses(
     sizes = _sizes(at, axes, point_flow, slope, k, network, layout)
     channel = lines.channel[at.course]
     water = _on_axis(z, axes, channel, at.axis)
-    water = _falling(step_levels(water, channel, at.axis, steps), at.start)
+    water = step_levels(water, channel, at.axis, steps)
+    # To the bit: all that meets at a node has one level.
+    water[at.start[:-1]], water[at.start[1:] - 1] = z[axes.start[lines.channel]], z[axes.start[lines.channel + 1] - 1]
+    water = _falling(water, at.start)
     return _courses(ground, network, kind, axes, lines, at, sizes, water, steps, slope, layout)
 
 
@@ -406,7 +415,7 @@ def _courses(
     )
     curvature = _curvatures(tangent, at.along, at.start)
     wet = np.isnan(at.belt)
-    shape = _sections(network, kind, axes, lines, at, sizes, curvature, layout)
+    shape = _sections(network, kind, axes, lines, at, sizes, curvature, steps, layout)
     plain = layout.bed.bars * sizes.mean_depth
     ease = BANK_EASE * sizes.width
     level = np.where(wet, water, water + plain)
@@ -465,6 +474,7 @@ def _sections(
     at: _At,
     sizes: _Sizes,
     curvature: FloatArray,
+    steps: Steps,
     layout: Layout,
 ) -> _Shape:
     """Sections at stations; near its lower end each becomes the one with which its stem goes on."""
@@ -474,7 +484,8 @@ def _sections(
     for t in np.unique(kind):
         here = (kind[at.channel] == t) & np.isnan(at.belt)
         lane[here], bend[here] = bend_shape(curvature[here], sizes.width[here], TEMPLATES[t].lanes)
-    width, depth, blend = sizes.width.copy(), sizes.mean_depth.copy(), np.zeros(len(at.along))
+    vary = _variation(lines, kind, at, sizes, steps, layout)
+    width, depth, blend = sizes.width * vary, sizes.mean_depth / vary, np.zeros(len(at.along))
     following = _following(network, axes)
     head = {int(c): k for k, c in reversed(list(enumerate(lines.channel)))}
     next_course = np.array([head[int(following[c])] if following[c] >= 0 else -1 for c in lines.channel])
@@ -490,6 +501,30 @@ def _sections(
     blend = np.where(form[:, 0] == form[:, 1], 0.0, part)
     form[~np.isnan(at.belt)] = FORMS.index("plain")
     return _Shape(width, depth, depth / section_fill(form, blend, lane, bend), lane, bend, form, blend)
+
+
+def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: Steps, layout: Layout) -> FloatArray:
+    """Width over that of uniform flow, (P,): pools are wide and steps narrow, and no bank is even; 1 at nodes.
+
+    The mean depth falls as the width grows, so that the area, and with it the speed, stay.
+    """
+    count = len(lines.channel)
+    random = np.random.default_rng([layout.seed, 3])
+    phase, period = random.uniform(0.0, 2.0 * np.pi, (count, 3)), random.uniform(0.7, 1.4, (count, 3))
+    widths = at.along / np.maximum(sizes.width, 1e-9)
+    vary = np.zeros(len(at.along))
+    for k, (size, length) in enumerate(((0.5, 7.0), (0.3, 3.2), (0.2, 1.4))):
+        vary += size * np.sin(2.0 * np.pi * widths / length * period[at.course, k] + phase[at.course, k])
+    vary *= layout.bed.unevenness
+    if len(steps.channel):
+        span = float(max(at.axis.max(), steps.end.max())) + 1.0
+        k = np.searchsorted(steps.channel * span + steps.axis, at.channel * span + at.axis, side="right") - 1
+        k = np.maximum(k, 0)
+        pool = np.clip((at.axis - steps.axis[k]) / (steps.end[k] - steps.axis[k]), 0.0, 1.0)
+        stepped = np.isin(kind[at.channel], [TYPES.index(name) for name in ROCKS])
+        vary -= np.where(stepped, layout.bed.pool_width * np.cos(2.0 * np.pi * pool), 0.0)
+    ends = np.minimum(at.along, at.along[at.start[1:] - 1][at.course] - at.along)
+    return 1.0 + vary * np.clip(ends / np.maximum(sizes.width, 1e-9), 0.0, 1.0)
 
 
 def _following(network: RiverNetwork, axes: Axes) -> IndexArray:

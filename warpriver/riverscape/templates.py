@@ -43,8 +43,9 @@ GRAVITY = 9.81
 ACROSS = 65
 # Lanes that the table of bends has: the deepest place as a part of the width from the left bank.
 LANES = np.linspace(0.1, 0.9, 17)
-# Rounds in which the area is found: the speed grows slowly with it, so that each gains more than a digit.
-ROUNDS = 60
+# Rounds in which the area is found. The speed grows with its power 1/4 to 0.413; a step that is right for STRIDE leaves
+# less than a tenth of the error.
+ROUNDS, STRIDE = 16, 1.3
 
 # Forms of straight sections: the depth over the greatest one at y = -1 (left bank) to 1. Trapezoids are named by the
 # part of the width that is level.
@@ -77,6 +78,8 @@ def _bend_table() -> FloatArray:
 
 
 FORM_TABLE, BEND_TABLE = _form_table(), _bend_table()
+# Mean depths of these, as the tables are linear between their places.
+FORM_FILL, BEND_FILL = ((t.sum(axis=1) - 0.5 * (t[:, 0] + t[:, -1])) / (ACROSS - 1) for t in (FORM_TABLE, BEND_TABLE))
 
 
 class Template(NamedTuple):
@@ -204,8 +207,7 @@ def uniform_flow(
 
     area = np.array(phi, np.float64)
     for _ in range(ROUNDS):
-        # u ~ a^p with p below 1/2: a = phi / u contracts by p each time.
-        area = phi / at(area)[0]
+        area = area * (phi / (area * at(area)[0])) ** (1.0 / STRIDE)
     speed, rough = at(area)
     # To the bit: area and speed belong together.
     area = phi / speed
@@ -250,8 +252,8 @@ def section_depth(
 
 def section_fill(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
     """Mean depth over the depth's scale, (n,): what the scale of a section of unit area follows from."""
-    shape = _shapes(form, blend, lane, bend)
-    return (shape.sum(axis=1) - 0.5 * (shape[:, 0] + shape[:, -1])) / (ACROSS - 1)
+    straight = (1.0 - blend) * FORM_FILL[form[:, 0]] + blend * FORM_FILL[form[:, 1]]
+    return (1.0 - bend) * straight + bend * np.interp(lane, LANES, BEND_FILL)
 
 
 def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:

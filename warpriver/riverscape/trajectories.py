@@ -50,7 +50,7 @@ class TrajectoryParams(Params):
         doc="cells of a wavelength from which a terrain shows its bends itself",
     )
     braid_belt: float = parameter(
-        1.8, "-", low=1.0, source="Rosgen1994", doc="width of a braided belt over the sum of its threads' widths"
+        2.2, "-", low=1.0, source="Rosgen1994", doc="width of a braided belt over the sum of its threads' widths"
     )
     anastomosing_belt: float = parameter(
         4.0, "-", low=1.0, source="warpriver", doc="the same of type DA, whose threads lie farther apart"
@@ -337,13 +337,17 @@ def _braid(
 
 
 def _wander(x: FloatArray, count: int, belt: float, random: np.random.Generator) -> FloatArray:
-    """Places of threads across the belt, (count, n) from -1 to 1: lanes between which they change in long waves."""
-    lane = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    """Places of threads across the belt, (count, n) from -1 to 1.
+
+    They change sides in turn, like the strands of a braid, in waves that grow longer and shorter on the way.
+    """
+    wave, drift = belt * random.uniform(2.6, 3.4), belt * random.uniform(5.0, 9.0)
+    turn = 2.0 * np.pi * x / wave + 0.8 * np.sin(2.0 * np.pi * x / drift + random.uniform(0.0, 2.0 * np.pi))
+    turn += random.uniform(0.0, 2.0 * np.pi)
     total = np.empty((count, len(x)))
     for k in range(count):
-        waves = belt * random.uniform(1.6, 4.5, 3)
-        phase, size = random.uniform(0.0, 2.0 * np.pi, 3), np.array([0.6, 0.45, 0.3])
-        total[k] = 0.75 * lane[k] + (size[:, None] * np.sin(2.0 * np.pi * x / waves[:, None] + phase[:, None])).sum(
-            axis=0
-        )
-    return np.tanh(total) / np.tanh(1.2) * 0.83
+        strand = np.sin(turn + 2.0 * np.pi * (k + random.uniform(-0.2, 0.2)) / count)
+        waves, phase = belt * random.uniform(1.1, 2.6, 2), random.uniform(0.0, 2.0 * np.pi, 2)
+        own = np.sin(2.0 * np.pi * x / waves[:, None] + phase[:, None])
+        total[k] = 1.1 * strand + 0.35 * own[0] + 0.25 * own[1]
+    return np.tanh(total)
