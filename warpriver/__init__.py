@@ -11,7 +11,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        meander,
+        metrics,
+        riverscape,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -51,6 +64,7 @@ __all__ = [
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
     "synthetic_valley",
     "to_xarray",
@@ -78,9 +92,11 @@ _HOMES = {
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
     "RiverNetwork": "warpriver.network",
+    "Riverscape": "warpriver.riverscape",  # listed by its room, as classify_rivers is
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
@@ -95,7 +111,20 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "edits",
+    "erosion",
+    "generate",
+    "history",
+    "hydrology",
+    "io",
+    "meander",
+    "metrics",
+    "riverscape",
+    "scenes",
+    "valley",
+    "viz",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -5,7 +5,6 @@ hydraulic model: depths and speeds are those of uniform flow in a section of the
 """
 
 from warpriver.riverscape.beds import Bed
-from warpriver.riverscape.courses import Basins, Courses, Falls, Rocks
 from warpriver.riverscape.labels import ChannelLabels, label_channels, river_mask
 from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.profiles import ProfileParams
@@ -17,6 +16,7 @@ from warpriver.riverscape.rosgen import (
     entrenchment_ratio,
 )
 from warpriver.riverscape.scene import Riverscape
+from warpriver.riverscape.stations import Basins, Courses, Falls, Rocks
 from warpriver.riverscape.templates import FlowParams, UniformFlow, uniform_flow
 from warpriver.riverscape.trajectories import TrajectoryParams
 

@@ -14,9 +14,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.device import launch_kernel, require_memory
+from warpriver.device import PRECISIONS, launch_kernel, require_memory
 from warpriver.kernels import beds as kernels
-from warpriver.riverscape.courses import TYPES, Courses
+from warpriver.riverscape.stations import TYPES, Courses
 from warpriver.riverscape.templates import BEND_TABLE, FORM_TABLE, LANES, section_depth, spread_factor
 from warpriver.terrain import Terrain
 
@@ -116,17 +116,24 @@ def _origin(terrain: Terrain) -> FloatArray:
 class Beds:
     """The bed of courses in a terrain, on its device."""
 
-    def __init__(self, terrain: Terrain, courses: Courses):
-        """Bring the courses to the device, with an index of which of them a place may meet."""
+    def __init__(self, terrain: Terrain, courses: Courses, dtype: str = "float64"):
+        """Bring the courses to the device, with an index of which of them a place may meet.
+
+        Args:
+            terrain: The ground.
+            courses: The courses.
+            dtype: Precision of places, "float64" or "float32"; heights are float64.
+        """
         self.terrain, self.courses = terrain, courses
         self._zero = _origin(terrain)
-        built = kernels.build(wp.float64)
+        self._scalar, self._vec2, _ = PRECISIONS[dtype]
+        self._kernels = built = kernels.build(self._scalar)
         self._stations, limits = self._of_stations(built)
         self._marks = self._of_marks(built)
         self._index = self._of_index(built, limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
         self._wet: wp.array = wp.array(wet, dtype=wp.uint8, device=terrain.device)
-        self._grid = terrain.grid("float64", self._zero)
+        self._grid = terrain.grid(dtype, self._zero)
 
     def _array(self, values: Any, dtype: Any) -> wp.array:
         made: wp.array = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.terrain.device)
@@ -146,8 +153,8 @@ class Beds:
         limits = self._limits()
         stations.segment = self._array(np.column_stack([limits, self._far(limits) ** 2]), built.vec3)
         stations.group = self._array(courses.group[courses.station_course], wp.int32)
-        stations.form_depth = self._array(FORM_TABLE, wp.float64)
-        stations.bend_depth = self._array(BEND_TABLE, wp.float64)
+        stations.form_depth = self._array(FORM_TABLE, self._scalar)
+        stations.bend_depth = self._array(BEND_TABLE, self._scalar)
         return stations, limits
 
     def _limits(self) -> FloatArray:
@@ -223,7 +230,7 @@ class Beds:
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Cells that segments may reach, segment by segment: (n,) segment and (n, 2) column and row."""
         device = self.terrain.device
-        inputs = [self._stations, 1.0 / size, self._array(segment, wp.int32), self._array(across, wp.float64)]
+        inputs = [self._stations, self._scalar(1.0 / size), self._array(segment, wp.int32), self._array(across, self._scalar)]
         inputs.append(self._array(ahead, built.vec2))
         count = wp.empty(len(segment), dtype=wp.int32, device=device)
         nowhere, nothing = self._array(np.full(len(segment), -1), wp.int32), wp.empty(1, dtype=wp.vec2i, device=device)
@@ -247,33 +254,33 @@ class Beds:
     def heights(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the heights of the bed and of the ground without it at (n, 2) places."""
         device = self.terrain.device
-        place = self._array(xy - self._zero, wp.vec2d)
+        place = self._array(xy - self._zero, self._vec2)
         height, base = (wp.empty(len(place), dtype=wp.float64, device=device) for _ in range(2))
         inputs = [self.terrain.height, self._grid, self._stations, self._marks, self._index, place]
-        launch_kernel(kernels.build(wp.float64).evaluate_points, len(place), inputs, [height, base], device=device)
+        launch_kernel(self._kernels.evaluate_points, len(place), inputs, [height, base], device=device)
         return height.numpy().copy(), base.numpy().copy()
 
     def raster(self, cell_size: float, west: float, north: float, shape: tuple[int, int]) -> wp.array:
         """Return the heights of the bed at the centres of a raster's cells, on the device."""
         device = self.terrain.device
         require_memory(shape, CELL_BYTES, device, "a bed")
-        window = kernels.build(wp.float64).Window()
+        window = self._kernels.Window()
         window.west, window.north = west + 0.5 * cell_size - self._zero[0], north - 0.5 * cell_size - self._zero[1]
         window.cell_size = cell_size
         out = wp.empty(shape, dtype=wp.float64, device=device)
         inputs = [self.terrain.height, self._grid, self._stations, self._marks, self._index, window]
-        launch_kernel(kernels.build(wp.float64).evaluate_cells, shape, inputs, [out], device=device)
+        launch_kernel(self._kernels.evaluate_cells, shape, inputs, [out], device=device)
         return out
 
     def locate(self, xy: FloatArray) -> Located:
         """Return where places lie along the courses that carry water: in or nearest to the water."""
         device = self.terrain.device
-        place = self._array(xy - self._zero, wp.vec2d)
+        place = self._array(xy - self._zero, self._vec2)
         segment = wp.empty(len(place), dtype=wp.int32, device=device)
-        found = wp.empty(len(place), dtype=kernels.build(wp.float64).vec3, device=device)
+        found = wp.empty(len(place), dtype=self._kernels.vec3, device=device)
         inputs = [self._stations, self._index, place, self._wet]
-        launch_kernel(kernels.build(wp.float64).locate_points, len(place), inputs, [segment, found], device=device)
-        values = found.numpy().copy()
+        launch_kernel(self._kernels.locate_points, len(place), inputs, [segment, found], device=device)
+        values = found.numpy().astype(np.float64)
         return Located(segment.numpy().astype(np.int64), values[:, 0], values[:, 1], values[:, 2])
 
     def at(self, xy: FloatArray) -> Bed:

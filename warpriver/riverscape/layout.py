@@ -15,9 +15,9 @@ from warpriver.errors import InputError
 from warpriver.kernels.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
-from warpriver.riverscape.courses import TYPES, Basins, Courses, Falls, Rocks
 from warpriver.riverscape.labels import ChannelLabels
 from warpriver.riverscape.profiles import Graph, ProfileParams, Steps, falling_profile, lay_steps, step_levels
+from warpriver.riverscape.stations import TYPES, Basins, Courses, Falls, Rocks
 from warpriver.riverscape.templates import (
     FORMS,
     TEMPLATES,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from warpriver.errors import InputError
 from warpriver.params import Params, parameter
-from warpriver.riverscape.courses import TYPES
+from warpriver.riverscape.stations import TYPES
 
 __all__ = ["Graph", "ProfileParams", "Steps", "falling_profile", "lay_steps", "step_levels"]
 

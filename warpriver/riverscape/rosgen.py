@@ -19,8 +19,8 @@ from warpriver.metrics.lines import sinuosity
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
 from warpriver.public import public
-from warpriver.riverscape.courses import TYPES
 from warpriver.riverscape.labels import ChannelLabels, label_channels
+from warpriver.riverscape.stations import TYPES
 from warpriver.riverscape.templates import type_index
 from warpriver.terrain import Terrain
 from warpriver.validate import floats, one_of
@@ -346,7 +346,8 @@ def _least(
         elif parts[c]:
             note.append(f"anastomosing: below the slope of braiding, {line[c]:.2g}, in a wide valley")
         elif len(words) > 1:
-            note.append(f"by the order of ties, as {' and '.join(words)} fit alike")
+            gap = f"; which it misses least, by {best[c, 0]:.2g} tolerances" if best[c, 0] > 0.0 else ""
+            note.append(f"by the order of ties, as {' and '.join(words)} fit alike{gap}")
         elif best[c, 0] > 0.0:
             note.append(f"which it misses least, by {best[c, 0]:.2g} tolerances")
         else:

@@ -16,11 +16,11 @@ from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.riverscape.beds import Bed, Beds, ground_of
-from warpriver.riverscape.courses import TYPES, Courses
 from warpriver.riverscape.labels import label_channels
 from warpriver.riverscape.layout import BedParams, Layout, lay_courses
 from warpriver.riverscape.profiles import ProfileParams
 from warpriver.riverscape.rosgen import RiverTypes, classify_rivers, types_of
+from warpriver.riverscape.stations import TYPES, Courses
 from warpriver.riverscape.templates import FlowParams, uniform_flow
 from warpriver.riverscape.trajectories import TrajectoryParams
 from warpriver.terrain import Terrain

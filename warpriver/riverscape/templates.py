@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.public import public
-from warpriver.riverscape.courses import TYPES
+from warpriver.riverscape.stations import TYPES
 from warpriver.validate import floats
 
 __all__ = [

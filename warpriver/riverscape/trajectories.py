@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from warpriver.hydrology.orders import main_stem
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
-from warpriver.riverscape.courses import TYPES
+from warpriver.riverscape.stations import TYPES
 from warpriver.riverscape.templates import TEMPLATES
 
 __all__ = ["Axes", "Lines", "TrajectoryParams", "lay_axes", "lay_lines", "meander_angle", "thread_count"]
