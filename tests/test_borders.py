@@ -421,6 +421,44 @@ CALLS = {
     "oxbow_lengths": lambda t: (wr.metrics.oxbow_lengths, {"cutoffs": t["history"].cutoffs}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "classify_rivers": lambda t: (
+        wr.riverscape.classify_rivers,
+        {
+            "network": t["network"],
+            "terrain": None,
+            "values": {"slope": 0.01},
+            "flow": 3.0,
+            "grain_size": 20.0,
+            "shows": "water",
+            "params": None,
+        },
+    ),
+    "classify_values": lambda t: (
+        wr.riverscape.classify_values,
+        {
+            "entrenchment": [3.0],
+            "width_to_depth": [20.0],
+            "sinuosity": [1.4],
+            "slope": [0.01],
+            "flow": 3.0,
+            "order": 2.0,
+            "grain_size": 20.0,
+            "params": None,
+        },
+    ),
+    "entrenchment_ratio": lambda t: (
+        wr.riverscape.entrenchment_ratio,
+        {"network": t["network"], "terrain": t["terrain"], "shows": "bed", "params": None},
+    ),
+    "label_channels": lambda t: (
+        wr.riverscape.label_channels,
+        {"network": t["network"], "terrain": None, "flow": [1.0, 2.0, 3.0]},
+    ),
+    "river_mask": lambda t: (wr.riverscape.river_mask, {"terrain": t["terrain"], "min_drainage_area": 1e5}),
+    "uniform_flow": lambda t: (
+        wr.riverscape.uniform_flow,
+        {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},

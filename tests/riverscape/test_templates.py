@@ -66,8 +66,17 @@ def test_forms_reach_from_bank_to_bank(name):
     np.testing.assert_allclose(row, row[::-1])
 
 
-@pytest.mark.parametrize(("name", "mean"), [("parabola", 2 / 3), ("polynomial", 0.8), ("semicircle", np.pi / 4),
-                                            ("level_half", 0.75), ("level_wide", 0.8), ("level_narrow", 0.65)])  # fmt: skip
+MEANS = {
+    "parabola": 2 / 3,
+    "polynomial": 0.8,
+    "semicircle": np.pi / 4,
+    "level_half": 0.75,
+    "level_wide": 0.8,
+    "level_narrow": 0.65,
+}
+
+
+@pytest.mark.parametrize(("name", "mean"), MEANS.items())
 def test_mean_depths_are_those_of_the_forms(name, mean):
     form = np.array([[FORMS.index(name)] * 2])
     fill = section_fill(form, np.zeros(1), np.full(1, 0.5), np.zeros(1))
@@ -111,5 +120,5 @@ def test_types_are_known_by_their_words():
 
 @pytest.mark.parametrize(("flow", "slope", "k"), [(0.0, 0.01, 8.0), (1.0, np.nan, 8.0), (1.0, 0.01, -1.0)])
 def test_impossible_flows_are_refused(flow, slope, k):
-    with pytest.raises(InputError, match="flow is|slope holds|width_to_depth is"):
+    with pytest.raises(InputError, match=r"flow is|slope holds|width_to_depth is"):
         uniform_flow(flow, slope, k)

@@ -38,6 +38,8 @@ EDGE = {
     "D": (0.0, 0.5, 0.5, 0.0), "DA": (0.0, 0.0, 0.1, 0.9), "E": (0.0, 0.0, 0.3, 0.7), "F": (0.1, 0.3, 0.4, 0.2),
     "G": (0.1, 0.4, 0.4, 0.1),
 }  # fmt: skip
+# Slopes of banks, and the part of the reach at which what is cut fades, as the kernels have them.
+STEEPEST_BANK, GENTLEST_BANK, FADES = kernels.STEEPEST_BANK, kernels.GENTLEST_BANK, kernels.FADES
 # Ends of a line reach as far as its banks.
 UNLIMITED = 1e6
 # Length ahead of a segment within which what it cuts fades, in its own lengths and in half widths.
@@ -128,9 +130,9 @@ class Beds:
         self._zero = _origin(terrain)
         self._scalar, self._vec2, _ = PRECISIONS[dtype]
         self._kernels = built = kernels.build(self._scalar)
-        self._stations, limits = self._of_stations(built)
+        self._stations, self.limits = self._of_stations(built)
         self._marks = self._of_marks(built)
-        self._index = self._of_index(built, limits)
+        self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
         self._wet: wp.array = wp.array(wet, dtype=wp.uint8, device=terrain.device)
         self._grid = terrain.grid(dtype, self._zero)
@@ -230,7 +232,12 @@ class Beds:
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Cells that segments may reach, segment by segment: (n,) segment and (n, 2) column and row."""
         device = self.terrain.device
-        inputs = [self._stations, self._scalar(1.0 / size), self._array(segment, wp.int32), self._array(across, self._scalar)]
+        inputs = [
+            self._stations,
+            self._scalar(1.0 / size),
+            self._array(segment, wp.int32),
+            self._array(across, self._scalar),
+        ]
         inputs.append(self._array(ahead, built.vec2))
         count = wp.empty(len(segment), dtype=wp.int32, device=device)
         nowhere, nothing = self._array(np.full(len(segment), -1), wp.int32), wp.empty(1, dtype=wp.vec2i, device=device)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
-from warpriver.kernels.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
+from warpriver.riverscape.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
 from warpriver.riverscape.labels import ChannelLabels
 from warpriver.riverscape.profiles import Graph, ProfileParams, Steps, falling_profile, lay_steps, step_levels
 from warpriver.riverscape.stations import TYPES, Basins, Courses, Falls, Rocks
@@ -354,8 +354,8 @@ def _axis_profile(
 
 
 def _falling(water: FloatArray, start: IndexArray) -> FloatArray:
-    """Running minimum along each course: what interpolation rounds up is taken off again."""
-    out = water.copy()
+    """Running minimum along each course, whose ends stay: what was rounded up or down is taken off again."""
+    out = np.maximum(water, np.repeat(water[start[1:] - 1], np.diff(start)))
     for a, b in itertools.pairwise(start.tolist()):
         np.minimum.accumulate(out[a:b], out=out[a:b])
     return out

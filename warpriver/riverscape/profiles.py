@@ -109,7 +109,8 @@ def falling_profile(
     ground = _without_gaps(ground, graph)
     low = _lower_envelope(ground, graph)
     if mix < 1.0:
-        low = mix * low + (1.0 - mix) * _upper_envelope(ground, graph)
+        # What meets at a mouth has levels of its own in the upper one.
+        low = _lower_envelope(mix * low + (1.0 - mix) * _upper_envelope(ground, graph), graph)
     low = _cut_back(low, along, graph, steepest)
     return np.minimum(low, _graded(low, along, graph, window))
 
@@ -143,6 +144,9 @@ def _lower_envelope(values: FloatArray, graph: Graph) -> FloatArray:
     z = _running_minimum(values, graph.channel)
     last = graph.start[1:] - 1
     level = np.full(graph.nodes, np.inf)
+    # A node lies no higher than the head of what leaves it.
+    fed = np.isin(graph.above, graph.below)
+    np.minimum.at(level, graph.above[fed], z[graph.start[:-1][fed]])
     for ready in _levels(graph):
         z_end = np.minimum(z[last[ready]], level[graph.above[ready]])
         np.minimum.at(level, graph.below[ready], z_end)
@@ -201,7 +205,7 @@ def _cut_back(z: FloatArray, along: FloatArray, graph: Graph, steepest: FloatArr
         np.minimum.at(level, graph.above[ready], out[first[ready]])
     # Channels that leave one node begin alike, and what arrives there ends so.
     ends = np.isfinite(level[graph.below])
-    out[last[ends]] = level[graph.below[ends]]
+    out[last] = np.where(ends, level[graph.below], z[last])
     begins = np.isfinite(level[graph.above])
     out[first[begins]] = level[graph.above[begins]]
     return out

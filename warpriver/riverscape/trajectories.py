@@ -280,8 +280,10 @@ def _meander(
     x += (np.cumsum(chord) - chord)[:, None]
     y *= side[:, None]
     x, y = np.append(x[:, :-1].ravel(), axis.length), np.append(y[:, :-1].ravel(), 0.0)
-    # Where a node holds the end the bends grow over half a wavelength.
-    y = y * _grow(np.minimum(x, axis.length - x) / (0.5 * wave))
+    if params.variation > 0.0:
+        x, y = _eased(x, y, width)
+    # Where a node holds the end the bends grow over most of a wavelength.
+    y = y * _grow(np.minimum(x, axis.length - x) / min(0.8 * wave, 0.5 * axis.length))
     return _Line(axis.beside(x, y), x, np.ones(len(x)), np.full(len(x), np.nan), channel)
 
 
@@ -295,6 +297,17 @@ def _half_waves(chord: FloatArray, angle: FloatArray) -> tuple[FloatArray, Float
     zero = np.zeros((len(chord), 1))
     x, y = (np.concatenate([zero, v[:, fine - 1 :: fine] * scale], axis=1) for v in (east, north))
     return x, y
+
+
+def _eased(x: FloatArray, y: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Take out the corners at inflections, where bends of different angles meet, over half a width; the ends stay."""
+    from scipy.ndimage import gaussian_filter1d
+
+    even = np.linspace(x[0], x[-1], len(x))
+    spread = 0.5 * width / (np.hypot(np.diff(x), np.diff(y)).sum() / (len(x) - 1))
+    off, aside = (gaussian_filter1d(v, spread, mode="nearest") for v in (x - even, y))
+    off[[0, -1]] = 0.0
+    return np.maximum.accumulate(even + off), aside
 
 
 def _grow(t: FloatArray) -> FloatArray:
