@@ -70,6 +70,8 @@ def things(tmp_path_factory):
     history.save(folder / "run.npz")
     wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
+    slope = wr.generate.tilted_plain((24, 50), 10.0, 0.02)
+    brook = wr.RiverNetwork.from_polylines([line * 0.1 + (60.0, 120.0)], width=4.0, slope=[0.02])
     return {
         "folder": folder,
         "line": line,
@@ -80,6 +82,7 @@ def things(tmp_path_factory):
         "valley": valley,
         "valley_params": params,
         "eroded": eroded,
+        "riverscape": wr.Riverscape(slope, brook, wr.classify_rivers(brook, slope, flow=1.0), flow=1.0, detail=2.0),
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
@@ -464,6 +467,14 @@ CALLS = {
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
+    ),
+    "draw_bed": lambda t: (
+        wr.viz.draw_bed,
+        {"scene": t["riverscape"], "path": t["folder"] / "a.png", "bounds": (60.0, 0.0, 400.0, 240.0), "water": True},
+    ),
+    "draw_river_types": lambda t: (
+        wr.viz.draw_river_types,
+        {"types": t["riverscape"].types, "network": t["riverscape"].network, "path": t["folder"] / "a.png"},
     ),
     "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),

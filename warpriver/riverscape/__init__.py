@@ -9,6 +9,7 @@ from warpriver.riverscape.labels import ChannelLabels, label_channels, river_mas
 from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.profiles import ProfileParams
 from warpriver.riverscape.rosgen import (
+    CRITERIA,
     RiverTypes,
     RosgenParams,
     classify_rivers,
@@ -21,6 +22,7 @@ from warpriver.riverscape.templates import FlowParams, UniformFlow, uniform_flow
 from warpriver.riverscape.trajectories import TrajectoryParams
 
 __all__ = [
+    "CRITERIA",
     "Basins",
     "Bed",
     "BedParams",

@@ -46,7 +46,9 @@ BANK_EASE = 0.3
 BRAIDED_LIMIT = 0.044
 # A run of rocks: number per width of length, by type.
 ROCKS = {"A+": 1.3, "A": 1.0, "B": 0.35}
-RIM_ROCKS = 3
+RIM_ROCKS = 6
+# Passes that smooth the curvature: of stations a fifth of a width apart, by a Gaussian of half a width.
+SMOOTHED = 14
 
 
 @dataclasses.dataclass(frozen=True)
@@ -374,7 +376,7 @@ def _tangents(xy: FloatArray, start: IndexArray) -> FloatArray:
 
 
 def _curvatures(tangent: FloatArray, along: FloatArray, start: IndexArray) -> FloatArray:
-    """Turn of the tangent over the distance, 1/m, left above 0; smoothed over a few stations."""
+    """Turn of the tangent over the distance, 1/m, left above 0; smoothed over half a width, as beds follow bends."""
     cross = tangent[:-1, 0] * tangent[1:, 1] - tangent[:-1, 1] * tangent[1:, 0]
     dot = (tangent[:-1] * tangent[1:]).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -385,7 +387,7 @@ def _curvatures(tangent: FloatArray, along: FloatArray, start: IndexArray) -> Fl
     value = 0.5 * (padded[1:] + padded[:-1])
     ends = np.concatenate([start[:-1], start[1:] - 1])
     value[ends] = 0.0
-    for _ in range(4):
+    for _ in range(SMOOTHED):
         inner = 0.25 * value[:-2] + 0.5 * value[1:-1] + 0.25 * value[2:]
         value[1:-1] = inner
         value[ends] = 0.0
@@ -518,9 +520,9 @@ def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: St
     vary *= layout.bed.unevenness
     if len(steps.channel):
         span = float(max(at.axis.max(), steps.end.max())) + 1.0
-        k = np.searchsorted(steps.channel * span + steps.axis, at.channel * span + at.axis, side="right") - 1
-        k = np.maximum(k, 0)
-        pool = np.clip((at.axis - steps.axis[k]) / (steps.end[k] - steps.axis[k]), 0.0, 1.0)
+        above = np.searchsorted(steps.channel * span + steps.axis, at.channel * span + at.axis, side="right") - 1
+        above = np.maximum(above, 0)
+        pool = np.clip((at.axis - steps.axis[above]) / (steps.end[above] - steps.axis[above]), 0.0, 1.0)
         stepped = np.isin(kind[at.channel], [TYPES.index(name) for name in ROCKS])
         vary -= np.where(stepped, layout.bed.pool_width * np.cos(2.0 * np.pi * pool), 0.0)
     ends = np.minimum(at.along, at.along[at.start[1:] - 1][at.course] - at.along)
@@ -662,10 +664,13 @@ def _rocks(
     station: Callable[[IndexArray, FloatArray], tuple[FloatArray, ...]],
     random: np.random.Generator,
 ) -> Rocks:
-    lips = np.repeat(np.arange(len(course)), RIM_ROCKS)
+    # Side by side along each lip, but for that at the head of a channel, which is no step of its own.
+    inner = np.flatnonzero(steps.axis > 0.0)
+    lips = np.repeat(inner, RIM_ROCKS)
     own, axis = [course[lips]], [steps.axis[lips]]
-    across = [random.uniform(-0.48, 0.48, len(lips))]
-    shift, size = [random.uniform(-0.18, 0.06, len(lips))], [random.uniform(0.09, 0.2, len(lips))]
+    lane = np.tile((np.arange(RIM_ROCKS) + 0.5) / RIM_ROCKS - 0.5, len(inner))
+    across = [lane + random.uniform(-0.5, 0.5, len(lips)) / RIM_ROCKS]
+    shift, size = [random.uniform(-0.14, 0.08, len(lips))], [random.uniform(0.07, 0.19, len(lips))]
     for name, dense in ROCKS.items():
         for k in np.flatnonzero((kind[lines.channel] == TYPES.index(name)) & courses.wet).tolist():
             part = slice(courses.start[k], courses.start[k + 1])

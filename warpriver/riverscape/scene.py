@@ -164,8 +164,21 @@ class Riverscape:
                 f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold {max(rows, 0)} x {max(columns, 0)} cells of "
                 f"{size:g} m; give (west, south, east, north) that hold 2 x 2 or more"
             )
+        if bounds is not None:
+            self._require_river(west, south, east, north)
         height = self.beds.raster(size, west, north, (rows, columns))
         return Terrain.wrap(height, size, (west, north), self.terrain.crs)
+
+    def _require_river(self, west: float, south: float, east: float, north: float) -> None:
+        """Raise ``ValueError`` where no course reaches into a window."""
+        x, y = self.courses.xy.T
+        reach = 0.5 * self.courses.width + self.courses.reach
+        near = (x > west - reach) & (x < east + reach) & (y > south - reach) & (y < north + reach)
+        if not near.any():
+            places = tuple(round(float(v), 1) for v in (x.min(), y.min(), x.max(), y.max()))
+            raise InputError(
+                f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold no river; the courses lie within {places}"
+            )
 
     def __repr__(self) -> str:
         length = self.courses.length()[self.courses.wet].sum() / 1e3
