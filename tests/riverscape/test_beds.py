@@ -166,12 +166,12 @@ def test_the_bed_is_the_lowest_of_its_threads(scenes):
 @pytest.mark.parametrize("name", SCENES)
 def test_windows_side_by_side_fit_together(scenes, name):
     scene = scenes[name]
-    whole = scene.carved(0.5, (80.0, 90.0, 180.0, 150.0)).to_numpy()
-    left = scene.carved(0.5, (80.0, 90.0, 130.0, 150.0)).to_numpy()
-    right = scene.carved(0.5, (130.0, 90.0, 180.0, 150.0)).to_numpy()
+    whole = scene.carved(0.5, (80.0, 90.0, 140.0, 150.0)).to_numpy()
+    left = scene.carved(0.5, (80.0, 90.0, 110.0, 150.0)).to_numpy()
+    right = scene.carved(0.5, (110.0, 90.0, 140.0, 150.0)).to_numpy()
     assert np.array_equal(whole, np.concatenate([left, right], axis=1))
     # The same places one by one.
-    x, y = 80.25 + 0.5 * np.arange(200), 149.75 - 0.5 * np.arange(120)
+    x, y = 80.25 + 0.5 * np.arange(120), 149.75 - 0.5 * np.arange(120)
     xy = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(whole.ravel(), scene.beds.heights(xy)[0], atol=1e-12)
 

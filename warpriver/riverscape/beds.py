@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import PRECISIONS, launch_kernel, require_memory
 from warpriver.kernels import beds as kernels
 from warpriver.riverscape.stations import TYPES, Courses
@@ -22,8 +23,6 @@ from warpriver.terrain import Terrain
 
 __all__ = ["MATERIALS", "Bed", "Beds", "Located", "ground_of"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # What a bed is made of, in the order of ``Bed.material``.
 MATERIALS = ("rock", "gravel", "sand", "silt")
@@ -99,12 +98,13 @@ def ground_of(terrain: Terrain) -> Any:
 
     def ground(xy: FloatArray) -> FloatArray:
         origin = _origin(terrain)
-        place: wp.array = wp.array(np.ascontiguousarray(xy - origin), dtype=wp.vec2d, device=terrain.device)
+        place: DeviceArray = wp.array(np.ascontiguousarray(xy - origin), dtype=wp.vec2d, device=terrain.device)
         out = wp.empty(len(place), dtype=wp.float64, device=terrain.device)
         grid = terrain.grid("float64", origin)
         kernel = kernels.build(wp.float64).sample_ground
         launch_kernel(kernel, len(place), [terrain.height, grid, place], [out], device=terrain.device)
-        return out.numpy().copy()
+        found: FloatArray = out.numpy().copy()
+        return found
 
     return ground
 
@@ -134,11 +134,11 @@ class Beds:
         self._marks = self._of_marks(built)
         self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
-        self._wet: wp.array = wp.array(wet, dtype=wp.uint8, device=terrain.device)
+        self._wet: DeviceArray = wp.array(wet, dtype=wp.uint8, device=terrain.device)
         self._grid = terrain.grid(dtype, self._zero)
 
-    def _array(self, values: Any, dtype: Any) -> wp.array:
-        made: wp.array = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.terrain.device)
+    def _array(self, values: Any, dtype: Any) -> DeviceArray:
+        made: DeviceArray = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.terrain.device)
         return made
 
     def _of_stations(self, built: Any) -> tuple[Any, FloatArray]:
@@ -179,7 +179,8 @@ class Beds:
         across = np.maximum(across, np.append(across[1:], 0.0))
         length = np.append(np.abs(np.diff(courses.along)), 0.0)
         # At the far end of a cap, of the fan, or of the segment.
-        return across + np.minimum(limits.max(axis=1), across) + 1.001 * length
+        found: FloatArray = across + np.minimum(limits.max(axis=1), across) + 1.001 * length
+        return found
 
     def _of_marks(self, built: Any) -> Any:
         basins, rocks = self.courses.basins, self.courses.rocks
@@ -267,7 +268,7 @@ class Beds:
         launch_kernel(self._kernels.evaluate_points, len(place), inputs, [height, base], device=device)
         return height.numpy().copy(), base.numpy().copy()
 
-    def raster(self, cell_size: float, west: float, north: float, shape: tuple[int, int]) -> wp.array:
+    def raster(self, cell_size: float, west: float, north: float, shape: tuple[int, int]) -> DeviceArray:
         """Return the heights of the bed at the centres of a raster's cells, on the device."""
         device = self.terrain.device
         require_memory(shape, CELL_BYTES, device, "a bed")
@@ -312,7 +313,8 @@ class Beds:
         reach = np.maximum(np.nan_to_num(located.of(courses.reach), nan=1.0), 1e-6)
         fade = np.clip(1.0 - 2.0 * np.maximum(located.edge, 0.0) / reach, 0.0, 1.0)
         fade = np.where((located.station >= 0) & (cut > 0.0), fade * fade * (3.0 - 2.0 * fade), 0.0)
-        return weights * fade[:, None]
+        found: FloatArray = weights * fade[:, None]
+        return found
 
     def velocity(self, xy: FloatArray) -> FloatArray:
         """Return the mean velocity of the water at places, (n, 2) m/s; 0 on land.
@@ -331,7 +333,8 @@ class Beds:
         speed = np.where((located.station >= 0) & (located.edge < 0.0), speed, 0.0)
         ahead = np.nan_to_num(located.of(courses.tangent))
         ahead = np.where(located.station[:, None] >= 0, ahead, courses.tangent[nearer])
-        return speed[:, None] * ahead / np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
+        found: FloatArray = speed[:, None] * ahead / np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
+        return found
 
 
 def _cells_of_discs(xy: FloatArray, radius: FloatArray, size: float) -> tuple[IndexArray, IndexArray]:

@@ -10,6 +10,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import discharge
 from warpriver.hydrology.drape import drape
@@ -22,8 +23,6 @@ from warpriver.terrain import Terrain
 from warpriver.validate import floats, positive
 
 __all__ = ["ChannelLabels", "label_channels", "river_mask"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,12 +149,14 @@ def _point_area(network: RiverNetwork, way: FloatArray, channel: NDArray[np.int6
     start = network.starts().astype(np.int64)
     if network.point_section is not None:
         width = np.concatenate(network.point_widths())
-        return area[channel] * np.minimum(width / width[start[1:] - 1][channel], 1.0) ** 2
+        shares: FloatArray = area[channel] * np.minimum(width / width[start[1:] - 1][channel], 1.0) ** 2
+        return shares
     above = np.zeros(network.node_count)
     np.add.at(above, network.channel_to, area)
     head = np.minimum(above[network.channel_from], area)
     head = np.where(head > 0.0, head, 0.5 * area)
-    return head[channel] + way * (area - head)[channel]
+    found: FloatArray = head[channel] + way * (area - head)[channel]
+    return found
 
 
 def _mean(values: FloatArray, start: NDArray[np.int64]) -> FloatArray:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
@@ -31,8 +32,7 @@ from warpriver.riverscape.trajectories import Axes, Lines, TrajectoryParams, lay
 
 __all__ = ["BedParams", "Ground", "Layout", "lay_courses"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
+
 # Height of the ground that beds are cut into at (n, 2) places.
 Ground = Callable[[FloatArray], FloatArray]
 
@@ -372,7 +372,8 @@ def _tangents(xy: FloatArray, start: IndexArray) -> FloatArray:
     out[1:-1] = unit[:-1] * size[1:] + unit[1:] * size[:-1]
     out[start[:-1]] = unit[np.minimum(start[:-1], len(unit) - 1)]
     out[start[1:] - 1] = unit[start[1:] - 2]
-    return out / np.maximum(np.hypot(*out.T), 1e-12)[:, None]
+    found: FloatArray = out / np.maximum(np.hypot(*out.T), 1e-12)[:, None]
+    return found
 
 
 def _curvatures(tangent: FloatArray, along: FloatArray, start: IndexArray) -> FloatArray:
@@ -391,7 +392,8 @@ def _curvatures(tangent: FloatArray, along: FloatArray, start: IndexArray) -> Fl
         inner = 0.25 * value[:-2] + 0.5 * value[1:-1] + 0.25 * value[2:]
         value[1:-1] = inner
         value[ends] = 0.0
-    return value
+    found: FloatArray = value
+    return found
 
 
 def _courses(
@@ -543,14 +545,16 @@ def _slopes(water: FloatArray, along: FloatArray, start: IndexArray) -> FloatArr
         fall = -np.diff(water) / np.diff(along)
     fall[start[1:-1] - 1] = np.nan
     both = np.stack([np.concatenate([[np.nan], fall]), np.concatenate([fall, [np.nan]])])
-    return np.maximum(np.nanmean(both, axis=0), 0.0)
+    found: FloatArray = np.maximum(np.nanmean(both, axis=0), 0.0)
+    return found
 
 
 def _bank_rise(away: FloatArray, ease: FloatArray) -> FloatArray:
     """Rise of a bank over the water's edge, m, as the kernel has it."""
     t = np.minimum(away / ease, 1.0)
     eased = ease * t**4 * (t * (t - 3.0) + 2.5) + (away - t * ease)
-    return GENTLEST_BANK * away + (math.tan(math.radians(STEEPEST_BANK)) - GENTLEST_BANK) * eased
+    found: FloatArray = GENTLEST_BANK * away + (math.tan(math.radians(STEEPEST_BANK)) - GENTLEST_BANK) * eased
+    return found
 
 
 def _reach(
@@ -583,7 +587,8 @@ def _reach(
     wide = reach.copy()
     wide[1:] = np.maximum(wide[1:], reach[:-1])
     wide[:-1] = np.maximum(wide[:-1], reach[1:])
-    return wide
+    out: FloatArray = wide
+    return out
 
 
 def _no_falls() -> Falls:

@@ -12,14 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.riverscape.stations import TYPES
 
 __all__ = ["Graph", "ProfileParams", "Steps", "falling_profile", "lay_steps", "step_levels"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Types with steps, and the slope of the water between them as a part of the mean slope.
 POOLS = {"A+": 0.0, "A": 0.0, "B": 0.4}
@@ -155,7 +154,8 @@ def _lower_envelope(values: FloatArray, graph: Graph) -> FloatArray:
     # A node is as high as what arrives there, and what leaves it begins so.
     first, begins = graph.start[:-1], np.isfinite(level[graph.above])
     z[first[begins]] = level[graph.above[begins]]
-    return z
+    found: FloatArray = z
+    return found
 
 
 def _upper_envelope(values: FloatArray, graph: Graph) -> FloatArray:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.metrics.lines import sinuosity
@@ -27,7 +28,6 @@ from warpriver.validate import floats, one_of
 
 __all__ = ["CRITERIA", "RiverTypes", "RosgenParams", "classify_rivers", "classify_values", "entrenchment_ratio"]
 
-FloatArray = NDArray[np.float64]
 
 CRITERIA = ("entrenchment", "width_to_depth", "sinuosity", "slope")
 WORDS = ("entrenchment ratio", "width to depth", "sinuosity", "slope")
@@ -384,7 +384,8 @@ def entrenchment_ratio(
     """
     one_of(shows, "shows", ("water", "bed"))
     wide = _floor_width(network, terrain, shows, params or RosgenParams())
-    return np.minimum(wide / network.channel_width, 2.0 * REACH)
+    found: FloatArray = np.minimum(wide / network.channel_width, 2.0 * REACH)
+    return found
 
 
 def _floor_width(network: RiverNetwork, terrain: Terrain, shows: str, params: RosgenParams) -> FloatArray:
@@ -425,7 +426,8 @@ def _directions(network: RiverNetwork) -> FloatArray:
     start, xy = network.starts().astype(np.int64), network.points()
     index, channel = np.arange(len(xy)), np.repeat(np.arange(network.channel_count), np.diff(start))
     ahead = xy[np.minimum(index + 1, start[channel + 1] - 1)] - xy[np.maximum(index - 1, start[channel])]
-    return ahead / np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
+    found: FloatArray = ahead / np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
+    return found
 
 
 def _medians(values: FloatArray, group: NDArray[np.int64], count: int) -> FloatArray:
@@ -445,7 +447,8 @@ def _medians(values: FloatArray, group: NDArray[np.int64], count: int) -> FloatA
 
 def _spacing(network: RiverNetwork) -> FloatArray:
     """Mean distance between the points of each channel, m."""
-    return network.channel_lengths() / (np.diff(network.starts()) - 1)
+    found: FloatArray = network.channel_lengths() / (np.diff(network.starts()) - 1)
+    return found
 
 
 def _take(value: FloatArray, source: NDArray[np.str_], k: int, numbers: FloatArray) -> None:

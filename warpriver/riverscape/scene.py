@@ -9,8 +9,9 @@ from typing import Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray
 from warpriver.device import require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
@@ -28,7 +29,6 @@ from warpriver.validate import checked_points, finite_numbers, one_of, positive,
 
 __all__ = ["Riverscape"]
 
-FloatArray = NDArray[np.float64]
 
 # Bytes a station while courses are laid: looks at the ground across it.
 STATION_BYTES = 2000

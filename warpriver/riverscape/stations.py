@@ -10,10 +10,10 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
+
 __all__ = ["TYPES", "Basins", "Courses", "Falls", "Rocks"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Rosgen's types; A+ is his Aa+. A course's type is an index into this.
 TYPES = ("A+", "A", "B", "C", "D", "DA", "E", "F", "G")

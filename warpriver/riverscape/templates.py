@@ -10,8 +10,9 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.params import Params, parameter
 from warpriver.public import public
@@ -35,8 +36,6 @@ __all__ = [
     "uniform_flow",
 ]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 GRAVITY = 9.81
 # Places across a section in the tables of its forms.
@@ -74,7 +73,8 @@ def _bend_table() -> FloatArray:
     lane = LANES[:, None]
     side = np.where(lane > 0.5, 1.0 - share, share)
     power = side ** (np.log(0.5) / np.log(np.minimum(lane, 1.0 - lane)))
-    return 4.0 * power * (1.0 - power)
+    found: FloatArray = 4.0 * power * (1.0 - power)
+    return found
 
 
 FORM_TABLE, BEND_TABLE = _form_table(), _bend_table()
@@ -236,7 +236,8 @@ def _shapes(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatAr
     k = np.clip(place.astype(np.int64), 0, len(LANES) - 2)
     part = (place - k)[:, None]
     tilted = (1.0 - part) * BEND_TABLE[k] + part * BEND_TABLE[k + 1]
-    return (1.0 - bend)[:, None] * straight + bend[:, None] * tilted
+    found: FloatArray = (1.0 - bend)[:, None] * straight + bend[:, None] * tilted
+    return found
 
 
 def section_depth(
@@ -253,7 +254,8 @@ def section_depth(
 def section_fill(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
     """Mean depth over the depth's scale, (n,): what the scale of a section of unit area follows from."""
     straight = (1.0 - blend) * FORM_FILL[form[:, 0]] + blend * FORM_FILL[form[:, 1]]
-    return (1.0 - bend) * straight + bend * np.interp(lane, LANES, BEND_FILL)
+    found: FloatArray = (1.0 - bend) * straight + bend * np.interp(lane, LANES, BEND_FILL)
+    return found
 
 
 def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
@@ -266,4 +268,5 @@ def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: F
     power = shape ** (5.0 / 3.0)
     middle = (0.5 * (shape[:, 1:] + shape[:, :-1])) ** (5.0 / 3.0)
     mean = (power[:, 1:] + power[:, :-1] + 4.0 * middle).mean(axis=1) / 6.0
-    return section_fill(form, blend, lane, bend) / mean
+    found: FloatArray = section_fill(form, blend, lane, bend) / mean
+    return found

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.hydrology.orders import main_stem
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
@@ -20,8 +21,6 @@ from warpriver.riverscape.templates import TEMPLATES
 
 __all__ = ["Axes", "Lines", "TrajectoryParams", "lay_axes", "lay_lines", "meander_angle", "thread_count"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Samples of half a wavelength of a meander, and of the tables of what its angle does.
 HALF_WAVE, ANGLES = 48, 200
@@ -161,7 +160,9 @@ def lay_axes(network: RiverNetwork, spacing: FloatArray) -> Axes:
     return Axes(offsets, points, np.concatenate([p[1] for p in parts]), along, along[offsets[1:] - 1], stem)
 
 
-def _chains(stem: IndexArray, above: NDArray, below_node: NDArray, below: dict[int, int]) -> list[list[int]]:
+def _chains(
+    stem: IndexArray, above: NDArray[np.int32], below_node: NDArray[np.int32], below: dict[int, int]
+) -> list[list[int]]:
     """Channels of each main stem, from the top down."""
     head: dict[int, int] = {}
     arriving = {(int(stem[c]), int(node)) for c, node in enumerate(below_node)}

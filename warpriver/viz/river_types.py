@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TYPE_COLORS", "draw_bed", "draw_river_types"]
 
-FloatArray = NDArray[np.float64]
 
 # By type: steep ones warm, gentle single ones blue, those of several threads green, entrenched ones violet.
 TYPE_COLORS = {
