@@ -15,7 +15,7 @@ CALM, RIPPLE, TURBULENT, WAVE, CASCADE, VORTEX, ECHO, OWN = range(8)
 # Codes of a cell's program, besides the numbers of primitives: a leaf is added to the sums at the top of the stack.
 OPEN, MERGE, REPLACE = -1, -2, -3
 # Sums that a program can set aside at a time.
-STACK = 24
+STACK = 16
 # Noise: wavelengths of the first octave in a period, texels of a period, and the tables (smooth, lively, ridged).
 PERIOD, TEXELS, TABLES = 8, 256, 3
 SMOOTH, LIVELY, RIDGED = range(TABLES)
@@ -412,6 +412,20 @@ def build(scalar):
         phase_out[i] = vec4(scalar(x), scalar(y), scalar(frequency * c), scalar(frequency * s))
 
     @wp.kernel(module=name, enable_backward=False)
+    def fade_surfaces(
+        # params
+        share: scalar,
+        # in
+        early: Surface,
+        # out
+        late_io: Surface,
+    ):
+        """Join two times of one surface whose waves were scaled to fade: offsets add, foam is mixed by ``share``."""
+        i = wp.tid()
+        late_io.elevation[i] = late_io.elevation[i] + (early.elevation[i] - early.still[i])
+        late_io.foam[i] = share * late_io.foam[i] + (ONE - share) * early.foam[i]
+
+    @wp.kernel(module=name, enable_backward=False)
     def bake_noise(
         # out
         value_out: wp.array3d[wp.float64],
@@ -433,5 +447,6 @@ def build(scalar):
         evaluator=evaluator,
         evaluate_water=evaluator(no_leaf, name),
         set_phases=set_phases,
+        fade_surfaces=fade_surfaces,
         bake_noise=bake_noise,
     )

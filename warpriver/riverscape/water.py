@@ -23,8 +23,8 @@ __all__ = ["Water", "WaterGrid", "WaterSample"]
 
 FloatArray = NDArray[np.float64]
 
-# Longest time that is accepted, s: 30,000 years.
-LONGEST = 1e12
+# Longest time that is accepted, s: 30,000 years. Shortest loop, s.
+LONGEST, SHORTEST_LOOP = 1e12, 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -203,6 +203,80 @@ class Water:
         arrays = [surface.elevation, surface.still, surface.velocity, surface.foam, surface.weight]
         return WaterGrid(*(array.reshape((rows, columns)) for array in arrays), (west, north), size)
 
+    @public
+    def loop_grid(
+        self,
+        origin: tuple[float, float] | FloatArray,
+        cell_size: float,
+        shape: tuple[int, int],
+        time: float,
+        period: float,
+    ) -> WaterGrid:
+        """Evaluate a surface that repeats itself without a seam: one time fades into another, a period earlier.
+
+        Each primitive's waves are scaled by the correlation of its noise over the period, so that they neither grow nor
+        fade on the way.
+
+        Args:
+            origin: West and north edge, m.
+            cell_size: m.
+            shape: Rows and columns.
+            time: s.
+            period: s, at least 1.
+
+        Raises:
+            ValueError: No such grid, or a period in which water would shiver rather than flow.
+        """
+        whole = positive(period, "period", "s")
+        if whole < SHORTEST_LOOP:
+            raise InputError(f"period is {whole:g} s; give {SHORTEST_LOOP:g} s or more: shorter loops look like jelly")
+        now = real(time) % whole
+        x = now / whole
+        share = 1.0 - x * x * (3.0 - 2.0 * x)
+        alike = self._alike_after(whole)
+        size = np.sqrt(share**2 + (1.0 - share) ** 2 + 2.0 * alike * share * (1.0 - share))
+        late = self._scaled_grid(share / size, origin, cell_size, shape, now)
+        early = self._scaled_grid((1.0 - share) / size, origin, cell_size, shape, now - whole)
+        surfaces = [self._flat(grid) for grid in (early, late)]
+        scalar = PRECISIONS[self.dtype][0]
+        inputs = [scalar(share), surfaces[0]]
+        count = late.shape[0] * late.shape[1]
+        launch_kernel(self._kernels.fade_surfaces, count, inputs, [surfaces[1]], device=self.device)
+        return late
+
+    def _alike_after(self, period: float) -> FloatArray:
+        """Correlation of each primitive's noise with itself a period later."""
+        p = self.primitives
+        speed = np.hypot(*p.velocity.T)
+        vortex = p.kind == kernels.VORTEX
+        # A vortex turns: what lies half way to its rim moves by so much.
+        speed[vortex] = 2.0 * np.abs(np.sin(0.5 * p.shape[vortex, 1] * period)) * 0.5 * p.radius[vortex] / period
+        lag, value = _noise_correlation()
+        return np.interp(speed * period / p.wavelength, lag, value)
+
+    def _scaled_grid(self, gain: FloatArray, *where: Any) -> WaterGrid:
+        """Evaluate a grid with the waves of each primitive scaled."""
+        kept = self._rows.look
+        p = self.primitives
+        look = np.column_stack([gain * p.amplitude, 1.0 / p.wavelength, p.effervescence]).astype(self._real)
+        self._rows.look = wp.array(look, dtype=self._kernels.vec3, device=self.device)
+        try:
+            return self.on_grid(*where)
+        finally:
+            self._rows.look = kept
+
+    def _flat(self, grid: WaterGrid) -> Any:
+        surface = self._kernels.Surface()
+        for name, array in (
+            ("elevation", grid.elevation),
+            ("still", grid.still),
+            ("velocity", grid.velocity),
+            ("foam", grid.effervescence),
+            ("weight", grid.weight),
+        ):
+            setattr(surface, name, array.flatten())
+        return surface
+
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """West, south, east and north of all primitives, m."""
@@ -295,6 +369,20 @@ def _noise_table(scalar: Any, alias: str) -> wp.array:
     # The kernels add 0, 1 and 2 to the texel before a place.
     padded = np.pad(coefficient, ((0, 0), (1, 1), (1, 1)), mode="wrap")
     return wp.array(padded.reshape(-1).astype(PRECISIONS[scalar.__name__][2]), device=alias)
+
+
+@functools.cache
+def _noise_correlation() -> tuple[FloatArray, FloatArray]:
+    """Lags in wavelengths, and the mean correlation of the tables of noise with themselves that far away."""
+    size = kernels.TEXELS
+    table = _noise_table(wp.float64, "cpu").numpy().reshape(kernels.TABLES, size + 2, size + 2)[:, 1:-1, 1:-1]
+    power = np.abs(np.fft.fft2(table - table.mean(axis=(1, 2), keepdims=True), axes=(1, 2))) ** 2
+    likeness = np.fft.ifft2(power, axes=(1, 2)).real
+    likeness = (likeness / likeness[:, :1, :1]).mean(axis=0)
+    lag = np.arange(size // kernels.PERIOD * 2)
+    # Along both axes; beyond two wavelengths nothing is left.
+    value = 0.5 * (likeness[0, lag] + likeness[lag, 0])
+    return np.append(lag * kernels.PERIOD / size, 2.5), np.append(np.clip(value, -0.5, 1.0), 0.0)
 
 
 @functools.cache
