@@ -24,7 +24,7 @@ def build(scalar):
     """
     name = f"warpriver.kernels.courses_{scalar.__name__}"
     vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
-    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
+    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
     FAR, SHORT = scalar(1.0e30), scalar(1.0e-12)
     BANK_SLOPE_, BANK_EASE_ = scalar(BANK_SLOPE), scalar(BANK_EASE)
     TWO_THIRDS = scalar(2.0 / 3.0)
@@ -37,13 +37,15 @@ def build(scalar):
         """Points of all courses, downstream; a segment runs from its point to the next one.
 
         ``place``: x, y and half width in m, distance along the course in m. ``flow``: direction, speed at the greatest
-        depth in m/s, that depth in m. ``form``: rows of ``ACROSS``. ``fall``: whether the segment is a fall, where the
+        depth in m/s, that depth in m. ``bank``: level
+        that banks rise from, without steps. ``form``: rows of ``ACROSS``. ``fall``: whether the segment is a fall, where the
         water is that above or below. Buckets of a grid list the segments that reach into them, in order.
         """
 
         place: wp.array[vec4]
         flow: wp.array[vec4]
         level: wp.array[wp.float64]
+        bank: wp.array[wp.float64]
         form: wp.array2d[scalar]
         course: wp.array[int]
         fall: wp.array[int]
@@ -130,6 +132,17 @@ def build(scalar):
         return courses.level[i] + share * (courses.level[i + 1] - courses.level[i])
 
     @wp.func(module=name)
+    def bed_of(courses: Courses, near: Nearest, across: scalar) -> wp.float64:
+        """Height of the section or bank; away from the water banks follow its level without steps."""
+        i, share = near.point, wp.float64(near.share)
+        level = courses.level[i] + share * (courses.level[i + 1] - courses.level[i])
+        x = wp.clamp(TWO * (wp.abs(across) - ONE), ZERO, ONE)
+        if x > ZERO:
+            bank = courses.bank[i] + share * (courses.bank[i + 1] - courses.bank[i])
+            level = level + wp.float64(x * x * (THREE - TWO * x)) * (bank - level)
+        return level - wp.float64(depth_of(courses, near, across))
+
+    @wp.func(module=name)
     def gradient_of(courses: Courses, near: Nearest) -> vec2:
         """Gradient of the water along the course; beside a fall that of the segment above or below it."""
         i = near.point
@@ -167,7 +180,7 @@ def build(scalar):
             if here != course:
                 # All segments of a course have been seen.
                 if course >= 0:
-                    bed = level_of(courses, near) - wp.float64(depth_of(courses, near, side_of(courses, near, at)))
+                    bed = bed_of(courses, near, side_of(courses, near, at))
                     if bed < lowest:
                         lowest = bed
                         best = near
@@ -284,8 +297,7 @@ def build(scalar):
         at = vec2(scalar(xy[0]), scalar(xy[1]))
         near = lowest_course(courses, at)
         if near.point >= 0:
-            depth = depth_of(courses, near, side_of(courses, near, at))
-            bed = wp.min(bed, level_of(courses, near) - wp.float64(depth))
+            bed = wp.min(bed, bed_of(courses, near, side_of(courses, near, at)))
         bed_out[i] = rock_height(courses, rocks, at, bed)
 
     return SimpleNamespace(

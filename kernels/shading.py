@@ -27,8 +27,8 @@ def build(scalar):
     # Refraction from air into water, and the share that is reflected straight up [Schlick1994].
     AIR_OVER_WATER, STRAIGHT = scalar(1.0 / 1.333), scalar(0.02)
     # Absorption of red, green, blue in clear brook water with fine silt, 1/m, and what the water itself scatters.
-    ABSORBED, MURK = vec3(2.6, 1.15, 1.25), vec3(0.07, 0.15, 0.13)
-    MURKY = scalar(1.6)
+    ABSORBED, MURK = vec3(1.9, 0.85, 0.95), vec3(0.07, 0.13, 0.11)
+    MURKY = scalar(0.9)
     SUN, AMBIENT = vec3(1.16, 1.08, 0.94), vec3(0.34, 0.4, 0.48)
     ZENITH, HORIZON, TREES = vec3(0.2, 0.4, 0.72), vec3(0.74, 0.82, 0.88), vec3(0.05, 0.075, 0.045)
     GRASS, DRY_GRASS, GRAVEL = vec3(0.16, 0.24, 0.075), vec3(0.34, 0.31, 0.14), vec3(0.42, 0.38, 0.31)
@@ -42,7 +42,8 @@ def build(scalar):
 
     @wp.struct
     class Scene:
-        """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry; ``cover``: x foam, y rock.
+        """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry; ``rock``: 1 on rocks.
+        ``white``: foam, on cells that are ``white_scale`` times as many a metre.
 
         ``shore``: depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the
         first cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
@@ -50,7 +51,9 @@ def build(scalar):
 
         bed: wp.array2d[scalar]
         water: wp.array2d[scalar]
-        cover: wp.array2d[vec2]
+        rock: wp.array2d[scalar]
+        white: wp.array2d[scalar]
+        white_scale: scalar
         shore: wp.array2d[scalar]
         cell_size: scalar
         top: scalar
@@ -142,9 +145,7 @@ def build(scalar):
     def ground_color(scene: Scene, x: scalar, y: scalar, column: scalar, row: scalar, normal: vec3) -> vec3:
         """Colour of bed or bank: grass, gravel along the water, pebbles in it, rock."""
         shore = between(scene.shore, column, row)
-        i = wp.clamp(int(row + HALF), 0, scene.cover.shape[0] - 1)
-        j = wp.clamp(int(column + HALF), 0, scene.cover.shape[1] - 1)
-        rock = scene.cover[i, j][1]
+        rock = between(scene.rock, column, row)
         place = vec2(x, y)
         coarse, fine = octaves(3, place * HALF, 3), octaves(9, place * scalar(7.0), 3)
         grain = octaves(21, place * scalar(28.0), 2)
@@ -165,6 +166,7 @@ def build(scalar):
         # Pebbles that the cells do not show.
         bump = field.gradient_noise(40, vec2(x, y) * scalar(11.0))
         rough = scalar(0.12) * smooth(scalar(-0.3), ZERO, between(scene.shore, column, row))
+        rough = wp.max(rough, FIFTH * between(scene.rock, column, row))
         normal = wp.normalize(normal - rough * vec3(bump[1], bump[2], ZERO))
         color = ground_color(scene, x, y, column, row, normal)
         light = lit(scene, x, y, between(scene.bed, column, row), normal, sun)
@@ -201,9 +203,8 @@ def build(scalar):
         light = wp.max(sun[2], ZERO) * SUN + AMBIENT
         murk = (ONE - wp.exp(-MURKY * path)) * wp.cw_mul(MURK, light)
         color = (ONE - reflected) * (bed + murk) + reflected * sky(mirror, sun)
-        i = wp.clamp(int(row + HALF), 0, scene.cover.shape[0] - 1)
-        j = wp.clamp(int(column + HALF), 0, scene.cover.shape[1] - 1)
-        white = scene.cover[i, j][0]
+        finer = scene.white_scale
+        white = between(scene.white, (column + HALF) * finer - HALF, (row + HALF) * finer - HALF)
         shade = wp.max(wp.dot(normal, sun), ZERO) * SUN + AMBIENT
         foam = scalar(0.72) * wp.cw_mul(FOAM, shade)
         # Thin water at the edge shows the bed.

@@ -20,9 +20,9 @@ STACK = 16
 PERIOD, TEXELS, TABLES = 8, 256, 3
 SMOOTH, LIVELY, RIDGED = range(TABLES)
 OCTAVES = (3, 4, 4)
-PERSISTENCE = (0.35, 0.6, 0.5)
+PERSISTENCE = (0.3, 0.42, 0.45)
 # Mean of (1 - |n|)^2 over gradient noise n in [-1, 1].
-RIDGE_MEAN = 0.5813
+RIDGE_MEAN = 0.5803
 # A primitive ends where 1 - r^2 is this small: its weight is 1e-12 there, and squares of weights are still numbers.
 EDGE = 1.0e-4
 # Direction, in a table of noise, that water drifts in: the golden ratio's, along which a torus is long without repeat.
@@ -214,7 +214,7 @@ def build(scalar):
             """Still level above the primitive's plane, waves, velocity and foam of the kinds that are not mere noise.
 
             ``shape``: of a wave its height, the blend from calm to turbulent (both ways), its length; of a cascade its
-            drop and that blend; of a vortex its shear, spin and depth; of an echo the angle of the bank's normal and the
+            drop, that blend, and how far down the stream its lip is; of a vortex its shear, spin and depth; of an echo the angle of the bank's normal and the
             distance of the bank along it. Lengths in m, angles in rad, spin in rad/s.
             """
             if kind == ECHO:
@@ -238,6 +238,8 @@ def build(scalar):
             speed = wp.max(wp.sqrt(flow[2] * flow[2] + flow[3] * flow[3]), STILL)
             along = (off[0] * flow[2] + off[1] * flow[3]) / speed
             at = turned(phase, off)
+            if kind == CASCADE:
+                along = along - shape[2]
             share = upstream_share(along, shape[1])
             value = (ONE - share) * noise_at(tables, RIDGED, at)
             waves = look[0] * (share * UPSTREAM_ * noise_at(tables, SMOOTH, at) + value)

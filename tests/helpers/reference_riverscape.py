@@ -100,7 +100,7 @@ def leaf(row, place, time):
         mirrored = off - 2.0 * (off @ normal - second) * normal
         waves = 0.5 * (noise(kernels.SMOOTH, at) + noise(kernels.SMOOTH, noise_place(row, mirrored, time)))
     else:
-        along = off @ velocity / math.hypot(*velocity)
+        along = off @ velocity / math.hypot(*velocity) - (third if kind == kernels.CASCADE else 0.0)
         share = upstream_share(along, second)
         rough = (1.0 - share) * noise(kernels.RIDGED, at)
         waves = share * kernels.UPSTREAM * noise(kernels.SMOOTH, at) + rough

@@ -33,6 +33,7 @@ def one(kind, rng, center, radius=None):
         height=rng.uniform(-0.3, 0.3),
         blending=rng.uniform(0.1, 0.5),
         length=rng.uniform(0.3, 1.0),
+        lip=rng.uniform(-0.5, 0.5),
         shear=rng.uniform(-1.0, 1.0),
         spin=rng.uniform(-2.0, 2.0),
         depth=rng.uniform(0.0, 0.1),

@@ -142,6 +142,16 @@ class Course:
         return np.gradient(angle, along)
 
     @property
+    def bank_level(self) -> FloatArray:
+        """(n,) level that banks rise from, m: the mean of the water's over a length of three widths, without steps."""
+        along, level = self.along, np.asarray(self.level)
+        reach = 1.5 * np.asarray(self.width)
+        # Of the linear level between points, by its integral.
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (level[1:] + level[:-1]) * np.diff(along))])
+        low, high = np.maximum(along - reach, 0.0), np.minimum(along + reach, along[-1])
+        return (np.interp(high, along, total) - np.interp(low, along, total)) / (high - low)
+
+    @property
     def peak_speed(self) -> FloatArray:
         """(n,) speed at the greatest depth, m/s: u ~ d^(2/3) across, such that the integral of u d is the discharge."""
         form = np.asarray(self.form)
@@ -327,6 +337,7 @@ class CourseMap:
         flow = np.column_stack([joined["direction"], joined["peak_speed"], joined["depth"]])
         courses.place, courses.flow = put(place, made.vec4, np.float64), put(flow, made.vec4, np.float64)
         courses.level = put(joined["level"], wp.float64, np.float64)
+        courses.bank = put(self.joined("bank_level"), wp.float64, np.float64)
         courses.form = put(self.joined("form"), wp.float64, np.float64)
         courses.course = put(self.course_of_point, wp.int32, np.int32)
         courses.fall = put(falls, wp.int32, np.int32)

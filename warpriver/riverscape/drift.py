@@ -163,7 +163,7 @@ class Foam:
         cover: (rows, columns) 0 to 1, on the device.
     """
 
-    def __init__(self, grid: WaterGrid, lifetime: float = 3.0, rate: float = 0.9) -> None:
+    def __init__(self, grid: WaterGrid, lifetime: float = 2.0, rate: float = 0.6) -> None:
         scalar = wp.float64 if grid.effervescence.dtype == wp.float64 else wp.float32
         self._scalar, self._kernels = scalar, kernels.build(scalar)
         self.lifetime, self.rate = lifetime, rate

@@ -214,6 +214,9 @@ def _ground(name: str, courses: list[Course], random: np.random.Generator) -> Te
     )
     edge = 1.0 - np.exp(-beyond / 2.0)
     height = base + bank * (0.5 + 0.5 * edge) + sides * beyond * edge + bumps * rough * (0.25 + 0.75 * edge)
+    # Water stays between its banks.
+    banks = np.concatenate([c.bank_level for c in courses])[near].reshape(rows, columns)
+    height = np.maximum(height, banks + 0.12 + 0.04 * rough)
     return Terrain(height, CELL, (float(low[0]), float(low[1]) + rows * CELL))
 
 

@@ -31,7 +31,7 @@ KINDS = {
 # What the three numbers of a primitive's shape are, by kind.
 SHAPES: dict[int, tuple[str, ...]] = {
     kernels.WAVE: ("height", "blending", "length"),
-    kernels.CASCADE: ("height", "blending"),
+    kernels.CASCADE: ("height", "blending", "lip"),
     kernels.VORTEX: ("shear", "spin", "depth"),
     kernels.ECHO: ("bank_angle", "bank_distance"),
 }
@@ -53,7 +53,7 @@ class Primitives:
         amplitude: (n,) of the waves, m.
         wavelength: (n,) of the first octave of the waves, m.
         effervescence: (n,) white water, 0 to 1.
-        shape: (n, 3) by kind: wave (height m, blending m, length m), cascade (drop m, blending m, -), vortex (shear in
+        shape: (n, 3) by kind: wave (height m, blending m, length m), cascade (drop m, blending m, lip m), vortex (shear in
             rad from the centre to the rim, spin rad/s, depth m), echo (angle of the bank's normal rad, distance of the
             bank along it m, -).
         offset: (n,) whole numbers below 2^32: where in the noise each begins.
@@ -144,6 +144,7 @@ def primitives(
     height: ArrayLike = 0.0,
     blending: ArrayLike = 0.1,
     length: ArrayLike = 1.0,
+    lip: ArrayLike = 0.0,
     shear: ArrayLike = 0.0,
     spin: ArrayLike = 0.0,
     depth: ArrayLike = 0.0,
@@ -167,6 +168,7 @@ def primitives(
         height: Of a wave from trough to crest, or of a cascade's drop, m.
         blending: Half the length over which a wave or a cascade passes from calm to turbulent, m, above 0.
         length: Of a standing wave, m, above 0.
+        lip: How far down the stream from the centre a cascade's lip is, m.
         shear: Angle by which a vortex is twisted from its centre to its rim, rad.
         spin: Of a vortex, rad/s, above 0 to the left.
         depth: Of a vortex's dimple, m.
@@ -186,6 +188,7 @@ def primitives(
         "height": height,
         "blending": blending,
         "length": length,
+        "lip": lip,
         "shear": shear,
         "spin": spin,
         "depth": depth,

@@ -68,7 +68,7 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
     """Return the blend-flow tree of the water of courses.
 
     Centres lie on a lattice whose spacing halves where the water is fast, with radii as large as the spacing; what is
-    replaced upon that: falls, standing waves, wakes of rocks. All that is drawn depends on the seed and the place alone.
+    replaced upon that: standing waves, wakes of rocks. All that is drawn depends on the seed and the place alone.
 
     Args:
         courses: Channels and rocks.
@@ -82,9 +82,9 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
     params = SeedingParams() if params is None else params
     known = _PointTable(courses)
     layers = [_body(courses, known, detail, seed, params)]
-    for layer in (_falls(courses, known, detail, seed, params), _standing_waves(courses, known, detail, seed, params)):
-        if len(layer):
-            layers.append(layer)
+    waves = _standing_waves(courses, known, detail, seed, params)
+    if len(waves):
+        layers.append(waves)
     wakes = _wakes(courses, detail, seed, params)
     return blend(layers[0], *layers[1:], *wakes)
 
@@ -107,6 +107,8 @@ class _PointTable:
         self.fall = np.sort(np.concatenate(points).astype(np.int64))
         level, along = courses.joined("level"), courses.joined("along")
         self.fall_height = level[self.fall] - level[self.fall + 1]
+        self.fall_level = 0.5 * (level[self.fall] + level[self.fall + 1])
+        self.fall_run = along[self.fall + 1] - along[self.fall]
         self.apart = 2.0 * length
         self.fall_place = self.course[self.fall] * self.apart + 0.5 * (along[self.fall] + along[self.fall + 1])
 
@@ -119,6 +121,19 @@ class _PointTable:
         far = place - self.fall_place[np.maximum(last, 0)]
         known = (last >= 0) & (far < 0.5 * self.apart)
         return np.where(known, far, np.inf), self.fall_height[np.maximum(last, 0)]
+
+    def near_fall(self, survey: SurveyedPlaces) -> tuple[IntArray, FloatArray]:
+        """The nearest fall of the course, and how far down the stream it is, m; infinite where there is none."""
+        if not len(self.fall):
+            return np.zeros(len(survey.along), np.int64), np.full(len(survey.along), np.inf)
+        place = self.course[survey.point] * self.apart + survey.along
+        after = np.searchsorted(self.fall_place, place)
+        sides = np.clip([after - 1, after], 0, len(self.fall) - 1)
+        far = self.fall_place[sides] - place
+        nearest = np.abs(far).argmin(axis=0)
+        rows = np.arange(len(place))
+        found = far[nearest, rows]
+        return sides[nearest, rows], np.where(np.abs(found) < 0.5 * self.apart, found, np.inf)
 
 
 def hashed(i: IntArray, j: IntArray, salt: int) -> IntArray:
@@ -220,7 +235,7 @@ def _body(courses: CourseMap, known: _PointTable, detail: float, seed: int, para
     length = np.clip(length, shortest, np.choose(kind, [3.0, 2.0, 1.6]) * at.spacing)
     length = np.where(kind == kernels.TURBULENT, length * (1.0 - 0.4 * rough), length)
     foam = np.where(kind == kernels.TURBULENT, np.clip(0.6 * (froude - 0.6), 0.0, 0.5), 0.0)
-    foam = np.clip(foam + 0.85 * np.exp(-behind / (params.foam_reach * height)), 0.0, 1.0)
+    foam = np.clip(foam + np.clip(4.0 * height, 0.2, 0.8) * np.exp(-behind / (params.foam_reach * height)), 0.0, 1.0)
     shape = np.zeros((len(kind), 3))
     # At the banks of calm water ripples are thrown back.
     half = 0.5 * known.width[point]
@@ -230,9 +245,25 @@ def _body(courses: CourseMap, known: _PointTable, detail: float, seed: int, para
     shape[echo, 0] = np.arctan2(side * direction[:, 0], -side * direction[:, 1])[echo]
     shape[echo, 1] = to_bank[echo]
     kind = np.where(echo, kernels.ECHO, kind)
-    return Primitives(
-        kind, at.xy, at.spacing, here.level, here.gradient, velocity, amplitude, length, foam, shape, at.bits
-    )
+    level, gradient = here.level.copy(), here.gradient.copy()
+    # What reaches over a fall is a part of it: of all of them the levels agree, above and below.
+    fall, far = known.near_fall(here)
+    over = np.abs(far) < at.spacing
+    kind = np.where(over, kernels.CASCADE, kind)
+    fall, far = fall[over], far[over]
+    drop, top = known.fall_height[fall], known.fall[fall]
+    level[over] = known.fall_level[fall]
+    gradient[over] = 0.0
+    toward = courses.joined("direction")[top]
+    velocity[over] = np.maximum(speed[over], 1.2 * known.speed[top])[:, None] * toward
+    amplitude[over] = params.liveliness * np.minimum(0.2 * drop + params.wind, 0.35 * known.depth[top])
+    length[over] = 0.7 * at.spacing[over]
+    foam[over] = np.clip(4.0 * drop, 0.25, 0.75) + 0.25 * _share(at.bits[over], 3)
+    # The lip is not quite straight; nowhere does the water fall before the bed does.
+    lip = far + 0.3 * known.fall_run[fall] + 0.05 * at.spacing[over] * _share(at.bits[over], 1)
+    blending = np.maximum(0.5 * known.fall_run[fall], 0.35 * drop) * (0.9 + 0.3 * _share(at.bits[over], 2))
+    shape[over] = np.column_stack([drop, blending, lip])
+    return Primitives(kind, at.xy, at.spacing, level, gradient, velocity, amplitude, length, foam, shape, at.bits)
 
 
 def _liveliness(known: _PointTable, here: SurveyedPlaces, froude: FloatArray) -> FloatArray:
@@ -245,44 +276,6 @@ def _liveliness(known: _PointTable, here: SurveyedPlaces, froude: FloatArray) ->
     bending = bent * in_bends + (1.0 - bent) * on_straights
     threaded = 0.5 + 0.8 * deep
     return froude * np.where(known.bending[point], bending, np.where(known.threaded[point], threaded, 1.0))
-
-
-def _falls(courses: CourseMap, known: _PointTable, detail: float, seed: int, params: SeedingParams) -> Primitives:
-    """Cascades in a row across each fall, whose sum of weights replaces the water there."""
-    xy, level = courses.joined("xy"), courses.joined("level")
-    top, foot = known.fall, known.fall + 1
-    radius = np.clip(0.6 * known.width[top], 0.5 * detail, 2.0 * detail)
-    apart = 0.7 * radius
-    half = 0.5 * known.width[top]
-    count = 2 * np.ceil(half / apart - 0.3).astype(np.int64) + 1
-    fall = np.repeat(np.arange(len(top)), count)
-    k = np.arange(len(fall)) - np.repeat(np.cumsum(count) - count, count) - (count[fall] - 1) // 2
-    toward = xy[foot] - xy[top]
-    run = np.maximum(np.hypot(*toward.T), 1e-6)
-    toward /= run[:, None]
-    left = np.column_stack([-toward[:, 1], toward[:, 0]])
-    center = (0.5 * (xy[top] + xy[foot]))[fall] + (k * apart[fall])[:, None] * left[fall]
-    height, speed = known.fall_height, known.speed[top] * 1.3
-    bits = hashed(top[fall], k, seed * LEVELS + 5)
-    # The lip is not straight: each cascade lies a little up or down the stream.
-    shift = (0.25 * radius[fall]) * (_share(bits, 1) - 0.5)
-    center = center + shift[:, None] * toward[fall]
-    shape = np.zeros((len(fall), 3))
-    shape[:, 0] = height[fall]
-    shape[:, 1] = np.maximum(0.5 * run, 0.35 * height)[fall] * (0.8 + 0.5 * _share(bits, 2))
-    return Primitives(
-        np.full(len(fall), kernels.CASCADE),
-        center,
-        radius[fall],
-        (0.5 * (level[top] + level[foot]))[fall],
-        np.zeros((len(fall), 2)),
-        (speed[:, None] * toward)[fall],
-        params.liveliness * (0.22 * height + params.wind)[fall],
-        0.6 * radius[fall],
-        0.55 + 0.4 * _share(bits, 3),
-        shape,
-        bits,
-    )
 
 
 def _standing_waves(

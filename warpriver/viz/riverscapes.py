@@ -19,6 +19,7 @@ from warpriver.kernels import shading as kernels
 from warpriver.public import public
 from warpriver.riverscape.drift import Foam, LeafFrame
 from warpriver.riverscape.scene import Frame, Riverscape
+from warpriver.riverscape.water import WaterGrid
 from warpriver.validate import finite_numbers, not_negative, positive, whole
 from warpriver.viz.sheet import replacing
 
@@ -33,6 +34,8 @@ FORMATS = {".png": "PNG-PIL", ".jpg": "JPEG-PIL", ".gif": "GIF-PIL", ".mp4": "FF
 RAYS = 2
 # Seconds that foam has had to gather before the first frame.
 FOAM_BEFORE = 4.0
+# Of the grid that foam is carried on, about, m.
+FOAM_CELL = 0.03
 # Colours of leaves, and their length in m.
 LEAF_COLORS = np.array([[0.75, 0.42, 0.07], [0.62, 0.2, 0.05], [0.8, 0.66, 0.16], [0.36, 0.42, 0.1]])
 LEAF_LENGTH = 0.09
@@ -78,7 +81,7 @@ def draw_riverscape(
         time: s.
         camera: Where it is taken from; by default from aside and above, such that all water is seen.
         size: Width and height in pixels.
-        cell_size: Of the grid that bed and water are drawn from, m; by default such that a pixel shows about one.
+        cell_size: Of the grid that bed and water are drawn from, m; by default one and a half pixels.
         leaves: How many drift on the water.
 
     Raises:
@@ -89,7 +92,7 @@ def draw_riverscape(
     imageio = _need_imageio()
     picture = _Picture(scene, camera, size, cell_size)
     begin = time - FOAM_BEFORE
-    moments = np.linspace(begin, time, 17)
+    moments = np.linspace(begin, time, 13)
     (*_, last) = picture.shots(moments, leaves, None)
     with replacing(path, (".png", ".jpg")) as target:
         imageio.imwrite(target, last, format=FORMATS[pathlib.Path(path).suffix.lower()])
@@ -120,7 +123,7 @@ def riverscape_movie(
             that can be repeated. By default water never repeats itself.
         camera: Where it is taken from; by default from aside and above, such that all water is seen.
         size: Width and height in pixels; both even for .mp4.
-        cell_size: Of the grid that bed and water are drawn from, m; by default such that a pixel shows about one.
+        cell_size: Of the grid that bed and water are drawn from, m; by default one and a half pixels.
         leaves: How many drift on the water; they do not repeat themselves.
         progress: Called after each frame with the number of frames done and their total.
 
@@ -177,7 +180,7 @@ class _Picture:
         self.camera, self.scene = camera, scene
         finite_numbers(camera.target, 2, "Camera.target")
         reach = camera.distance * math.tan(math.radians(0.5 * camera.field)) if camera.field else 0.5 * camera.width
-        size_of_cell = max(2.0 * reach / self.width, 0.005) if cell_size is None else cell_size
+        size_of_cell = max(1.5 * 2.0 * reach / self.width, 0.005) if cell_size is None else cell_size
         self.cell = positive(size_of_cell, "cell_size", "m")
         self.bounds = self._window(scene.terrain.raster.bounds, reach)
         self.device = scene.courses.device
@@ -202,17 +205,29 @@ class _Picture:
         """Pictures at moments; the first ``skip`` (all but the last by default) only let the foam gather."""
         not_negative(leaves, "leaves")
         skipped = len(moments) - 1 if skip is None else skip
-        frames = self.scene.frames(self.bounds, self.cell, moments, loop=loop)
+        # Foam is softer than waves: larger cells do.
+        wide = self.cell * max(1.0, round(FOAM_CELL / self.cell))
         drifting: Iterator[LeafFrame | None]
         drifting = iter(self.scene.drift(moments, leaves=leaves)) if leaves else iter([None] * len(moments))
         foam, made, view = None, None, self._view()
         step = float(np.diff(moments[:2])[0]) if len(moments) > 1 else 0.0
-        for k, (frame, afloat) in enumerate(zip(frames, drifting, strict=True)):
-            if foam is None:
-                foam, made = Foam(frame.water), self._scene(frame)
-            cover = foam.step(frame.water, step)
+        frames = self.scene.frames(self.bounds, self.cell, moments[skipped:], loop=loop)
+        for k, (coarse, afloat) in enumerate(zip(self._coarse(wide, moments, loop), drifting, strict=True)):
+            foam = Foam(coarse) if foam is None else foam
+            cover = foam.step(coarse, step)
             if k >= skipped:
-                yield self._shot(frame, made, view, cover, afloat)
+                frame = next(frames)
+                made = self._scene(frame) if made is None else made
+                yield self._shot(frame, made, view, (coarse, cover), afloat)
+
+    def _coarse(self, cell_size: float, moments: FloatArray, loop: float | None) -> Iterator[WaterGrid]:
+        """The water on larger cells, from which foam is made."""
+        west, south, east, north = self.bounds
+        shape = (math.ceil((north - south) / cell_size), math.ceil((east - west) / cell_size))
+        surface = self.scene.water_surface
+        for moment in moments:
+            where = ((west, north), cell_size, shape, float(moment))
+            yield surface.on_grid(*where) if loop is None else surface.loop_grid(*where, loop)
 
     def _view(self) -> Any:
         camera, view = self.camera, self.kernels.View()
@@ -249,24 +264,30 @@ class _Picture:
         y = self.bounds[3] - self.cell * (np.arange(rows) + 0.5)
         at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         found = self.scene.courses.survey(at)
-        shore = np.where(found.point >= 0, found.depth, -10.0).reshape(rows, columns)
-        self._rock = (bed - self.scene.courses.bed(at, self.scene.terrain, rocks=False).reshape(rows, columns)) > 0.004
+        courses = self.scene.courses
+        threaded = np.isin([course.channel_type for course in courses.courses], ("D", "DA"))[courses.course_of_point]
+        # Bars between threads are bare far up.
+        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.3 * found.depth, found.depth)
+        shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
+        rock = (bed - self.scene.courses.bed(at, self.scene.terrain, rocks=False).reshape(rows, columns)) > 0.004
         self._float_bed = (bed - self._datum).astype(np.float32)
         made.bed = wp.array(self._float_bed, device=self.device)
+        made.rock = wp.array(rock.astype(np.float32), device=self.device)
         made.shore = wp.array(shore.astype(np.float32), device=self.device)
         made.cell_size = self.cell
         return made
 
-    def _shot(self, frame: Frame, made: Any, view: Any, foam: wp.array, leaves: LeafFrame | None) -> Bytes:
+    def _shot(
+        self, frame: Frame, made: Any, view: Any, foam: tuple[WaterGrid, wp.array], leaves: LeafFrame | None
+    ) -> Bytes:
         water = (frame.water.elevation.numpy() - self._datum).astype(np.float32)
-        dry = ~(water > self._float_bed)
         # Below dry ground the water's surface goes on as it does beside it, so that its edge is smooth.
         water = np.where(np.isnan(water), self._float_bed - 0.05, water)
         made.water = wp.array(water.astype(np.float32), device=self.device)
-        white = np.clip(0.55 * frame.water.effervescence.numpy() + 0.7 * foam.numpy(), 0.0, 1.0)
-        white = np.where(dry, 0.0, _step(0.25, 0.85, white))
-        cover = np.stack([white, self._rock], axis=-1).astype(np.float32)
-        made.cover = wp.array(cover, dtype=wp.vec2f, device=self.device)
+        coarse, cover = foam
+        white = np.clip(0.45 * coarse.effervescence.numpy() + 0.75 * cover.numpy(), 0.0, 1.0)
+        made.white = wp.array(_step(0.2, 0.85, white).astype(np.float32), device=self.device)
+        made.white_scale = self.cell / coarse.cell_size
         made.top = float(max(self._float_bed.max(), water.max())) + 0.01
         shape = (view.height, view.width)
         color = wp.empty(shape, dtype=wp.vec3f, device=self.device)
