@@ -1,4 +1,4 @@
-"""Channels as water needs them: the level, the bed and the current of the nearest course at any place [Peytavie2019]."""
+"""Channels as water needs them: level, bed and current of the nearest course at any place [Peytavie2019]."""
 
 import math
 from types import SimpleNamespace
@@ -37,9 +37,9 @@ def build(scalar):
         """Points of all courses, downstream; a segment runs from its point to the next one.
 
         ``place``: x, y and half width in m, distance along the course in m. ``flow``: direction, speed at the greatest
-        depth in m/s, that depth in m. ``bank``: level
-        that banks rise from, without steps. ``form``: rows of ``ACROSS``. ``fall``: whether the segment is a fall, where the
-        water is that above or below. Buckets of a grid list the segments that reach into them, in order.
+        depth in m/s, that depth in m. ``bank``: level that banks rise from, without steps. ``form``: rows of
+        ``ACROSS``. ``fall``: whether the segment is a fall, where the water is that above or below. Buckets of a grid
+        list the segments that reach into them, in order.
         """
 
         place: wp.array[vec4]
@@ -59,9 +59,10 @@ def build(scalar):
     class Survey:
         """What courses are like at places.
 
-        ``level`` of the water in m (NaN where no course is near), ``gradient`` of it; ``depth`` of the bed below that, m,
-        below 0 on a bank; ``velocity`` in m/s; ``across``: distance from the course over its half width, above 0 on the
-        left; ``along`` in m from the course's first point; ``point``: first of the nearest segment, -1 where none is.
+        ``level`` of the water in m (NaN where no course is near), ``gradient`` of it; ``depth`` of the bed below that,
+        m, below 0 on a bank; ``velocity`` in m/s; ``across``: distance from the course over its half width, above 0 on
+        the left; ``along`` in m from the course's first point; ``point``: first of the nearest segment, -1 where none
+        is.
         """
 
         level: wp.array[wp.float64]
@@ -219,8 +220,8 @@ def build(scalar):
     def ground_height(ground: Ground, x: wp.float64, y: wp.float64) -> wp.float64:
         """Height of the ground by cubics through the centres of its cells; beyond its edge that of the edge."""
         u, v = (x - ground.west) / ground.cell_size, (ground.north - y) / ground.cell_size
-        u = wp.clamp(u, wp.float64(-1.0), wp.float64(ground.height.shape[1]))
-        v = wp.clamp(v, wp.float64(-1.0), wp.float64(ground.height.shape[0]))
+        u = wp.clamp(u, -ONE64, wp.float64(ground.height.shape[1]))
+        v = wp.clamp(v, -ONE64, wp.float64(ground.height.shape[0]))
         j, i = int(wp.floor(u)), int(wp.floor(v))
         u, v = u - wp.float64(j), v - wp.float64(i)
         a, b = ground_row(ground, i - 1, j, u), ground_row(ground, i, j, u)

@@ -48,7 +48,7 @@ def build(scalar):
         # out
         cell_foam_out: wp.array2d[scalar],
     ):
-        """Carry foam for a time step: c = c(p - u dt) exp(-dt/tau) + s dt, where ``kept`` is the exponential; 1 at most."""
+        """Carry foam for a time step: c = c(p - u dt) exp(-dt/tau) + s dt, 1 at most; ``kept`` is the exponential."""
         row, column = wp.tid()
         velocity = cell_velocity[row, column]
         back = time_step * cells_per_metre

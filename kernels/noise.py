@@ -57,7 +57,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def periodic_noise(seed: int, xy: vec2, period: int) -> scalar:
-        """Value of smooth noise as ``gradient_noise`` that repeats itself after ``period``, a power of 2 [Perlin2002]."""
+        """Value of ``gradient_noise`` that repeats itself after ``period``, a power of 2 [Perlin2002]."""
         i, j = int(wp.floor(xy[0])), int(wp.floor(xy[1]))
         x, y = xy[0] - scalar(i), xy[1] - scalar(j)
         mask = period - 1

@@ -1,4 +1,4 @@
-"""Pictures of beds and water without a graphics library: rays upon two height fields, with refraction and reflection."""
+"""Pictures of beds and water without a graphics library: rays upon two height fields, refracted and reflected."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ def build(scalar):
     ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
     # Rays: steps at most, steepness that they allow for, halvings at the end; below this a place is dry, m.
     STEPS, STEEP, HALVINGS = 400, scalar(1.3), 6
-    FAR, DRY = scalar(1.0e30), scalar(0.003)
+    DRY = scalar(0.0003)
     # Refraction from air into water, and the share that is reflected straight up [Schlick1994].
     AIR_OVER_WATER, STRAIGHT = scalar(1.0 / 1.333), scalar(0.02)
     # Absorption of red, green, blue in clear brook water with fine silt, 1/m, and what the water itself scatters.
@@ -34,7 +34,7 @@ def build(scalar):
     GRASS, DRY_GRASS, GRAVEL = vec3(0.16, 0.24, 0.075), vec3(0.34, 0.31, 0.14), vec3(0.42, 0.38, 0.31)
     PEBBLE, STONE, FOAM = vec3(0.25, 0.23, 0.2), vec3(0.4, 0.39, 0.37), vec3(0.93, 0.95, 0.96)
     TREE_LINE, TREE_EDGE = scalar(0.28), scalar(0.12)
-    FIFTH, TENTH, QUARTER, FIFTEENTH, THREE_FIFTHS = (scalar(v) for v in (0.2, 0.1, 0.25, 0.15, 0.6))
+    FIFTH, TENTH, QUARTER, THREE_FIFTHS = (scalar(v) for v in (0.2, 0.1, 0.25, 0.6))
     GLINT, GLOW, GLINT_SIZE, GLOW_SIZE = scalar(6.0), scalar(0.25), scalar(900.0), scalar(40.0)
     FOCUS, MOST_FOCUS = scalar(0.33), scalar(0.7)
     WET = scalar(0.62)
@@ -42,11 +42,11 @@ def build(scalar):
 
     @wp.struct
     class Scene:
-        """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry; ``rock``: 1 on rocks.
-        ``white``: foam, on cells that are ``white_scale`` times as many a metre.
+        """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry.
 
-        ``shore``: depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the
-        first cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
+        ``rock``: 1 on rocks. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre. ``shore``:
+        depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the first
+        cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
         """
 
         bed: wp.array2d[scalar]
@@ -131,7 +131,7 @@ def build(scalar):
         """Light on the ground: sun where nothing stands before it, and sky."""
         direct = wp.max(wp.dot(normal, sun), ZERO)
         far, step = SHADE_FIRST, SHADE_FIRST
-        for k in range(SHADE_STEPS):
+        for _k in range(SHADE_STEPS):
             if direct > ZERO:
                 column, row = (x + far * sun[0]) / scene.cell_size, -(y + far * sun[1]) / scene.cell_size
                 above = between(scene.bed, column, row) - (z + far * sun[2])
@@ -150,12 +150,12 @@ def build(scalar):
         coarse, fine = octaves(3, place * HALF, 3), octaves(9, place * scalar(7.0), 3)
         grain = octaves(21, place * scalar(28.0), 2)
         grass = GRASS + wp.clamp(HALF + HALF * coarse, ZERO, ONE) * (DRY_GRASS - GRASS)
-        grass = grass * (ONE + scalar(0.45) * fine + FIFTH * grain)
+        grass = grass * (ONE + scalar(0.4375) * fine + FIFTH * grain)
         gravel = PEBBLE + wp.clamp(HALF + THREE_FIFTHS * fine + scalar(0.5) * grain, ZERO, ONE) * (GRAVEL - PEBBLE)
-        bare = smooth(scalar(-0.22), scalar(-0.02), shore + scalar(0.08) * coarse + scalar(0.05) * fine)
-        bare = wp.max(bare, smooth(scalar(0.75), scalar(0.55), normal[2]))
+        bare = smooth(-scalar(0.21875), -scalar(0.015625), shore + scalar(0.078125) * coarse + scalar(0.046875) * fine)
+        bare = wp.max(bare, smooth(scalar(0.75), scalar(0.5625), normal[2]))
         color = grass + bare * (gravel - grass)
-        stone = STONE * (scalar(0.85) + scalar(0.3) * fine + scalar(0.2) * grain)
+        stone = STONE * (scalar(0.875) + scalar(0.3125) * fine + scalar(0.1875) * grain)
         return color + rock * (stone - color)
 
     @wp.func(module=name)
@@ -165,7 +165,7 @@ def build(scalar):
         normal = normal_of(scene.bed, column, row, scene.cell_size)
         # Pebbles that the cells do not show.
         bump = field.gradient_noise(40, vec2(x, y) * scalar(11.0))
-        rough = scalar(0.12) * smooth(scalar(-0.3), ZERO, between(scene.shore, column, row))
+        rough = scalar(0.125) * smooth(-scalar(0.3125), ZERO, between(scene.shore, column, row))
         rough = wp.max(rough, FIFTH * between(scene.rock, column, row))
         normal = wp.normalize(normal - rough * vec3(bump[1], bump[2], ZERO))
         color = ground_color(scene, x, y, column, row, normal)
@@ -179,7 +179,7 @@ def build(scalar):
         column, row = x / size, -y / size
         level = between(scene.water, column, row)
         normal = normal_of(scene.water, column, row, size)
-        facing = wp.clamp(-wp.dot(normal, toward), scalar(0.02), ONE)
+        facing = wp.clamp(-wp.dot(normal, toward), scalar(0.015625), ONE)
         away = ONE - facing
         reflected = STRAIGHT + (ONE - STRAIGHT) * away * away * away * away * away
         mirror = toward + TWO * facing * normal
@@ -206,9 +206,9 @@ def build(scalar):
         finer = scene.white_scale
         white = between(scene.white, (column + HALF) * finer - HALF, (row + HALF) * finer - HALF)
         shade = wp.max(wp.dot(normal, sun), ZERO) * SUN + AMBIENT
-        foam = scalar(0.72) * wp.cw_mul(FOAM, shade)
+        foam = scalar(0.71875) * wp.cw_mul(FOAM, shade)
         # Thin water at the edge shows the bed.
-        edge = smooth(ZERO, scalar(0.02), depth)
+        edge = smooth(ZERO, scalar(0.015625), depth)
         return bed_light(scene, x, y, sun, ONE) * (ONE - edge) + edge * (color + white * (foam - color))
 
     @wp.func(module=name)
@@ -223,13 +223,13 @@ def build(scalar):
         high = scene.cell_size * scalar(scene.bed.shape[0] - 1)
         fall = wp.sqrt(toward[0] * toward[0] + toward[1] * toward[1]) * STEEP - toward[2]
         before = along
-        for k in range(STEPS):
+        for _k in range(STEPS):
             place = start + along * toward
             if place[2] > scene.top and toward[2] >= ZERO:
                 return -ONE
             above = place[2] - surface_height(scene, place[0], place[1])
             if above <= ZERO:
-                for h in range(HALVINGS):
+                for _h in range(HALVINGS):
                     middle = HALF * (before + along)
                     place = start + middle * toward
                     if place[2] > surface_height(scene, place[0], place[1]):
@@ -269,11 +269,11 @@ def build(scalar):
         place = start + far * toward
         column, row = place[0] / scene.cell_size, -place[1] / scene.cell_size
         depth = between(scene.water, column, row) - between(scene.bed, column, row)
-        if depth > DRY * TENTH:
+        if depth > DRY:
             pixel_color_out[i, j] = water_light(scene, place[0], place[1], toward, view.sun)
         else:
             # Wet just above the water.
-            wet = smooth(scalar(-0.06), ZERO, between(scene.shore, column, row))
+            wet = smooth(-scalar(0.0625), ZERO, between(scene.shore, column, row))
             pixel_color_out[i, j] = bed_light(scene, place[0], place[1], view.sun, wet)
 
     return SimpleNamespace(vec2=vec2, vec3=vec3, Scene=Scene, View=View, shade_pixels=shade_pixels)

@@ -6,29 +6,32 @@ from types import SimpleNamespace
 import warp as wp
 
 from warpriver.kernels import noise
+from warpriver.kernels.flow_tree import (
+    CASCADE,
+    CREST,
+    DRIFT,
+    ECHO,
+    EDGE,
+    LIVELY,
+    MERGE,
+    OCTAVES,
+    OPEN,
+    OWN,
+    PERIOD,
+    PERSISTENCE,
+    RIDGE_MEAN,
+    RIDGED,
+    SMOOTH,
+    STACK,
+    TEXELS,
+    TURBULENT,
+    UPSTREAM,
+    VORTEX,
+    WAVE,
+)
 from warpriver.kernels.variants import named, once
 
 wp.set_module_options({"enable_backward": False})
-
-# Kinds of primitives; a kind from OWN on is a user's.
-CALM, RIPPLE, TURBULENT, WAVE, CASCADE, VORTEX, ECHO, OWN = range(8)
-# Codes of a cell's program, besides the numbers of primitives: a leaf is added to the sums at the top of the stack.
-OPEN, MERGE, REPLACE = -1, -2, -3
-# Sums that a program can set aside at a time.
-STACK = 16
-# Noise: wavelengths of the first octave in a period, texels of a period, and the tables (smooth, lively, ridged).
-PERIOD, TEXELS, TABLES = 8, 256, 3
-SMOOTH, LIVELY, RIDGED = range(TABLES)
-OCTAVES = (3, 4, 4)
-PERSISTENCE = (0.3, 0.42, 0.45)
-# Mean of (1 - |n|)^2 over gradient noise n in [-1, 1].
-RIDGE_MEAN = 0.5803
-# A primitive ends where 1 - r^2 is this small: its weight is 1e-12 there, and squares of weights are still numbers.
-EDGE = 1.0e-4
-# Direction, in a table of noise, that water drifts in: the golden ratio's, along which a torus is long without repeat.
-DRIFT = (0.8506508083520400, 0.5257311121191336)
-# Share of a cascade's amplitude in the calm water above it, and how strongly crests carry the foam.
-UPSTREAM, CREST = 0.25, 1.5
 
 
 @once
@@ -63,9 +66,9 @@ def build(scalar):
     class Primitives:
         """Leaves of the tree, one a row.
 
-        ``place``: centre from the corner of its tile, radius, level above the tile's datum, m. ``flow``: gradient of the
-        level, velocity in m/s. ``look``: amplitude in m, frequency in 1/m, foam. ``shape``: by kind, see ``shaped``.
-        ``phase``: offset in the noise at a time, and the frequency times cosine and sine of its turn.
+        ``place``: centre from the corner of its tile, radius, level above the tile's datum, m. ``flow``: gradient of
+        the level, velocity in m/s. ``look``: amplitude in m, frequency in 1/m, foam. ``shape``: by kind, see
+        ``shaped``. ``phase``: offset in the noise at a time, and the frequency times cosine and sine of its turn.
         ``offset``: two numbers of 16 bits that say where in the noise it begins.
         """
 
@@ -80,7 +83,7 @@ def build(scalar):
 
     @wp.struct
     class Noise:
-        """Tables of noise as coefficients of quadratic B-splines, a border of one texel on two sides; or none: exact."""
+        """Tables of noise as coefficients of quadratic B-splines, with a border of one texel; or the exact noise."""
 
         coefficient: wp.array[scalar]
         exact: int
@@ -214,8 +217,8 @@ def build(scalar):
             """Still level above the primitive's plane, waves, velocity and foam of the kinds that are not mere noise.
 
             ``shape``: of a wave its height, the blend from calm to turbulent (both ways), its length; of a cascade its
-            drop, that blend, and how far down the stream its lip is; of a vortex its shear, spin and depth; of an echo the angle of the bank's normal and the
-            distance of the bank along it. Lengths in m, angles in rad, spin in rad/s.
+            drop, that blend, and how far down the stream its lip is; of a vortex its shear a metre, spin and depth; of
+            an echo the angle of the bank's normal and the distance of the bank along it. In m, rad, rad/s.
             """
             if kind == ECHO:
                 normal = vec2(wp.cos(shape[0]), wp.sin(shape[0]))
@@ -251,7 +254,7 @@ def build(scalar):
 
         @wp.func(module=name)
         def leaf_sums(water: Primitives, tables: Noise, cells: Cells, i: int, at: vec2, tile: int) -> sums:
-            """Weighted values of a primitive at a place in a tile: alpha = (1 - r^2)^3, f = e + grad e (p - c) + a dh."""
+            """Weighted values of a primitive at a place: alpha = (1 - r^2)^3, f = e + grad e (p - c) + a dh."""
             place = water.place[i]
             off = vec2(at[0] - place[0], at[1] - place[1])
             level = place[3]
@@ -281,7 +284,7 @@ def build(scalar):
 
         @wp.func(module=name)
         def program_sums(water: Primitives, tables: Noise, cells: Cells, at: vec2, tile: int, cell: int) -> sums:
-            """Run a cell's program. Layers that replace each other one by one need one set of sums aside, and no stack."""
+            """Run a cell's program. Layers that replace each other one by one need one set of sums aside, no stack."""
             under, top = sums(), sums()
             kept = stack()
             depth = int(0)
@@ -310,7 +313,7 @@ def build(scalar):
         def write_surface(
             water: Primitives, tables: Noise, cells: Cells, x: wp.float64, y: wp.float64, i: int, surface_out: Surface
         ):
-            """Evaluate the tree at a place east and north of the first tile's corner, in m; NaN where there is no water."""
+            """Evaluate the tree at a place, m from the first tile's corner; NaN where there is no water."""
             size = wp.float64(cells.tile_size)
             column, row = int(wp.floor(x / size)), int(wp.floor(y / size))
             first, tile = int(-1), int(0)

@@ -40,6 +40,7 @@ LEVELS = [
     {"engine"},
     {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
     {"io"},
+    {"riverscape"},
     {"editing", "models"},
     {"resume"},
     {"simulation"},

@@ -11,7 +11,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        meander,
+        metrics,
+        riverscape,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -51,6 +64,7 @@ __all__ = [
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
     "synthetic_valley",
     "to_xarray",
@@ -77,6 +91,7 @@ _HOMES = {
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
+    "Riverscape": "warpriver.riverscape.scene",  # listed by its room
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
@@ -95,7 +110,20 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "edits",
+    "erosion",
+    "generate",
+    "history",
+    "hydrology",
+    "io",
+    "meander",
+    "metrics",
+    "riverscape",
+    "scenes",
+    "valley",
+    "viz",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,12 +1,13 @@
 """The blend-flow tree by recursion in float64, written to be read: a place at a time, as the document states it."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
 from reference_terrain import lattice_gradient
 
-from warpriver.kernels import water as kernels
+from warpriver.kernels import flow_tree as kernels
 from warpriver.riverscape.primitives import Merge, Primitives, Replace
 
 cached_gradient = functools.cache(lattice_gradient)
@@ -156,3 +157,33 @@ def evaluate(tree, places, time, contrast=True):
     found = [surface(tree, np.asarray(p), time, contrast) for p in places]
     weight, _, still, waves, velocity, foam = (np.array(column) for column in zip(*found, strict=True))
     return still + waves, still, velocity, foam, weight
+
+
+def nearest_on_line(line, place):
+    """Distance to the nearest place on a line, and how far along the line that is."""
+    best, before = (math.inf, 0.0), 0.0
+    for a, b in itertools.pairwise(line):
+        length = math.hypot(*(b - a))
+        share = min(max((place - a) @ (b - a) / length**2, 0.0), 1.0)
+        best = min(best, (math.hypot(*(place - a - share * (b - a))), before + share * length))
+        before += length
+    return best
+
+
+def carried_foam(foam, velocity, source, size, step, kept):
+    """Foam of the cells after a step: from half a step back the velocity, from a whole one the foam."""
+    rows, columns = foam.shape
+    out = np.empty_like(foam)
+    for row, column in np.ndindex(rows, columns):
+        u, v = velocity[row, column]
+        i = min(max(math.floor(row + 0.5 * step * v / size + 0.5), 0), rows - 1)
+        j = min(max(math.floor(column - 0.5 * step * u / size + 0.5), 0), columns - 1)
+        u, v = velocity[i, j]
+        y, x = row + step * v / size, column - step * u / size
+        total = 0.0
+        for a in (math.floor(y), math.floor(y) + 1):
+            for b in (math.floor(x), math.floor(x) + 1):
+                if 0 <= a < rows and 0 <= b < columns:
+                    total += (1.0 - abs(y - a)) * (1.0 - abs(x - b)) * foam[a, b]
+        out[row, column] = min(max(total * kept + source[row, column] * step, 0.0), 1.0)
+    return out

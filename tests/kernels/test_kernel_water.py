@@ -8,6 +8,7 @@ import reference_riverscape as reference
 import warp as wp
 from kernel_arrays import SCALARS
 
+from warpriver.kernels import flow_tree
 from warpriver.kernels import water as kernels
 from warpriver.riverscape.primitives import Merge, Primitives, Replace, primitives
 from warpriver.riverscape.water import Water
@@ -123,10 +124,10 @@ def test_baked_noise_is_the_exact_noise_within_a_few_percent(device):
 def test_baked_tables_have_no_mean_and_repeat_themselves(dtype, device):
     """``bake_noise``: what a table adds to the level of the water on average is nothing."""
     made = kernels.build(SCALARS[dtype])
-    value = wp.zeros((kernels.TABLES, kernels.TEXELS, kernels.TEXELS), dtype=wp.float64, device=device)
+    value = wp.zeros((flow_tree.TABLES, flow_tree.TEXELS, flow_tree.TEXELS), dtype=wp.float64, device=device)
     wp.launch(made.bake_noise, value.shape, [], [value], device=device)
     np.testing.assert_allclose(value.numpy().mean(axis=(1, 2)), 0.0, atol=2e-3)
-    texel = kernels.PERIOD / kernels.TEXELS
+    texel = flow_tree.PERIOD / flow_tree.TEXELS
     for table, i, j in ((0, 3, 250), (1, 77, 8), (2, 255, 128)):
         expected = reference.noise(table, texel * np.array([j, i]))
         assert value.numpy()[table, i, j] == pytest.approx(expected, abs=1e-9 if dtype == "float64" else 1e-5)
@@ -152,6 +153,38 @@ def test_offsets_of_primitives_are_wrapped(dtype, device):
     water = Water(rows, dtype=dtype, device=device)
     water.at([[0.0, 0.0]], 1e9)
     phase = water._rows.phase.numpy()
-    assert (phase[:, :2] >= 0.0).all() and (phase[:, :2] <= kernels.PERIOD).all()
+    assert (phase[:, :2] >= 0.0).all() and (phase[:, :2] <= flow_tree.PERIOD).all()
     np.testing.assert_allclose(np.hypot(*phase[:, 2:].T) * rows.wavelength, 1.0, rtol=1e-6)
     assert math.isfinite(phase.sum())
+
+
+def test_a_loop_has_no_seam_and_does_not_pulse(device):
+    """``fade_surfaces``: at its end it is as at its beginning, and its waves are as high all the time."""
+    x, y = np.meshgrid(np.arange(24.0), np.arange(24.0))
+    center = 0.5 * np.column_stack([x.ravel(), y.ravel()])
+    for speed in (0.02, 0.6):
+        rows = primitives("ripple", center, 0.5, velocity=(speed, 0.3 * speed), amplitude=0.05, wavelength=0.4)
+        water = Water(rows, device=device)
+        where = ((1.0, 10.0), 0.05, (180, 180))
+        plain = water.on_grid(*where, 0.0).elevation.numpy()
+        np.testing.assert_allclose(water.loop_grid(*where, 0.0, 4.0).elevation.numpy(), plain, atol=1e-6)
+        np.testing.assert_allclose(water.loop_grid(*where, 3.9999, 4.0).elevation.numpy(), plain, atol=2e-4)
+        height = [water.loop_grid(*where, t, 4.0).elevation.numpy().std() for t in np.linspace(0.0, 4.0, 9)]
+        # 80 wavelengths of the first octave: the spread of their variance.
+        assert max(height) / min(height) < 1.15
+    with pytest.raises(ValueError, match="jelly"):
+        water.loop_grid(*where, 0.0, 0.4)
+
+
+def test_merged_waves_are_as_high_between_centres_as_at_them(device):
+    """Plain merging halves their variance there, which shows as a quilt."""
+    x, y = np.meshgrid(np.arange(80.0), np.arange(80.0))
+    center = 0.5 * np.column_stack([x.ravel(), y.ravel()])
+    rows = primitives("ripple", center, 0.5, velocity=(0.4, 0.1), amplitude=0.05, wavelength=0.4)
+    at, between = center[1000:5000], center[1000:5000] + 0.25
+    ratio = {}
+    for contrast in (True, False):
+        water = Water(rows, contrast=contrast, device=device)
+        ratio[contrast] = water.at(between).elevation.std() / water.at(at).elevation.std()
+    assert ratio[True] == pytest.approx(1.0, abs=0.05)
+    assert ratio[False] == pytest.approx(0.5, abs=0.05)

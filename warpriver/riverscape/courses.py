@@ -56,8 +56,8 @@ class Course:
         depth: (n,) greatest of the section, m.
         speed: (n,) mean of the section, m/s.
         channel_type: Rosgen's type [Rosgen1994], one of :data:`TYPES`.
-        form: (m,) or (n, m) depth over the greatest, at even places from the left bank to the right; by default that of a
-            parabola.
+        form: (m,) or (n, m) depth over the greatest, at even places from the left bank to the right; by default that
+            of a parabola.
         falls: Numbers of the first points of segments on which the water falls: its level is that of the point above,
             then that of the point below.
 
@@ -252,7 +252,7 @@ class CourseMap:
         ):
             setattr(found, name, wp.empty(len(points), dtype=kind, device=self.device))
         if len(points):
-            at = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             launch_kernel(self._kernels.survey_places, len(points), [self._courses, at], [found], device=self.device)
         names = [f.name for f in dataclasses.fields(SurveyedPlaces)]
         return SurveyedPlaces(*(getattr(found, name).numpy() for name in names))
@@ -272,7 +272,7 @@ class CourseMap:
         points = checked_points(xy, "xy")
         bed = wp.empty(len(points), dtype=wp.float64, device=self.device)
         if len(points):
-            at = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             inputs = [self._ground(terrain), self._courses, self._rocks if rocks else self._no_rocks, at]
             launch_kernel(self._kernels.carve_places, len(points), inputs, [bed], device=self.device)
         return bed.numpy()

@@ -181,7 +181,7 @@ class Foam:
         fastest = float(np.abs(grid.velocity.numpy()).max(initial=0.0))
         parts = max(1, math.ceil(seconds * fastest / (2.0 * self.cell_size)))
         s, device = self._scalar, self.cover.device
-        source = wp.array(self.rate * grid.effervescence.numpy(), dtype=s, device=device)
+        source: wp.array = wp.array(self.rate * grid.effervescence.numpy(), dtype=s, device=device)
         step = seconds / parts
         for _ in range(parts):
             inputs = [

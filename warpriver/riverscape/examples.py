@@ -66,9 +66,10 @@ def example(name: str, seed: int = 0) -> Example:
 
 
 def hydraulics(kind: str, flow: float, slope: float) -> tuple[float, float, float]:
-    """Width, greatest depth and mean speed of a section that carries a discharge: u = R^(2/3) S^(1/2) / n [Jarrett1984].
+    """Width, greatest depth and mean speed of a section that carries a discharge.
 
-    n = max(0.03, 0.32 S^0.38 R^-0.16), the slope held at 0.1 there, and a Froude number of 1 at most.
+    u = R^(2/3) S^(1/2) / n, n = max(0.03, 0.32 S^0.38 R^-0.16), S held at 0.1 in n [Jarrett1984]; a Froude number of 1
+    at most.
     """
     ratio, form = SECTIONS[kind]
     share = 0.75 if form == "trapezoid" else 2.0 / 3.0
@@ -133,7 +134,7 @@ def _meander(length: float, slope: float, flow: float, random: np.random.Generat
 
 
 def bend_form(curvature_width: FloatArray, nearest: float) -> FloatArray:
-    """Sections from a parabola on straights to 4 x^b (1 - x^b) in bends [Deutsch1996], weight min(1, 2.5 |curvature| W).
+    """Sections from a parabola on straights to 4 x^b (1 - x^b) in bends [Deutsch1996], by min(1, 2.5 |curvature| W).
 
     Args:
         curvature_width: (n,) curvature times width, above 0 to the left.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError
-from warpriver.kernels import water as kernels
+from warpriver.kernels import flow_tree as kernels
 from warpriver.public import public
 
 __all__ = ["KINDS", "Merge", "Node", "Primitives", "Replace", "blend", "primitives"]
@@ -53,9 +52,9 @@ class Primitives:
         amplitude: (n,) of the waves, m.
         wavelength: (n,) of the first octave of the waves, m.
         effervescence: (n,) white water, 0 to 1.
-        shape: (n, 3) by kind: wave (height m, blending m, length m), cascade (drop m, blending m, lip m), vortex (shear in
-            rad from the centre to the rim, spin rad/s, depth m), echo (angle of the bank's normal rad, distance of the
-            bank along it m, -).
+        shape: (n, 3) by kind: wave (height m, blending m, length m), cascade (drop m, blending m, lip m), vortex (shear
+            in rad from the centre to the rim, spin rad/s, depth m), echo (angle of the bank's normal rad, distance of
+            the bank along it m, -).
         offset: (n,) whole numbers below 2^32: where in the noise each begins.
     """
 
@@ -109,7 +108,7 @@ class Replace:
     over: Node
 
 
-Node = Union[Primitives, Merge, Replace]
+Node = Primitives | Merge | Replace
 
 
 @public

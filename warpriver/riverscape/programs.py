@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.errors import InputError
-from warpriver.kernels import water as kernels
+from warpriver.kernels import flow_tree as kernels
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
 
 __all__ = ["Programs", "write_programs"]

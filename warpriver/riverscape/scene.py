@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from warpriver.errors import InputError, PathError
+from warpriver.files import beside
 from warpriver.public import public
 from warpriver.riverscape.courses import Course, CourseMap, Rock
 from warpriver.riverscape.drift import LeafFrame, drift_leaves
@@ -31,6 +32,7 @@ FloatArray = NDArray[np.float64]
 MOST_CELLS = 2**28
 # Of the file that a scene is kept in.
 FORMAT = 1
+COURSE_ARRAYS = ("xy", "level", "width", "depth", "speed", "form", "falls")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -208,6 +210,7 @@ class Riverscape:
             path: File to write, ``.json``; arrays go into a file of the same name that ends in ``.npz``.
 
         Raises:
+            ValueError: Another suffix.
             OSError: The files cannot be written.
         """
         target = pathlib.Path(path)
@@ -216,7 +219,7 @@ class Riverscape:
         arrays["terrain"] = raster.values.numpy()
         courses = []
         for k, course in enumerate(self.courses.courses):
-            for name in ("xy", "level", "width", "depth", "speed", "form", "falls"):
+            for name in COURSE_ARRAYS:
                 arrays[f"course{k}_{name}"] = np.asarray(getattr(course, name))
             courses.append({"type": course.channel_type})
         told = {
@@ -233,11 +236,13 @@ class Riverscape:
             ],
             "tree": _listed(self.water_surface.tree, arrays),
         }
-        try:
-            target.write_text(json.dumps(told, indent=1))
-            np.savez_compressed(target.with_suffix(".npz"), **arrays)
-        except OSError as error:
-            raise PathError.of(error, "the scene cannot be written") from error
+        if target.suffix.lower() != ".json":
+            raise InputError(
+                f"{target} ends in {target.suffix or 'nothing'}; a scene is a .json, with a .npz beside it"
+            )
+        with beside(target, (".npz",)) as temporary:
+            temporary.write_text(json.dumps(told, indent=1) + "\n")
+            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)  # type: ignore[arg-type]
 
     def _grid(
         self, bounds: Sequence[float] | FloatArray | None, cell_size: float
@@ -253,7 +258,7 @@ class Riverscape:
             )
         if rows * columns > MOST_CELLS:
             raise InputError(
-                f"{rows} x {columns} cells are too many, {MOST_CELLS} at most; use a coarser cell size or smaller bounds"
+                f"{rows} x {columns} cells are too many, {MOST_CELLS} at most; use a coarser cell size or a part of it"
             )
         return (west, north), (rows, columns)
 
@@ -264,7 +269,7 @@ class Riverscape:
             x = origin[0] + cell_size * (np.arange(shape[1]) + 0.5)
             y = origin[1] - cell_size * (np.arange(shape[0]) + 0.5)
             at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-            bed = wp.array(self.bed(at).reshape(shape), dtype=wp.float64, device=self.courses.device)
+            bed: wp.array = wp.array(self.bed(at).reshape(shape), dtype=wp.float64, device=self.courses.device)
             self._bed = (key, bed)
         return self._bed[1]
 
@@ -326,10 +331,8 @@ def read_riverscape(path: str | os.PathLike[str], *, device: wp.DeviceLike = "cp
         terrain = Terrain(arrays["terrain"], place["cell_size"], place["origin"], place["crs"], device=device)
         courses = [
             Course(
-                *(arrays[f"course{k}_{name}"] for name in ("xy", "level", "width", "depth", "speed")),
                 channel_type=course["type"],
-                form=arrays[f"course{k}_form"],
-                falls=arrays[f"course{k}_falls"],
+                **{name: arrays[f"course{k}_{name}"] for name in COURSE_ARRAYS},
             )
             for k, course in enumerate(told["courses"])
         ]

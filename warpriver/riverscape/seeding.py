@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.kernels import water as kernels
+from warpriver.kernels import flow_tree as kernels
 from warpriver.params import Params, parameter
 from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Merge, Node, Primitives, blend

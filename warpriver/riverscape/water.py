@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpriver.device import PRECISIONS, launch_kernel, resolve_device
 from warpriver.errors import InputError
+from warpriver.kernels import flow_tree
 from warpriver.kernels import water as kernels
 from warpriver.public import public
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
@@ -122,7 +123,7 @@ class Water:
         size = None if cell_size is None else positive(cell_size, "cell_size", "m")
         programs = write_programs(tree, size)
         self.primitives, self.origin, self.cell_size = programs.rows, programs.origin, programs.cell_size
-        if leaf is None and (self.primitives.kind >= kernels.OWN).any():
+        if leaf is None and (self.primitives.kind >= flow_tree.OWN).any():
             raise InputError("the tree has own leaves (kinds from 7 on); give their function as leaf=")
         self._rows = self._rows_on_device(programs)
         self._cells = self._cells_on_device(programs)
@@ -158,7 +159,7 @@ class Water:
         self._set_time(time)
         surface = self._surface(len(points))
         if len(points):
-            local = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            local: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             inputs = [self._rows, self._noise, self._cells, self._kernels.Grid(), local]
             launch_kernel(self._evaluate, len(points), inputs, [surface], device=self.device)
         return WaterSample(
@@ -200,8 +201,9 @@ class Water:
         nowhere = wp.empty(0, dtype=wp.vec2d, device=self.device)
         inputs = [self._rows, self._noise, self._cells, grid, nowhere]
         launch_kernel(self._evaluate, rows * columns, inputs, [surface], device=self.device)
-        arrays = [surface.elevation, surface.still, surface.velocity, surface.foam, surface.weight]
-        return WaterGrid(*(array.reshape((rows, columns)) for array in arrays), (west, north), size)
+        names = ("elevation", "still", "velocity", "foam", "weight")
+        elevation, still, velocity, foam, weight = (getattr(surface, name).reshape((rows, columns)) for name in names)
+        return WaterGrid(elevation, still, velocity, foam, weight, (west, north), size)
 
     @public
     def loop_grid(
@@ -248,7 +250,7 @@ class Water:
         """Correlation of each primitive's noise with itself a period later."""
         p = self.primitives
         speed = np.hypot(*p.velocity.T)
-        vortex = p.kind == kernels.VORTEX
+        vortex = p.kind == flow_tree.VORTEX
         # A vortex turns: what lies half way to its rim moves by so much.
         speed[vortex] = 2.0 * np.abs(np.sin(0.5 * p.shape[vortex, 1] * period)) * 0.5 * p.radius[vortex] / period
         lag, value = _noise_correlation()
@@ -319,7 +321,7 @@ class Water:
         place[:, 3] = p.level - programs.tile_datum[programs.row_tile]
         form = p.shape.copy()
         # Shear is given from the centre to the rim; kernels take it a metre.
-        vortex = p.kind == kernels.VORTEX
+        vortex = p.kind == flow_tree.VORTEX
         form[vortex, 0] /= p.radius[vortex]
         rows = made.Primitives()
 
@@ -359,8 +361,8 @@ class Water:
 @functools.cache
 def _noise_table(scalar: Any, alias: str) -> wp.array:
     """Coefficients of the periodic quadratic B-splines through the noise at the texels, for a device."""
-    size, made = kernels.TEXELS, kernels.build(scalar)
-    value = wp.empty((kernels.TABLES, size, size), dtype=wp.float64, device=alias)
+    size, made = flow_tree.TEXELS, kernels.build(scalar)
+    value = wp.empty((flow_tree.TABLES, size, size), dtype=wp.float64, device=alias)
     launch_kernel(made.bake_noise, value.shape, [], [value], device=alias)
     # A quadratic B-spline has 1/8, 3/4, 1/8 at its texels.
     response = 0.75 + 0.25 * np.cos(2.0 * np.pi * np.fft.fftfreq(size))
@@ -374,15 +376,15 @@ def _noise_table(scalar: Any, alias: str) -> wp.array:
 @functools.cache
 def _noise_correlation() -> tuple[FloatArray, FloatArray]:
     """Lags in wavelengths, and the mean correlation of the tables of noise with themselves that far away."""
-    size = kernels.TEXELS
-    table = _noise_table(wp.float64, "cpu").numpy().reshape(kernels.TABLES, size + 2, size + 2)[:, 1:-1, 1:-1]
+    size = flow_tree.TEXELS
+    table = _noise_table(wp.float64, "cpu").numpy().reshape(flow_tree.TABLES, size + 2, size + 2)[:, 1:-1, 1:-1]
     power = np.abs(np.fft.fft2(table - table.mean(axis=(1, 2), keepdims=True), axes=(1, 2))) ** 2
     likeness = np.fft.ifft2(power, axes=(1, 2)).real
     likeness = (likeness / likeness[:, :1, :1]).mean(axis=0)
-    lag = np.arange(size // kernels.PERIOD * 2)
+    lag = np.arange(size // flow_tree.PERIOD * 2)
     # Along both axes; beyond two wavelengths nothing is left.
     value = 0.5 * (likeness[0, lag] + likeness[lag, 0])
-    return np.append(lag * kernels.PERIOD / size, 2.5), np.append(np.clip(value, -0.5, 1.0), 0.0)
+    return np.append(lag * flow_tree.PERIOD / size, 2.5), np.append(np.clip(value, -0.5, 1.0), 0.0)
 
 
 @functools.cache

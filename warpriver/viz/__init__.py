@@ -6,16 +6,19 @@ from warpriver.viz.erosion import draw_drainage, draw_elevation, draw_ordered_ne
 from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
+from warpriver.viz.riverscapes import Camera, draw_riverscape, riverscape_movie
 from warpriver.viz.scene import render_scene
 from warpriver.viz.valleys import draw_valley, draw_valley_sections
 
 __all__ = [
+    "Camera",
     "draw_before_after",
     "draw_belt",
     "draw_drainage",
     "draw_elevation",
     "draw_network",
     "draw_ordered_network",
+    "draw_riverscape",
     "draw_valley",
     "draw_valley_sections",
     "erosion_movie",
@@ -23,4 +26,5 @@ __all__ = [
     "hillshade",
     "movie",
     "render_scene",
+    "riverscape_movie",
 ]

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import pathlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -119,8 +119,8 @@ def riverscape_movie(
         path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
         seconds: Its length, s.
         fps: Frames a second, above 0 and at most 60.
-        loop: Period in s after which water and foam repeat themselves without a seam; give as many ``seconds`` for a movie
-            that can be repeated. By default water never repeats itself.
+        loop: Period in s after which water and foam repeat themselves without a seam; give as many ``seconds`` for a
+            movie that can be repeated. By default water never repeats itself.
         camera: Where it is taken from; by default from aside and above, such that all water is seen.
         size: Width and height in pixels; both even for .mp4.
         cell_size: Of the grid that bed and water are drawn from, m; by default one and a half pixels.
