@@ -109,7 +109,8 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
     cell = tile_first[tile] + line % CELLS_ACROSS * CELLS_ACROSS + column % CELLS_ACROSS
     weight = np.bincount(tile, minlength=len(wet))
     total = np.bincount(tile, rows.level[pair_row], len(wet))
-    datum = np.round(np.divide(total, weight, out=np.zeros(len(wet)), where=weight > 0))
+    datum = np.zeros(len(wet))
+    datum[wet] = np.round(total[wet] / weight[wet])
     home = np.floor(rows.center / size).astype(np.int64) // CELLS_ACROSS - (west, south)
     side = CELLS_ACROSS * size
     cell_start, code = _emit(table, cell, row_node[pair_row], pair_row, slots * CELLS_ACROSS**2)
