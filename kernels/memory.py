@@ -24,11 +24,13 @@ def build(scalar):
     line = polyline.build(scalar)
     vec2, vec3, vec4 = line.vec2, line.vec3, wp.types.vector(4, scalar)
     Channels, Points, Run, Ends = line.Channels, line.Points, line.Run, line.Ends
-    ZERO, ONE = scalar(0.0), scalar(1.0)
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     EIGHT_NINTHS, QUARTER, TWO_THIRDS = (scalar(v) for v in (8.0 / 9.0, 0.25, 2.0 / 3.0))
     SERIES_LIMIT = scalar(0.5)
     # What has faded to this fraction is lost in the rounding of the sum.
     LOST = scalar(math.exp(-float(line.REACH)))
+    # What enters a link is followed until this fraction of it is left.
+    FAINT = scalar(1e-13 if scalar is wp.float64 else 1e-6)
     # Areas of rings are added up in 2^-62 of the squared length, as integers, so that the order does not matter. The
     # greatest, that of a circle, is 1 / (4 pi) of it. Lengths of stems are added up in quanta.
     AREA_PARTS, AREA_PART = wp.float64(2.0**62), wp.float64(2.0**-62)
@@ -43,11 +45,17 @@ def build(scalar):
 
     @wp.struct
     class MigrationConstants:
-        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr."""
+        """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr.
+
+        ``memory_length`` is 0 where friction and depth tell how far bends are felt, ``curvature_saturation`` where
+        nothing saturates.
+        """
 
         migration_rate: scalar
         reference_width: scalar
         friction: scalar
+        memory_length: scalar
+        curvature_saturation: scalar
         local_weight: scalar
         upstream_weight: scalar
         scale_local: int
@@ -59,13 +67,17 @@ def build(scalar):
     class Terms:
         """What the terms of the rate weigh in a channel in this sub-step.
 
-        ``sinuosity`` is the factor sigma^(-2/3), ``root`` the root r of the smoothing at the widest point.
+        ``sinuosity`` is the factor sigma^(-2/3), ``root`` the root r of the smoothing at the widest point, ``reach``
+        the number of points after which r^n is lost. In a link, ``fade`` is what a segment leaves of the memory, where
+        width and depth do not vary.
         """
 
         local: scalar
         upstream: scalar
         sinuosity: scalar
         root: scalar
+        fade: scalar
+        reach: int
 
     @wp.struct
     class Memory:
@@ -73,13 +85,16 @@ def build(scalar):
 
         A link turns the upstream mean I and the smoothed velocity u that enter it into A I + B and R u + T I + S, where
         u, T, S are vectors: ``end`` is (B, S) and ``fade`` (A, R, T), of links that have one downstream. ``start`` is
-        the (I, u) that enters. ``tail`` is the velocity just downstream of a link, smoothed upstream to there.
-        ``terms`` is what the terms weigh in a link, ``ends`` how far the ends of its stem are.
+        the (I, u) that enters. ``terms`` is what the terms weigh in a link, ``ends`` how far the ends of its stem are.
+
+        Smoothed upstream, a velocity v that comes from below a link leaves it at its second point as V + G v: ``back``
+        is (V, G), and ``tail`` the v that enters a link.
         """
 
         end: wp.array[vec3]
         fade: wp.array[vec4]
         start: wp.array[vec3]
+        back: wp.array[vec3]
         tail: wp.array[vec2]
         terms: wp.array[Terms]
         ends: wp.array[Ends]
@@ -119,6 +134,27 @@ def build(scalar):
         return constants.migration_rate * width
 
     @wp.func(module=name)
+    def felt_curvature(curvature: scalar, width: scalar, constants: MigrationConstants) -> vec3:
+        """Curvature C as the rate feels it, c0 tanh(w C / c0) / w, and its first and second derivative by C.
+
+        It grows no further in bends tighter than w / c0, where the flow no longer follows the bank [Blanckaert2011];
+        without a limit c0 it is C itself.
+        """
+        if constants.curvature_saturation > ZERO:
+            scale = width / constants.curvature_saturation
+            felt = wp.tanh(scale * curvature)
+            slope = ONE - felt * felt
+            return vec3(felt / scale, slope, -TWO * scale * felt * slope)
+        return vec3(curvature, ONE, ZERO)
+
+    @wp.func(module=name)
+    def decay_of(section: vec2, constants: MigrationConstants) -> scalar:
+        """Decay alpha of the memory at a width and depth, 1/m: 2 f / d, or by a length in widths, 1 / (L w)."""
+        if constants.memory_length > ZERO:
+            return ONE / (constants.memory_length * section[0])
+        return TWO * constants.friction / section[1]
+
+    @wp.func(module=name)
     def smoothing_root(width: scalar, run: Run, sinuosity: scalar, constants: MigrationConstants) -> scalar:
         """Root r of the implicit fraction of the local term, 0 where the explicit step is stable by itself.
 
@@ -135,13 +171,12 @@ def build(scalar):
         return line.recurrence_root(c)
 
     @wp.func(module=name)
-    def segment_depth(points: Points, run: Run, friction: scalar, i: int, j: int) -> scalar:
-        """Optical depth of the segment between two points: alpha = 2 f / d, in the mean of both, times its length."""
-        return (
-            friction
-            * run.spacing
-            * (ONE / line.section_at(points, i, run)[1] + ONE / line.section_at(points, j, run)[1])
-        )
+    def segment_depth(points: Points, run: Run, constants: MigrationConstants, i: int, j: int) -> scalar:
+        """Optical depth of the segment between two points: the decay, in the mean of both, times its length."""
+        before, after = line.section_at(points, i, run), line.section_at(points, j, run)
+        if constants.memory_length > ZERO:
+            return HALF * run.spacing * (decay_of(before, constants) + decay_of(after, constants))
+        return constants.friction * run.spacing * (ONE / before[1] + ONE / after[1])
 
     @wp.func(module=name)
     def line_sinuosity(point_xy: wp.array[vec2], run: Run) -> scalar:
@@ -178,7 +213,8 @@ def build(scalar):
         sinuosity = scalar(1.0)
         if constants.scale_local != 0:
             sinuosity = sinuosity_of(channels, point_xy, run)
-        return Terms(ZERO, ZERO, sinuosity, smoothing_root(run.form.widest, run, sinuosity, constants))
+        root = smoothing_root(run.form.widest, run, sinuosity, constants)
+        return Terms(ZERO, ZERO, sinuosity, root, ONE, line.recurrence_reach(root))
 
     @wp.func(module=name)
     def terms_of(channels: Channels, point_xy: wp.array[vec2], run: Run, constants: MigrationConstants) -> Terms:
@@ -190,7 +226,11 @@ def build(scalar):
             local = local * sinuosity
         if constants.scale_upstream != 0:
             upstream = upstream * sinuosity
-        return Terms(local, upstream, sinuosity, smoothing_root(run.form.widest, run, sinuosity, constants))
+        root = smoothing_root(run.form.widest, run, sinuosity, constants)
+        fade = scalar(1.0)
+        if run.upper >= 0 or run.lower >= 0:
+            fade = wp.exp(-run.spacing * decay_of(vec2(run.form.width, run.form.depth), constants))
+        return Terms(local, upstream, sinuosity, root, fade, line.recurrence_reach(root))
 
     @wp.func(module=name)
     def is_felt(channels: Channels, run: Run) -> bool:
@@ -235,10 +275,9 @@ def build(scalar):
         channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants, ends: Ends
     ) -> vec4:
         """(A, R, T) of a link, see ``Memory``. Points from which R would not reach its end have no share in T."""
-        r = terms.root
-        depth = segment_depth(points, run, constants.friction, run.first, run.first)
-        begin = run.last - line.recurrence_reach(r)
-        optical = scalar(0.0)
+        r, q = scalar(terms.root), scalar(terms.fade)
+        begin = run.last - terms.reach
+        left = scalar(1.0)
         root = scalar(1.0)
         mixed = vec2(ZERO, ZERO)
         j = int(run.first + 1)
@@ -246,21 +285,29 @@ def build(scalar):
             # Beyond that reach R is lost.
             root = ZERO
             if not points.section:
-                optical = depth * scalar(begin - j)
+                left = wp.pow(q, scalar(begin - j))
                 j = begin
+        ends_felt = ends.above < ends.head_reach or ends.below < ends.foot_reach
         while j <= run.last:
             if points.section:
-                depth = segment_depth(points, run, constants.friction, j - 1, j)
+                q = wp.exp(-segment_depth(points, run, constants, j - 1, j))
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            optical += depth
+            left = left * q
             if j >= begin:
-                felt = terms.upstream * line.end_weight(j, run, ends) * wp.exp(-optical)
-                mixed = ((ONE - r) * felt) * line.normal_at(channels, points.xy, j, run) + r * mixed
+                felt = terms.upstream * left
+                if ends_felt:
+                    felt = felt * line.end_weight(j, run, ends)
+                normal = vec2(ZERO, ZERO)
+                if j < run.last:
+                    normal = line.right_normal(points.xy[j - 1], points.xy[j + 1])
+                else:
+                    normal = line.normal_at(channels, points.xy, j, run)
+                mixed = ((ONE - r) * felt) * normal + r * mixed
                 root = root * r
             j += 1
         if line.foot_held(channels, run.channel):
-            return vec4(wp.exp(-optical), ZERO, ZERO, ZERO)
-        return vec4(wp.exp(-optical), root, mixed[0], mixed[1])
+            return vec4(left, ZERO, ZERO, ZERO)
+        return vec4(left, root, mixed[0], mixed[1])
 
     @wp.func(module=name)
     def chained_start(channels: Channels, memory: Memory, run: Run) -> vec3:
@@ -317,6 +364,43 @@ def build(scalar):
             run = line.whole_run(channels, channel)
             memory_io.start[channel] = chained_start(channels, memory_io, run)
 
+    @wp.func(module=name)
+    def foot_velocity(channels: Channels, run: Run, point_velocity: wp.array[vec2], smoothed: vec2) -> vec2:
+        """Smoothed velocity at the last point of a channel: where a stem ends it is held, or slides along the edge."""
+        if run.lower >= 0 and not line.foot_held(channels, run.channel):
+            return smoothed
+        velocity = vec2(ZERO, ZERO)
+        if run.edge == EDGE_NORTH_SOUTH:
+            velocity = vec2(ZERO, point_velocity[run.last][1])
+        elif run.edge == EDGE_WEST_EAST:
+            velocity = vec2(point_velocity[run.last][0], ZERO)
+        return velocity
+
+    @wp.func(module=name)
+    def back_of(
+        channels: Channels,
+        points: Points,
+        run: Run,
+        terms: Terms,
+        constants: MigrationConstants,
+        point_velocity: wp.array[vec2],
+    ) -> vec3:
+        """(V, G) of a link, see ``Memory``, from velocities that are complete, from as far downstream as it counts."""
+        r = terms.root
+        lowest = wp.min(run.last, run.first + 1 + terms.reach)
+        smoothed = vec2(ZERO, ZERO)
+        left = wp.where(lowest < run.last, ZERO, ONE)
+        for k in range(0, lowest - run.first):
+            j = lowest - k
+            if points.section:
+                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
+            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
+            left = left * r
+            if j == run.last and (run.lower < 0 or line.foot_held(channels, run.channel)):
+                smoothed = foot_velocity(channels, run, point_velocity, smoothed)
+                left = ZERO
+        return vec3(smoothed[0], smoothed[1], left)
+
     @wp.kernel(module=name, enable_backward=False)
     def add_upstream(
         # network
@@ -325,30 +409,31 @@ def build(scalar):
         # params
         constants: MigrationConstants,
         work: Work,
-        # in
-        memory: Memory,
         # out
+        memory_io: Memory,
         point_velocity_io: wp.array[vec2],
     ):
-        """Add to the velocities of each link what enters it, n e gamma I exp(-depth), smoothed downstream alike."""
+        """Add to the velocities of each link what enters it, n e gamma I exp(-depth), smoothed downstream alike.
+
+        They are complete then, and what the link hands on upstream is noted.
+        """
         share = line.channel_range(work, work.first + wp.tid())
         for channel in range(share[0], share[1]):
             if channels.stems.upper[channel] >= 0 and channels.step[channel] > ZERO:
                 run = line.whole_run(channels, channel)
-                terms, ends, start = memory.terms[channel], memory.ends[channel], memory.start[channel]
+                terms, ends, start = memory_io.terms[channel], memory_io.ends[channel], memory_io.start[channel]
                 push = terms.upstream * start[0]
                 smoothed = vec2(start[1], start[2])
-                lost = LOST * (wp.abs(push) + wp.abs(start[1]) + wp.abs(start[2]))
-                r = terms.root
+                faint = FAINT * (wp.abs(push) + wp.abs(start[1]) + wp.abs(start[2]))
+                r, q = scalar(terms.root), scalar(terms.fade)
                 ends_felt = ends.above < ends.head_reach or ends.below < ends.foot_reach
-                q = wp.exp(-segment_depth(points, run, constants.friction, run.first, run.first))
                 point_velocity_io[run.first] = smoothed
                 before = points.xy[run.first]
                 here = points.xy[run.first + 1]
                 j = int(run.first + 1)
-                while j <= run.last and wp.abs(push) + wp.abs(smoothed[0]) + wp.abs(smoothed[1]) > lost:
+                while j <= run.last and wp.abs(push) + wp.abs(smoothed[0]) + wp.abs(smoothed[1]) > faint:
                     if points.section:
-                        q = wp.exp(-segment_depth(points, run, constants.friction, j - 1, j))
+                        q = wp.exp(-segment_depth(points, run, constants, j - 1, j))
                         r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
                     push = push * q
                     normal = vec2(ZERO, ZERO)
@@ -366,55 +451,16 @@ def build(scalar):
                     before = here
                     here = after
                     j += 1
-
-    @wp.func(module=name)
-    def foot_velocity(channels: Channels, run: Run, point_velocity: wp.array[vec2], smoothed: vec2) -> vec2:
-        """Smoothed velocity at the last point of a channel: where a stem ends it is held, or slides along the edge."""
-        if run.lower >= 0 and not line.foot_held(channels, run.channel):
-            return smoothed
-        velocity = vec2(ZERO, ZERO)
-        if run.edge == EDGE_NORTH_SOUTH:
-            velocity = vec2(ZERO, point_velocity[run.last][1])
-        elif run.edge == EDGE_WEST_EAST:
-            velocity = vec2(point_velocity[run.last][0], ZERO)
-        return velocity
-
-    @wp.func(module=name)
-    def link_tail(
-        channels: Channels,
-        points: Points,
-        point_velocity: wp.array[vec2],
-        link: int,
-        constants: MigrationConstants,
-        tail: vec2,
-    ) -> vec2:
-        """Velocity of the second point of a link, smoothed upstream to there; ``tail`` comes from downstream of it."""
-        run = line.whole_run(channels, link)
-        terms = smoothing_of(channels, points.xy, run, constants)
-        r = terms.root
-        smoothed = vec2(tail[0], tail[1])
-        lowest = wp.min(run.last, run.first + 1 + line.recurrence_reach(r))
-        for k in range(0, lowest - run.first):
-            j = lowest - k
-            if points.section:
-                r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
-            if j == run.last:
-                smoothed = foot_velocity(channels, run, point_velocity, smoothed)
-        return smoothed
+                memory_io.back[channel] = back_of(channels, points, run, terms, constants, point_velocity_io)
 
     @wp.kernel(module=name, enable_backward=False)
     def find_tails(
         # network
         channels: Channels,
-        points: Points,
         # params
-        constants: MigrationConstants,
         work: Work,
-        # in
-        point_velocity: wp.array[vec2],
         # out
-        channel_tail_out: wp.array[vec2],
+        memory_io: Memory,
     ):
         """Velocity of the point just downstream of each link, smoothed upstream to there, from as far as it counts.
 
@@ -423,26 +469,18 @@ def build(scalar):
         channel = wp.tid()
         if work.status[HALT] != 0 or channels.step[channel] == ZERO:
             return
-        nearest = channels.stems.lower[channel]
         tail = vec2(ZERO, ZERO)
-        whole = line.whole_run(channels, channel)
-        if nearest >= 0 and smoothing_of(channels, points.xy, whole, constants).root > ZERO:
-            left = scalar(1.0)
-            link = int(channel)
-            lower = int(nearest)
-            while lower >= 0 and left > LOST:
-                if channels.step[lower] == ZERO:
-                    left = ZERO
-                else:
-                    link = lower
-                    run = line.whole_run(channels, link)
-                    root = smoothing_of(channels, points.xy, run, constants).root
-                    left = left * wp.pow(root, scalar(run.last - run.first))
-                    lower = run.lower
-            while link != channel:
-                tail = link_tail(channels, points, point_velocity, link, constants, tail)
-                link = channels.stems.upper[link]
-        channel_tail_out[channel] = tail
+        left = scalar(1.0)
+        link = int(channels.stems.lower[channel])
+        while link >= 0 and left > LOST:
+            if channels.step[link] == ZERO:
+                left = ZERO
+            else:
+                back = memory_io.back[link]
+                tail = tail + left * vec2(back[0], back[1])
+                left = left * back[2]
+                link = channels.stems.lower[link]
+        memory_io.tail[channel] = tail
 
     return SimpleNamespace(
         vec2=vec2,
@@ -457,6 +495,8 @@ def build(scalar):
         AREA_PARTS=AREA_PARTS,
         decay_weights=decay_weights,
         strength_of=strength_of,
+        felt_curvature=felt_curvature,
+        decay_of=decay_of,
         segment_depth=segment_depth,
         smoothing_root=smoothing_root,
         smoothing_of=smoothing_of,

@@ -25,7 +25,7 @@ def build(scalar):
     Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
     MigrationConstants, Terms, Memory, Ends = past.MigrationConstants, past.Terms, past.Memory, line.Ends
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
-    strength_of = past.strength_of
+    strength_of, felt_curvature, decay_of = past.strength_of, past.felt_curvature, past.decay_of
     ZERO, QUARTER, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.25, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, THIRD, PART = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0, 1.0 / 36.0))
     REACH, AREA_PARTS, HALF_64 = line.REACH, past.AREA_PARTS, wp.float64(0.5)
@@ -73,23 +73,23 @@ def build(scalar):
                 wp.atomic_add(channel_area_io, run.channel, wp.int64(wp.round(fraction * AREA_PARTS)))
 
     @wp.func(module=name)
-    def warmup_start(points: Points, run: Run, friction: scalar) -> int:
+    def warmup_start(points: Points, run: Run, constants: MigrationConstants) -> int:
         """First point upstream of a run whose weight in it is lost in rounding, or the channel's head."""
         if not points.section:
             # Compared as a real number: it may be far beyond the integers.
-            reach = REACH * run.form.depth / (TWO * friction * run.spacing)
+            reach = REACH / (decay_of(vec2(run.form.width, run.form.depth), constants) * run.spacing)
             if reach < scalar(run.begin - run.first):
                 return run.begin - int(reach) - 1
             return run.first
         i = int(run.begin)
         depth = scalar(0.0)
         while i > run.first and depth < REACH:
-            depth += segment_depth(points, run, friction, i - 1, i)
+            depth += segment_depth(points, run, constants, i - 1, i)
             i -= 1
         return i
 
     @wp.func(module=name)
-    def ring_warmup(points: Points, run: Run, friction: scalar, begin: int):
+    def ring_warmup(points: Points, run: Run, constants: MigrationConstants, begin: int):
         """Index upstream of ``begin``, once round at most, whose weight there is lost in rounding, and its depth."""
         i = int(begin)
         depth = scalar(0.0)
@@ -97,7 +97,7 @@ def build(scalar):
             after = line.round_index(i, run)
             i -= 1
             before = line.round_index(i, run)
-            depth += segment_depth(points, run, friction, before, after)
+            depth += segment_depth(points, run, constants, before, after)
         return i, depth
 
     @wp.func(module=name)
@@ -114,8 +114,8 @@ def build(scalar):
         return fade
 
     @wp.func(module=name)
-    def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec2:
-        """Curvature at a point, to second order, and the second difference of three in a row, as if evenly spaced.
+    def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec3:
+        """Curvature at a point, to second order, with the second and the first difference, as if evenly spaced.
 
         Near a junction the stencil reaches into the next link, which has a spacing of its own. A circle through
         segments a, b has the curvature (b - a) / 3 beyond its middle, plus (a^2 + a b + b^2) / 36 times the second
@@ -124,7 +124,7 @@ def build(scalar):
         near_head = run.upper >= 0 and j < run.first + 2
         near_foot = run.lower >= 0 and j > run.last - 2
         if not near_head and not near_foot:
-            return vec2(k[1], k[0] - TWO * k[1] + k[2])
+            return vec3(k[1], k[0] - TWO * k[1] + k[2], HALF * (k[2] - k[0]))
         h = line.segment_length(channels, run, j - 2)
         a = line.segment_length(channels, run, j - 1)
         b = line.segment_length(channels, run, j)
@@ -136,19 +136,43 @@ def build(scalar):
         curvature = k[1] - x1 * (slope - second * x0)
         curvature = curvature - (a * a + a * b + b * b) * PART * (TWO * second)
         change = TWO * second * run.spacing * run.spacing
-        return vec2(curvature + TWELFTH * change, change)
+        return vec3(curvature + TWELFTH * change, change, (slope - second * (x0 + x1)) * run.spacing)
 
     @wp.func(module=name)
     def junction_strength(
-        channels: Channels, points: Points, run: Run, j: int, strength: scalar, constants: MigrationConstants
+        channels: Channels,
+        points: Points,
+        run: Run,
+        j: int,
+        strength: scalar,
+        bend: vec2,
+        constants: MigrationConstants,
     ) -> scalar:
-        """Strength of a bend at a point; where the width jumps, at the junction downstream, the mean of both."""
+        """Strength of a bend at a point; where the width jumps, at the junction downstream, the mean of both.
+
+        ``bend`` is the curvature and what is felt of it here; what more or less a link of another width feels counts
+        as strength.
+        """
         if j < run.last or run.lower < 0:
             return strength
         width = channels.form[run.lower].width
         if points.section:
             width = points.section[run.foot][0]
-        return HALF * (strength + strength_of(width, constants))
+        share = scalar(1.0)
+        if bend[1] != ZERO:
+            share = felt_curvature(bend[0], width, constants)[0] / bend[1]
+        return HALF * (strength + share * strength_of(width, constants))
+
+    @wp.func(module=name)
+    def remembered(bend: vec3, felt: vec3, constants: MigrationConstants) -> scalar:
+        """Curvature that goes into the memory, for ``bend`` of ``bend_at`` and what is felt of it, by its derivatives.
+
+        The linear quadrature and the 3-point curvature each lose a twelfth of a second difference, the one of what is
+        felt, the other of the curvature.
+        """
+        if constants.curvature_saturation > ZERO:
+            return felt[0] - TWELFTH * (felt[1] * bend[1] + felt[2] * bend[2] * bend[2])
+        return bend[0] - SIXTH * bend[1]
 
     @wp.func(module=name)
     def swept_normal(channels: Channels, point_xy: wp.array[vec2], j: int, run: Run, bend: vec3) -> vec2:
@@ -186,7 +210,7 @@ def build(scalar):
         section = vec2(run.form.width, run.form.depth)
         if points.section:
             section = points.section[line.round_index(sweep.warm, run)]
-        memory_before = TWO * constants.friction / section[1]
+        memory_before = decay_of(section, constants)
         # Where width and depth do not vary along the channel, these are the same at every point.
         memory = memory_before
         strength = strength_of(section[0], constants)
@@ -205,16 +229,18 @@ def build(scalar):
                     k = line.round_index(j, run)
                 section = points.section[k]
                 r = smoothing_root(section[0], run, terms.sinuosity, constants)
-                memory = TWO * constants.friction / section[1]
+                memory = decay_of(section, constants)
                 strength = strength_of(section[0], constants)
                 q = decay_weights(HALF * (memory_before + memory) * run.spacing)
             bend = bend_at(channels, run, j, vec3(k0, k1[0], k2[0]))
-            # The linear quadrature and the 3-point curvature each lose a twelfth of the second difference.
-            value = strength * (bend[0] - SIXTH * bend[1])
+            curvature = bend[0] - TWELFTH * bend[1]
+            felt = felt_curvature(curvature, section[0], constants)
+            value = strength * remembered(bend, felt, constants)
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
-            local = terms.local * junction_strength(channels, points, run, j, strength, constants)
-            felt = terms.upstream * line.end_weight(j, run, ends)
-            rate = local * (bend[0] - TWELFTH * bend[1]) + felt * upstream
+            felt_here = vec2(curvature, felt[0])
+            local = terms.local * junction_strength(channels, points, run, j, strength, felt_here, constants)
+            push = terms.upstream * line.end_weight(j, run, ends)
+            rate = local * felt[0] + push * upstream
             smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed
             if j == sweep.head:
                 upstream = sweep.upstream
@@ -245,9 +271,9 @@ def build(scalar):
         Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
         close to 1: 1 - A is the sum of the weights of a segment of that depth.
         """
-        lap = wp.max(1, wp.min(run.last - run.first + 1, line.recurrence_reach(terms.root)))
+        lap = wp.max(1, wp.min(run.last - run.first + 1, terms.reach))
         origin = run.begin - lap
-        warm, depth = ring_warmup(points, run, constants.friction, origin)
+        warm, depth = ring_warmup(points, run, constants, origin)
         whole = decay_weights(depth)
         # Nothing is written before the sweep itself.
         first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, vec2(ZERO, ZERO))
@@ -262,8 +288,8 @@ def build(scalar):
     @wp.func(module=name)
     def line_sweep(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
         """Sweep over a run of a line, from where what lies farther upstream is lost in rounding."""
-        warm = warmup_start(points, run, constants.friction)
-        warm = wp.max(run.first, warm - line.recurrence_reach(terms.root))
+        warm = warmup_start(points, run, constants)
+        warm = wp.max(run.first, warm - terms.reach)
         return Sweep(warm, run.first, run.begin, run.stop, ZERO, vec2(ZERO, ZERO))
 
     @wp.kernel(module=name, enable_backward=False)
@@ -280,10 +306,10 @@ def build(scalar):
     ):
         """Velocity n mu in m/yr, n to the right of the flow, smoothed downstream where the step asks for it.
 
-        mu = omega mu0 + e sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C,
-        alpha = 2 f / d. e fades to 0 at both ends of a river, so that bends only straighten there, and is 1 on a ring.
-        The reach above a channel's head counts as straight [Paris2023, Eq. 2-5], that above the first point of a ring
-        is the ring itself, round and round. Inactive channels are skipped.
+        mu = omega mu0 + e sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C or
+        k c0 tanh(w C / c0), alpha = 2 f / d or 1 / (L w). e fades to 0 at both ends of a river, so that bends
+        only straighten there, and is 1 on a ring. The reach above a channel's head counts as straight [Paris2023, Eq.
+        2-5], that above the first point of a ring is the ring itself, round and round. Inactive channels are skipped.
 
         A link begins here as if nothing came from the link upstream, and notes what it hands on to the one downstream.
         """

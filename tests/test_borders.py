@@ -419,6 +419,8 @@ CALLS = {
         {"before": t["line"], "after": t["line"] + 1.0, "years": 2.0, "max_distance": 50.0},
     ),
     "oxbow_lengths": lambda t: (wr.metrics.oxbow_lengths, {"cutoffs": t["history"].cutoffs}),
+    "statistics": lambda t: (wr.metrics.statistics, {"river": t["network"], "later": t["network"]}),
+    "compare": lambda t: (wr.metrics.compare, {"a": t["network"], "b": t["history"]}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
     "hillshade": lambda t: (

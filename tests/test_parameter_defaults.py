@@ -21,6 +21,8 @@ DEFAULTS = {
         "migration_rate": (60.0, "m/yr"),
         "reference_width": (None, "m"),
         "friction": (0.011, "-"),
+        "memory_length": (0.0, "widths"),
+        "curvature_saturation": (0.0, "-"),
         "local_weight": (-1.0, "-"),
         "upstream_weight": (2.5, "-"),
         "upstream_memory": ("stem", "-"),
@@ -261,7 +263,7 @@ def parameter_classes():
         for name, kind in inspect.getmembers(importlib.import_module(module.name), inspect.isclass):
             if kind.__module__ != module.name or not dataclasses.is_dataclass(kind):
                 continue
-            if any("unit" in field.metadata for field in dataclasses.fields(kind)):
+            if any({"unit", "source"} <= field.metadata.keys() for field in dataclasses.fields(kind)):
                 assert name not in found, f"{module.name} and {found[name].__module__} both have a {name}"
                 found[name] = kind
     return found

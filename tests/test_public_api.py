@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Imports go one way: a room may use rooms of its own level or lower.
 LEVELS = [
     {
+        "arrays",
         "channel_table",
         "crs",
         "device",

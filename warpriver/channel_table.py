@@ -206,7 +206,8 @@ class ChannelTable:
             return self.extra[name]
         if name not in COLUMNS or getattr(self, name) is None:
             raise KeyError(f"no column {name!r}; there are {', '.join(self)}")
-        return getattr(self, name)
+        column: np.ndarray = getattr(self, name)
+        return column
 
     def __eq__(self, other: object) -> bool:
         """Tell whether the same columns hold the same values; what is not known in both is the same."""

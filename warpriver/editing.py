@@ -418,7 +418,7 @@ def _shift(work: Reworking, c: int, xy: np.ndarray, t: np.ndarray, shift: np.nda
     part = np.maximum(1.0 - t * t, 0.0) ** 3
     inside = np.flatnonzero(part > 0.0)
     begin, stop = int(inside[0]), int(inside[-1]) + 1
-    moved = xy + part[:, None] * shift
+    moved: np.ndarray = xy + part[:, None] * shift
     work.redraw(c, begin, stop, moved[begin:stop])
     return moved
 

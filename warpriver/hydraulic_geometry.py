@@ -71,7 +71,8 @@ def width_of_discharge(flow: npt.ArrayLike) -> np.ndarray:
 
     Of a mean discharge it makes a width that is too small.
     """
-    return np.sqrt(floats(flow, "flow") / bankfull_discharge(1.0))
+    width: np.ndarray = np.sqrt(floats(flow, "flow") / bankfull_discharge(1.0))
+    return width
 
 
 @public
@@ -100,4 +101,5 @@ def channel_width(area: npt.ArrayLike, coefficient: float = WIDTH_COEFFICIENT) -
         area: m2.
         coefficient: c, in m per m.
     """
-    return coefficient * np.sqrt(floats(area, "area"))
+    width: np.ndarray = coefficient * np.sqrt(floats(area, "area"))
+    return width

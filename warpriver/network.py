@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.channel_table import COLUMNS, ChannelTable
 from warpriver.crs import metric_crs, short_name
 from warpriver.device import PRECISIONS, resolve_device
@@ -125,12 +126,12 @@ class RiverNetwork:
             above, below, node_xy = find_nodes(points, start, channels.closed, tolerance, self.origin)
             channels = channels.replace(from_node=above, to_node=below)
         check_graph(channels, np.asarray(node_xy))
-        self.channel_start: wp.array
+        self.channel_start: DeviceArray
         self.node_xy: np.ndarray
         self.point_z: np.ndarray | None
         self.replace_channels(start, channels, np.asarray(node_xy))
-        self.point_xy: wp.array = wp.array(np.asarray(xy, real), dtype=vec2, device=self.device)
-        self.point_section: wp.array | None = None
+        self.point_xy: DeviceArray = wp.array(np.asarray(xy, real), dtype=vec2, device=self.device)
+        self.point_section: DeviceArray | None = None
         if point_section is not None:
             section = checked_points("point_section", point_section, (len(xy), 2))
             self.point_section = wp.array(section.astype(real), dtype=vec2, device=self.device)
@@ -380,11 +381,13 @@ class RiverNetwork:
 
     def starts(self) -> np.ndarray:
         """Return ``channel_start`` as a host array, (C + 1,) int32."""
-        return self.channel_start.numpy().copy()
+        starts: np.ndarray = self.channel_start.numpy().copy()
+        return starts
 
     def points(self) -> np.ndarray:
         """Return all points in absolute coordinates, (P, 2) float64 in m."""
-        return self.point_xy[: self.point_count].numpy().astype(np.float64) + self.origin
+        points: np.ndarray = self.point_xy[: self.point_count].numpy().astype(np.float64) + self.origin
+        return points
 
     def polylines(self, *, close: bool = False) -> list[np.ndarray]:
         """Return the channels' lines in absolute coordinates, a list of (n, 2) float64 arrays in m.
@@ -427,7 +430,7 @@ class RiverNetwork:
         step = np.hypot(*np.diff(xy, axis=0).T)
         step[starts[1:-1] - 1] = 0.0
         total = np.concatenate([[0.0], np.cumsum(step)])
-        length = total[starts[1:] - 1] - total[starts[:-1]]
+        length: np.ndarray = total[starts[1:] - 1] - total[starts[:-1]]
         if self.channel_closed.any():
             length += np.where(self.channel_closed, np.hypot(*(xy[starts[:-1]] - xy[starts[1:] - 1]).T), 0.0)
         return length

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.arrays import FloatArray
 from warpriver.channel_table import ChannelTable
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
@@ -69,7 +70,8 @@ def ring_flags(closed: Any, count: int) -> np.ndarray:
         raise InputError(
             f"closed is {shown(closed)}; give True or False, or one of them for each of the {count} channels"
         )
-    return np.broadcast_to(flags, (count,)).copy()
+    each: np.ndarray = np.broadcast_to(flags, (count,)).copy()
+    return each
 
 
 def ring_marks(marks: Any, rings: np.ndarray, counts: list[int]) -> list[tuple[int, int]]:
@@ -192,7 +194,7 @@ def check_graph(channels: ChannelTable, node_xy: np.ndarray) -> None:
         raise InputError(f"node {int(free.argmax())} belongs to no channel ({int(free.sum())} such in all); remove it")
 
 
-def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return finite values of the points, float64, or raise ``ValueError``; a width and depth must be positive."""
     array = floats(values, name)
     if array.shape != shape:
@@ -206,7 +208,7 @@ def checked_points(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray
     return array
 
 
-def per_channel(name: str, values: Any, count: int) -> np.ndarray:
+def per_channel(name: str, values: Any, count: int) -> FloatArray:
     """Return one number a channel, NaN where it is not known, or raise ``ValueError``."""
     array = floats(values, name).copy()
     if array.ndim > 1 or (array.ndim == 1 and len(array) != count):

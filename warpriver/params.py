@@ -97,7 +97,7 @@ class Params:
         return self
 
 
-def _check_constant(value: Any, label: str, field: dataclasses.Field) -> None:
+def _check_constant(value: Any, label: str, field: dataclasses.Field[Any]) -> None:
     """Raise ``ValueError`` unless a value lies in the range that its field declares."""
     meta = field.metadata
     if value is None and field.default is None:
@@ -271,6 +271,22 @@ class MeanderParams(Params):
         low_open=True,
         source="Sylvester2019",
         doc="f: friction factor; upstream curvature is felt over depth / (2 f) metres",
+    )
+    memory_length: float = parameter(
+        0.0,
+        "widths",
+        low=0.0,
+        source="warpriver",
+        doc="L: upstream curvature is felt over so many widths, where friction and depth would make it depth / (2 f) "
+        "metres; 0: by friction and depth [Paris2023]",
+    )
+    curvature_saturation: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        source="Blanckaert2011",
+        doc="c0: width times curvature at which the rate of bends saturates, as c0 tanh(w C / c0), since the flow no "
+        "longer follows bends that are tighter; 0: never [Paris2023]",
     )
     local_weight: float = parameter(
         -1.0,

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.crs import CRSLike, metric_crs, pyproj_or_none, short_name
 from warpriver.device import PRECISIONS, launch_kernel, present_device, require_memory, resolve_device
 from warpriver.errors import InputError
@@ -53,7 +54,7 @@ class Raster:
         name: What they are, such as "drainage_area"; "" for no name.
     """
 
-    values: wp.array
+    values: DeviceArray
     cell_size: float
     origin: tuple[float, float]
     unit: str
@@ -62,7 +63,7 @@ class Raster:
     @public
     def __init__(
         self,
-        values: npt.ArrayLike | wp.array,
+        values: npt.ArrayLike | DeviceArray,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
@@ -98,7 +99,7 @@ class Raster:
     @classmethod
     def wrap(
         cls,
-        values: wp.array,
+        values: DeviceArray,
         cell_size: float,
         origin: tuple[float, float],
         crs: str | None,
@@ -139,7 +140,8 @@ class Raster:
     @property
     def dtype(self) -> np.dtype:
         """NumPy's type of the values: float64, or that of whole numbers."""
-        return np.dtype(wp.dtype_to_numpy(self.values.dtype))
+        dtype: np.dtype = np.dtype(wp.dtype_to_numpy(self.values.dtype))
+        return dtype
 
     @property
     def is_integer(self) -> bool:
@@ -148,7 +150,8 @@ class Raster:
 
     def numpy(self) -> np.ndarray:
         """Return a copy of the values on the host, (rows, columns)."""
-        return self.values.numpy().copy() if self.device.is_cpu else self.values.numpy()
+        values: np.ndarray = self.values.numpy().copy() if self.device.is_cpu else self.values.numpy()
+        return values
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         if copy is False:
@@ -156,7 +159,7 @@ class Raster:
         return np.asarray(self.numpy(), dtype)
 
     @public
-    def like(self, values: npt.ArrayLike | wp.array, *, unit: str = "", name: str = "") -> Raster:
+    def like(self, values: npt.ArrayLike | DeviceArray, *, unit: str = "", name: str = "") -> Raster:
         """Return a raster of other values on the same cells, on the same device.
 
         A device array of float64 or integers on that device is used as it is, without a copy and without a check of its
@@ -220,15 +223,16 @@ class Raster:
         Returns:
             (n,) float64; NaN off the raster and in cells without data. Whole numbers are exact up to 2^53.
         """
-        points: wp.array = wp.array(checked_points(xy, "xy", finite=False), dtype=wp.vec2d, device=self.device)
+        points: DeviceArray = wp.array(checked_points(xy, "xy", finite=False), dtype=wp.vec2d, device=self.device)
         if self.is_integer:
             return self._sample_cells(points)
         out = wp.empty(len(points), dtype=wp.float64, device=self.device)
         inputs = [self.values, self.grid(), points]
         launch_kernel(kernels.build(wp.float64).sample_values, len(points), inputs, [out], device=self.device)
-        return out.numpy().copy()
+        sampled: np.ndarray = out.numpy().copy()
+        return sampled
 
-    def _sample_cells(self, points: wp.array) -> np.ndarray:
+    def _sample_cells(self, points: DeviceArray) -> np.ndarray:
         """Return whole numbers of the cells that points lie in, as float64; NaN off the raster."""
         rows, columns = self.shape
         if rows * columns >= 2**31:
@@ -277,15 +281,17 @@ class Raster:
 
     def cells(self, window: tuple[int, int, int, int]) -> np.ndarray:
         """Return a copy of the values in (first row, first column, rows, columns), on the host."""
-        return self._cut(window).numpy().copy()
+        cells: np.ndarray = self._cut(window).numpy().copy()
+        return cells
 
     def put_cells(self, window: tuple[int, int, int, int], values: np.ndarray) -> None:
         """Put values of its type into (first row, first column, rows, columns), in place."""
         self._cut(window).assign(values)
 
-    def _cut(self, window: tuple[int, int, int, int]) -> wp.array:
+    def _cut(self, window: tuple[int, int, int, int]) -> DeviceArray:
         row, column, rows, columns = window
-        return self.values[row : row + rows, column : column + columns]
+        cut: DeviceArray = self.values[row : row + rows, column : column + columns]
+        return cut
 
     def to_xarray(self) -> xarray.DataArray:
         """Return an ``xarray.DataArray`` of dimensions (y, x), row 0 in the north (``warpriver[gis]``).
@@ -306,13 +312,14 @@ class Raster:
         x = ("x", west + (np.arange(columns) + 0.5) * size, x_named)
         told = {"units": self.unit} if self.unit else {}
         told |= {"long_name": self.name} if self.name else {}
-        return module.DataArray(
+        labelled: xarray.DataArray = module.DataArray(
             self.numpy(),
             dims=("y", "x"),
             coords={"y": y, "x": x, "spatial_ref": ((), 0, reference)},
             name=self.name or None,
             attrs=told | {"grid_mapping": "spatial_ref"},
         )
+        return labelled
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"values": self.values.numpy(), "on": self.device.alias}
@@ -373,7 +380,7 @@ def checked_grid(cell_size: Any, origin: Any) -> tuple[float, tuple[float, float
 
 
 def checked_values(
-    values: npt.ArrayLike | wp.array,
+    values: npt.ArrayLike | DeviceArray,
     device: wp.DeviceLike,
     *,
     integers: bool,

@@ -131,7 +131,7 @@ class Simulation:
     @public
     def resume(
         cls,
-        history: History | str | os.PathLike,
+        history: History | str | os.PathLike[str],
         *,
         params: MeanderParams | PathMeander | None = None,
         terrain: Terrain | None = None,
@@ -195,8 +195,8 @@ class Simulation:
     @public
     def replay(
         cls,
-        start: Simulation | History | str | os.PathLike,
-        edits: Any,
+        start: Simulation | History | str | os.PathLike[str],
+        edits: object,
         *,
         steps: int | None = None,
         terrain: Terrain | None = None,
@@ -253,7 +253,7 @@ class Simulation:
     @classmethod
     def _from_start(
         cls,
-        history: History | str | os.PathLike,
+        history: History | str | os.PathLike[str],
         terrain: Terrain | None,
         device: Any,
         phases: Sequence[Phase],
@@ -340,7 +340,8 @@ class Simulation:
     @property
     def params(self) -> MeanderParams | PathMeander:
         """Constants; their type says which solver moves the channels."""
-        return self._stepper.state.params
+        params: MeanderParams | PathMeander = self._stepper.state.params
+        return params
 
     @params.setter
     def params(self, params: Any) -> None:
@@ -461,7 +462,7 @@ class Simulation:
         *,
         steps: int | None = None,
         record_every: int | Every = 10,
-        store: str | os.PathLike | None = None,
+        store: str | os.PathLike[str] | None = None,
         callbacks: Iterable[Callable[[Simulation], Any] | tuple[Every, Callable[[Simulation], Any]]] = (),
         progress: bool = False,
     ) -> History:

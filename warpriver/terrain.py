@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.crs import CRSLike, metric_crs
 from warpriver.device import launch_kernel, require_memory, resolve_device
 from warpriver.errors import InputError, warn
@@ -74,7 +75,7 @@ class Terrain:
     @public
     def __init__(
         self,
-        height: npt.ArrayLike | wp.array,
+        height: npt.ArrayLike | DeviceArray,
         cell_size: float,
         origin: Sequence[float] | np.ndarray = (0.0, 0.0),
         crs: str | None = None,
@@ -103,7 +104,7 @@ class Terrain:
         found = find_sentinels(array)
         if found:
             warn(f"height: of its cells {listed(found)}; if that stands for no data, write NaN there")
-        values: wp.array = wp.array(array, dtype=wp.float64, device=target)
+        values: DeviceArray = wp.array(array, dtype=wp.float64, device=target)
         self.raster = Raster.wrap(values, *place, UNIT, NAME)
 
     @staticmethod
@@ -114,7 +115,7 @@ class Terrain:
         return terrain
 
     @staticmethod
-    def wrap(height: wp.array, cell_size: float, origin: tuple[float, float], crs: str | None) -> Terrain:
+    def wrap(height: DeviceArray, cell_size: float, origin: tuple[float, float], crs: str | None) -> Terrain:
         """Wrap a device array that was checked, without a copy."""
         return Terrain.wrap_raster(Raster.wrap(height, cell_size, origin, crs, UNIT, NAME))
 
@@ -140,7 +141,7 @@ class Terrain:
         return Terrain.wrap_raster(raster.like(raster.values, unit=UNIT, name=NAME))
 
     @property
-    def height(self) -> wp.array:
+    def height(self) -> DeviceArray:
         """Device array (rows, columns) of float64, m; kernels may edit it in place."""
         return self.raster.values
 
@@ -235,16 +236,18 @@ class Terrain:
         Returns:
             (n, 2) float64; NaN off the terrain and in cells without data.
         """
-        points: wp.array = wp.array(checked_points(xy, "xy", finite=False), dtype=wp.vec2d, device=self.device)
+        points: DeviceArray = wp.array(checked_points(xy, "xy", finite=False), dtype=wp.vec2d, device=self.device)
         out = wp.empty(len(points), dtype=wp.vec2d, device=self.device)
         self._launch("sample_gradients", len(points), [self.height, self.grid(), points], [out])
-        return out.numpy().copy()
+        gradient: np.ndarray = out.numpy().copy()
+        return gradient
 
     def slope(self) -> np.ndarray:
         """Return the slope of each cell, |grad h|: (rows, columns) float64, NaN without data."""
         out = wp.empty(self.shape, dtype=wp.float64, device=self.device)
         self._launch("compute_slope", self.shape, [self.height, wp.float64(1.0 / self.cell_size)], [out])
-        return out.numpy().copy()
+        slope: np.ndarray = out.numpy().copy()
+        return slope
 
     @public
     def brush(
@@ -301,7 +304,7 @@ class Terrain:
         spread = max(SMOOTH_FRACTION * radius / self.cell_size, SMOOTH_MINIMUM)
         reach = math.ceil(SMOOTH_REACH * spread)
         bell = np.exp(-0.5 * (np.arange(reach + 1) / spread) ** 2)
-        weight: wp.array = wp.array(bell / (2.0 * bell.sum() - 1.0), dtype=wp.float64, device=self.device)
+        weight: DeviceArray = wp.array(bell / (2.0 * bell.sum() - 1.0), dtype=wp.float64, device=self.device)
         row, column, rows, columns = window
         first, last = max(row - reach, 0), min(row + rows + reach, self.shape[0])
         blurred = wp.empty((last - first, columns), dtype=wp.float64, device=self.device)
@@ -333,8 +336,8 @@ class Terrain:
         window = self.raster.window(west, south, east, north)
         if window is None:
             return
-        crest_xy: wp.array = wp.array(crest, dtype=wp.vec2d, device=self.device)
-        crest_height: wp.array = wp.array(rise, dtype=wp.float64, device=self.device)
+        crest_xy: DeviceArray = wp.array(crest, dtype=wp.vec2d, device=self.device)
+        crest_height: DeviceArray = wp.array(rise, dtype=wp.float64, device=self.device)
         inputs = [self.grid(), wp.float64(half), wp.vec4i(*window), crest_xy, crest_height]
         self._launch("raise_ridge", window[2:], inputs, [self.height])
 
@@ -387,11 +390,12 @@ def square_cells(
 
     As in :meth:`Terrain.resampled`: bilinear where the new cells are finer, area mean where they are coarser.
     """
-    source: wp.array = wp.array(np.asarray(height, np.float64), dtype=wp.float64, device=resolve_device(device))
-    return _resample(source, (cell_size / width, cell_size / length)).numpy()
+    source: DeviceArray = wp.array(np.asarray(height, np.float64), dtype=wp.float64, device=resolve_device(device))
+    square: np.ndarray = _resample(source, (cell_size / width, cell_size / length)).numpy()
+    return square
 
 
-def _resample(height: wp.array, step: tuple[float, float]) -> wp.array:
+def _resample(height: DeviceArray, step: tuple[float, float]) -> DeviceArray:
     """Heights on cells of ``step`` = (columns, rows) of the old ones, on the device."""
     shape = tuple(math.floor(n / s + 0.5) for n, s in zip(height.shape, step[::-1], strict=True))
     if min(shape) < 2:

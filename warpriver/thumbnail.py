@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray
+
 __all__ = ["LAKE", "SAND", "WATER", "card", "lines_picture", "png_of", "raster_picture"]
 
 Pixels = NDArray[np.uint8]
@@ -87,7 +89,8 @@ def raster_picture(values: np.ndarray, cell_size: float, *, heights: bool) -> Pi
         light = (1.0 + (east + south) / np.sqrt(2.0)) / np.sqrt(1.0 + east**2 + south**2)
         color *= np.clip(1.0 + 0.6 * (light - 1.0), 0.4, 1.15)[..., None]
     color[~known] = 255.0
-    return np.clip(color, 0.0, 255.0).astype(np.uint8)
+    shown: Pixels = np.clip(color, 0.0, 255.0).astype(np.uint8)
+    return shown
 
 
 def lines_picture(layers: Sequence[tuple[Sequence[np.ndarray], Sequence[float], Color]]) -> Pixels:
@@ -116,7 +119,7 @@ def lines_picture(layers: Sequence[tuple[Sequence[np.ndarray], Sequence[float], 
     return np.clip(np.round(pixels), 0.0, 255.0).astype(np.uint8)
 
 
-def _traced(lines: Sequence[np.ndarray], corner: np.ndarray, size: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def _traced(lines: Sequence[np.ndarray], corner: np.ndarray, size: float, shape: tuple[int, int]) -> FlagArray:
     """Return which samples lines pass through."""
     stride = max(1, sum(map(len, lines)) // MOST_POINTS)
     lines = [xy if stride == 1 else np.concatenate([xy[:-1:stride], xy[-1:]]) for xy in lines]
@@ -132,7 +135,7 @@ def _traced(lines: Sequence[np.ndarray], corner: np.ndarray, size: float, shape:
     return ink
 
 
-def _thickened(ink: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+def _thickened(ink: FlagArray, reach: int) -> FlagArray:
     """Return samples within a distance of those that are set, in a square."""
     for axis in (0, 1):
         wide = ink.copy()

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 
 __all__ = [
@@ -94,7 +95,7 @@ def finite(value: Any, name: str, unit: str = "") -> float:
     return number
 
 
-def position(xy: Any, name: str = "origin") -> np.ndarray:
+def position(xy: Any, name: str = "origin") -> FloatArray:
     """Return a place, x and y in m, both finite, as (2,) float64."""
     array = floats(xy, name, "x and y in m").copy()
     if array.shape != (2,) or not np.isfinite(array).all():
@@ -111,7 +112,7 @@ def one_of(value: T, name: str, choices: Sequence[T]) -> T:
     return value
 
 
-def floats(values: Any, name: str, give: str = "numbers") -> np.ndarray:
+def floats(values: Any, name: str, give: str = "numbers") -> FloatArray:
     """Return an array as float64, of any shape, with NaN where it holds them; ``give`` says what was expected."""
     try:
         return np.asarray(values, np.float64)
@@ -139,7 +140,7 @@ def finite_numbers(values: Any, count: int, name: str) -> list[float]:
     return [float(v) for v in found]
 
 
-def numbers(values: Any, name: str) -> np.ndarray:
+def numbers(values: Any, name: str) -> FloatArray:
     """Return one number a channel as float64, none of them infinite; NaN stands for what is not known."""
     array = floats(values, name, "one number a channel").copy()
     if np.isinf(array).any():
@@ -148,7 +149,7 @@ def numbers(values: Any, name: str) -> np.ndarray:
     return array
 
 
-def positive_numbers(values: Any, name: str) -> np.ndarray:
+def positive_numbers(values: Any, name: str) -> FloatArray:
     """Return one number a channel as float64, all of them positive and finite."""
     array = numbers(values, name)
     wrong = ~(array > 0.0)
@@ -158,7 +159,7 @@ def positive_numbers(values: Any, name: str) -> np.ndarray:
     return array
 
 
-def checked_line(xy: Any, label: str) -> np.ndarray:
+def checked_line(xy: Any, label: str) -> FloatArray:
     """Return a line as (n, 2) float64: three points or more, finite, no two of them alike in a row."""
     line = floats(xy, label, "(n, 2) x, y in metres").copy()
     if line.ndim != 2 or line.shape[1] != 2:
@@ -209,7 +210,7 @@ def shown(value: Any) -> str:
         try:
             return f"{float(value):g}"
         except OverflowError:
-            return f"about {'-' if value < 0 else ''}1e{math.log10(abs(value)):.0f}"
+            return f"about {'-' if value < 0 else ''}1e{math.log10(abs(int(value))):.0f}"
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
 

@@ -33,6 +33,7 @@ COMMANDS = {
     "valley": ("S1 --set length=40 -o", "out.npz"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
+    "metrics": ("line.csv run -o", "out.csv"),
     "bench": ("--points 300 --channels 3 --json", "out.json"),
     "info": ("line.csv", None),
 }

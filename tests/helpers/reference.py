@@ -19,6 +19,8 @@ class Law:
     migration_rate: float = 60.0
     reference_width: float = 0.0
     friction: float = 0.011
+    memory_length: float = 0.0
+    curvature_saturation: float = 0.0
     local_weight: float = -1.0
     upstream_weight: float = 2.5
     scale_local: int = 0
@@ -46,10 +48,10 @@ def circle_curvature(xy):
     return np.divide(2.0 * twice_area, sides, out=np.zeros(len(sides)), where=sides > 0.0)
 
 
-def curvature_and_change(xy):
-    """Curvature at every point, and its second difference along the line; both vanish at the ends, (n,) each."""
+def curvature_and_changes(xy):
+    """Curvature at every point, and its first and second difference along the line, (n,) each; it is 0 at the ends."""
     wide = circle_curvature(reflect_ends(xy, 2))
-    return wide[1:-1], wide[:-2] - 2.0 * wide[1:-1] + wide[2:]
+    return wide[1:-1], 0.5 * (wide[2:] - wide[:-2]), wide[:-2] - 2.0 * wide[1:-1] + wide[2:]
 
 
 def decay_weights(x):
@@ -85,10 +87,30 @@ def upstream_mean(value, optical_depth):
     return mean
 
 
-def optical_depths(spacing, depth, friction):
-    """Optical depth alpha ds of each segment of even length, alpha = 2 f / d as the mean of both ends, (n - 1,)."""
-    alpha = 2.0 * friction / depth
+def decay(width, depth, law):
+    """Decay alpha of the memory, 1/m: over L widths where a length in widths is given, else over d / (2 f)."""
+    return 1.0 / (law.memory_length * width) if law.memory_length > 0.0 else 2.0 * law.friction / depth
+
+
+def optical_depths(spacing, width, depth, law):
+    """Optical depth alpha ds of each segment of even length, alpha as the mean of both ends, (n - 1,)."""
+    alpha = decay(width, depth, law)
     return 0.5 * (alpha[1:] + alpha[:-1]) * spacing
+
+
+def felt_curvature(curvature, width, law):
+    """c0 tanh(w C / c0) / w, which no bend exceeds by more than c0 / w; C itself without a limit."""
+    c0 = law.curvature_saturation
+    return c0 / width * np.tanh(width * curvature / c0) if c0 > 0.0 else curvature
+
+
+def felt_bend(curvature, slope, bend, width, law):
+    """Second derivative along the line of the felt curvature, by the chain rule from those of C: f' C'' + f'' C'^2."""
+    c0 = law.curvature_saturation
+    if c0 == 0.0:
+        return bend
+    x = width * curvature / c0
+    return (bend - 2.0 * width / c0 * np.tanh(x) * slope**2) / np.cosh(x) ** 2
 
 
 def sinuosity_factor(xy, spacing):
@@ -106,18 +128,20 @@ def strength_of(width, law):
 def migration_rate(xy, spacing, width, depth, law, mean_width=None):
     """Rate mu of every point before any smoothing, m/yr, positive to the right: (n,).
 
-    mu = omega mu0 + e sigma^(-2/3) gamma (upstream mean of mu0), mu0 = k w C, with C corrected to fourth order: minus a
-    twelfth of its second difference, and once more for the linear quadrature. e fades to 0 at both ends, over a reach
-    in mean widths of the channel, by default the mean of those given.
+    mu = omega mu0 + e sigma^(-2/3) gamma (upstream mean of mu0), mu0 = k w C, or k c0 tanh(w C / c0), with C
+    corrected to fourth order: minus a twelfth of its second difference; the linear quadrature takes as much off mu0.
+    e fades to 0 at both ends, over a reach in mean widths of the channel, by default the mean of those given.
     """
-    curvature, change = curvature_and_change(xy)
-    strength = strength_of(width, law)
+    curvature, slope, change = curvature_and_changes(xy)
+    curvature = curvature - change / 12.0
+    strength, felt = strength_of(width, law), felt_curvature(curvature, width, law)
     factor = sinuosity_factor(xy, spacing)
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
-    upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depths(spacing, depth, law.friction))
+    value = strength * (felt - felt_bend(curvature, slope, change, width, law) / 12.0)
+    upstream = upstream_mean(value, optical_depths(spacing, width, depth, law))
     fade = end_weight(len(xy), spacing, law.end_damping * (np.mean(width) if mean_width is None else mean_width))
-    return local * strength * (curvature - change / 12.0) + gamma * fade * upstream
+    return local * strength * felt + gamma * fade * upstream
 
 
 def implicit_share(xy, spacing, width, law):

@@ -52,16 +52,16 @@ def upstream_mean(value, optical_depth):
 def migration_rate(xy, spacing, width, depth, law):
     """As ``reference.migration_rate``."""
     curvature = reference.circle_curvature(wrapped(xy, 2))
-    change = curvature[:-2] - 2.0 * curvature[1:-1] + curvature[2:]
-    curvature = curvature[1:-1]
-    strength = reference.strength_of(width, law)
+    change, slope = curvature[:-2] - 2.0 * curvature[1:-1] + curvature[2:], 0.5 * (curvature[2:] - curvature[:-2])
+    curvature = curvature[1:-1] - change / 12.0
+    strength, felt = reference.strength_of(width, law), reference.felt_curvature(curvature, width, law)
     factor = roundness(xy, spacing)
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
-    alpha = 2.0 * law.friction / depth
+    alpha = np.broadcast_to(reference.decay(width, depth, law), len(xy))
     optical_depth = 0.5 * (alpha + np.roll(alpha, -1)) * spacing
-    upstream = upstream_mean(strength * (curvature - change / 6.0), optical_depth)
-    return local * strength * (curvature - change / 12.0) + gamma * upstream
+    value = strength * (felt - reference.felt_bend(curvature, slope, change, width, law) / 12.0)
+    return local * strength * felt + gamma * upstream_mean(value, optical_depth)
 
 
 def roots(xy, spacing, width, law):

@@ -27,7 +27,7 @@ def by_segment(values, lines):
 
 
 def curvature_and_bend(xy, spacing):
-    """Curvature at every point of a line of uneven spacing, and its second derivative along the line.
+    """Curvature at every point of a line of uneven spacing, and its first and second derivative along the line.
 
     A circle through three points with segments a and b has the curvature at (b - a) / 3 beyond the middle one, plus
     (a^2 + a b + b^2) / 36 times its second derivative. The parabola through three such values gives both here.
@@ -41,13 +41,14 @@ def curvature_and_bend(xy, spacing):
     a, b = h[:-1], h[1:]
     place = np.concatenate([[0.0], np.cumsum(h)])
     at = place[1:-1] + (b - a) / 3.0
-    curvature, bend = np.zeros(len(xy)), np.zeros(len(xy))
+    curvature, slope, bend = np.zeros(len(xy)), np.zeros(len(xy)), np.zeros(len(xy))
     for i in range(len(xy)):
         x, y = at[i : i + 3] - place[i + 2], k[i : i + 3]
         parabola = np.polyfit(x / h.mean(), y, 2)
         bend[i] = 2.0 * parabola[0] / h.mean() ** 2
+        slope[i] = parabola[1] / h.mean()
         curvature[i] = parabola[2] - (a**2 + a * b + b**2)[i + 1] / 36.0 * bend[i]
-    return curvature, bend
+    return curvature, slope, bend
 
 
 def migration_rates(lines, spacing, widths, depths, law):
@@ -66,12 +67,17 @@ def migration_rates(lines, spacing, widths, depths, law):
     """
     xy, _ = join_links(lines)
     h = by_segment(spacing, lines)[0]
-    curvature, bend = curvature_and_bend(xy, h)
-    strength = [np.array(reference.strength_of(w, law)) for w in by_segment(widths, lines)]
+    curvature, slope, bend = curvature_and_bend(xy, h)
+    width = by_segment(widths, lines)
+    strength = [np.array(reference.strength_of(w, law)) for w in width]
     ends = slice(0, -1), slice(1, None)
-    value = [s * (curvature[end] - h**2 / 12.0 * bend[end]) for s, end in zip(strength, ends, strict=True)]
+    local_push, value = [], []
+    for s, w, e in zip(strength, width, ends, strict=True):
+        local_push.append(s * reference.felt_curvature(curvature[e], w, law))
+        lost = h**2 / 12.0 * reference.felt_bend(curvature[e], slope[e], bend[e], w, law)
+        value.append(local_push[-1] - s * lost)
     depth = by_segment(depths, lines)
-    optical = law.friction * h * (1.0 / depth[0] + 1.0 / depth[1])
+    optical = 0.5 * h * sum(reference.decay(w, d, law) for w, d in zip(width, depth, strict=True))
     weights = np.array([reference.decay_weights(x) for x in optical])
     share = weights[:, 1] * value[0] + weights[:, 2] * value[1]
     mean = np.zeros(len(xy))
@@ -81,9 +87,9 @@ def migration_rates(lines, spacing, widths, depths, law):
     factor = stem_factor(lines, spacing)
     local = law.local_weight * (factor if law.scale_local else 1.0)
     gamma = law.upstream_weight * (factor if law.scale_upstream else 1.0)
-    both = np.concatenate([strength[0][:1], 0.5 * (strength[0][1:] + strength[1][:-1]), strength[1][-1:]])
+    both = np.concatenate([local_push[0][:1], 0.5 * (local_push[0][1:] + local_push[1][:-1]), local_push[1][-1:]])
     fade = stem_end_weights(lines, spacing, widths, law.end_damping)
-    return split_links(local * both * curvature + gamma * fade * mean, lines)
+    return split_links(local * both + gamma * fade * mean, lines)
 
 
 def stem_factor(lines, spacing):

@@ -215,17 +215,17 @@ def test_hydrorivers(tmp_path):
         for n, d, a, q, o in ((10, 30, 12.5, 0.2, 1), (20, 30, 20.0, 0.0, 1), (30, 0, 33.0, 0.5, 2))
     ]
     path = foreign(tmp_path / "a.geojson", *rows)
-    with pytest.warns(
-        UserWarning, match=r"3 of 3 channels have no width; inferred 2 from the long-term mean discharge"
-    ):
+    with pytest.warns(UserWarning, match=r"3 of 3 channels have no width; inferred 3 from the drainage area by w"):
         network = read_network(path)
     assert network.channel_id.tolist() == [10, 20, 30]
     np.testing.assert_array_equal(network.channel_drainage_area, [12.5e6, 20e6, 33e6])
-    # No flow is resolved for the second one: width by its area, discharge from the width.
-    width = [width_of_discharge(0.2), channel_width(20e6), width_of_discharge(0.5)]
-    np.testing.assert_array_equal(network.channel_width, width)
-    np.testing.assert_allclose(network.channel_discharge, [0.2, bankfull_discharge(width[1]), 0.5])
-    np.testing.assert_allclose(network.channel_depth, bankfull_depth(np.array(width)))
+    # The discharge of 0.2 m3/s is a mean one: a river of 12.5 km2 is not 3.2 m wide.
+    width = channel_width(network.channel_drainage_area)
+    np.testing.assert_allclose(network.channel_width, width, rtol=1e-15)
+    # No flow is resolved for the second one: the bankfull one of its width, scaled to means as the others are.
+    scale = np.median([0.2 / bankfull_discharge(width[0]), 0.5 / bankfull_discharge(width[2])])
+    np.testing.assert_allclose(network.channel_discharge, [0.2, scale * bankfull_discharge(width[1]), 0.5])
+    np.testing.assert_allclose(network.channel_depth, bankfull_depth(width))
     assert network.channel_to[0] == network.channel_to[1] == network.channel_from[2]
     order = strahler_order(network.channel_from, network.channel_to)
     assert order.tolist() == [row["ORD_STRA"] for row in rows]
@@ -235,6 +235,17 @@ def test_hydrorivers(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert read_network(path, width=12.0).channel_width.tolist() == [12.0] * 3
+
+
+def test_mean_discharges_without_an_area_make_narrow_widths_and_say_so(tmp_path):
+    rows = [{"HYRIV_ID": n, "NEXT_DOWN": d, "DIS_AV_CMS": q} for n, d, q in ((1, 3, 0.2), (2, 3, 0.3), (3, 0, 0.5))]
+    path = foreign(tmp_path / "a.geojson", *rows)
+    with pytest.warns(UserWarning, match=r"inferred 3 from the long-term mean discharge .* too narrow"):
+        network = read_network(path)
+    np.testing.assert_array_equal(network.channel_width, width_of_discharge([0.2, 0.3, 0.5]))
+    # A discharge that the caller gives is bankfull, and makes the width.
+    with pytest.warns(UserWarning, match=r"inferred 3 from the bankfull discharge"):
+        assert read_network(path, discharge=8.0).channel_width.tolist() == [float(width_of_discharge(8.0))] * 3
 
 
 @pytest.mark.parametrize("identity", ["COMID", "NHDPlusID"])

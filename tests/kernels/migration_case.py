@@ -78,7 +78,8 @@ def device_constants(kernel, law):
 def memory_of(scalar, channels, device):
     """What links hand on, with room for so many channels."""
     kernel = memory.build(scalar)
-    kinds = {"end": kernel.vec3, "fade": kernel.vec4, "start": kernel.vec3, "tail": kernel.vec2}
+    kinds = {"end": kernel.vec3, "fade": kernel.vec4, "start": kernel.vec3, "back": kernel.vec3}
+    kinds["tail"] = kernel.vec2
     arrays = {name: unwritten(channels, kind, device) for name, kind in kinds.items()}
     structs = {name: wp.zeros(channels, dtype=kind, device=device) for name, kind in
                (("terms", kernel.Terms), ("ends", kernel.Ends))}  # fmt: skip
@@ -188,10 +189,18 @@ class Case:
         if self.stems is not None:
             self.launch_once("chain_links", [channels, constants, ...], [self.memory])
             for part in share_out(deal, len(self.lines), self.capacity, self.device):
-                inputs = [channels, self.points, constants, part.work, self.memory]
-                add_upstream = memory.build(self.scalar).add_upstream
-                wp.launch(add_upstream, dim=part.channel_threads, inputs=inputs, outputs=[out], device=self.device)
+                self._add_upstream(channels, constants, part, out)
         return out
+
+    def _add_upstream(self, channels, constants, part, velocity):
+        """Let a share of the channels add what enters them to their velocities."""
+        wp.launch(
+            memory.build(self.scalar).add_upstream,
+            dim=part.channel_threads,
+            inputs=[channels, self.points, constants, part.work],
+            outputs=[self.memory, velocity],
+            device=self.device,
+        )
 
     def _written(self, out, felt):
         """Values of points by channel, which those of inactive channels must not have."""
@@ -214,7 +223,12 @@ class Case:
         constants, ground = device_constants(self.kernel, law), ground_of(self.scalar, height, GRID, self.device)
         channels = self.channels(law, deal)
         if self.stems is not None:
-            self.launch_once("find_tails", [channels, self.points, constants, ..., rate], [self.memory.tail])
+            # The terms of the links, and that nothing enters them: the velocities are complete.
+            self._compute(law, deal)
+            self.memory.start.zero_()
+            for part in share_out(deal, len(self.lines), self.capacity, self.device):
+                self._add_upstream(channels, constants, part, rate)
+            self.launch_once("find_tails", [channels, ...], [self.memory])
         inputs = [channels, self.points, ground, constants, ..., rate, self.memory]
         max_speed = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(max_speed)])

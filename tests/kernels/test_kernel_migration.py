@@ -183,7 +183,7 @@ def test_ten_thousand_kilometres_do_not_underflow(device):
         change = np.diff(curvature, 2)
         strength = law.migration_rate * 50.0
         value = strength * (curvature[1:-1] - change / 6.0)
-        depth = reference.optical_depths(spacing, np.full(len(piece) - 4, 2.0), law.friction)
+        depth = reference.optical_depths(spacing, 50.0, np.full(len(piece) - 4, 2.0), law)
         upstream = reference.upstream_mean(value, depth)[-2]
         local = strength * (curvature[1:-1] - change / 12.0)[-2]
         expected = law.local_weight * local + law.upstream_weight * upstream

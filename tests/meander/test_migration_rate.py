@@ -29,6 +29,8 @@ def twin(xy, closed, width, depth, params, mean_width):
     """Rates by the twin, the push from upstream damped at both ends over so many mean widths."""
     law = reference.Law(
         friction=params.friction,
+        memory_length=params.memory_length,
+        curvature_saturation=params.curvature_saturation,
         scale_local=int(params.sinuosity_scaling == "whole"),
         scale_upstream=int(params.sinuosity_scaling != "none"),
         end_damping=params.end_damping,
@@ -43,7 +45,8 @@ def twin(xy, closed, width, depth, params, mean_width):
 @pytest.mark.parametrize("dtype", TWIN)
 @pytest.mark.parametrize("varying", [False, True])
 @pytest.mark.parametrize("scaling", ["upstream", "whole", "none"])
-def test_rates_are_those_of_the_twins(dtype, varying, scaling, device):
+@pytest.mark.parametrize("felt", [{}, {"memory_length": 2.5, "curvature_saturation": 0.2}], ids=["law", "saturated"])
+def test_rates_are_those_of_the_twins(dtype, varying, scaling, felt, device):
     lines, closed = [even_meander(), even_ring() + [5000.0, 0.0]], [False, True]
     section = [(30.0 + 8.0 * np.sin(np.arange(len(xy)) / 7.0), 2.0 + np.cos(np.arange(len(xy)) / 9.0)) for xy in lines]
     if not varying:
@@ -51,7 +54,7 @@ def test_rates_are_those_of_the_twins(dtype, varying, scaling, device):
     width, depth = ([part[k] for part in section] for k in (0, 1))
     network = wr.RiverNetwork.from_polylines(lines, width, depth, closed=closed, dtype=dtype, device=device)
     before = network.points()
-    params = wr.MeanderParams(sinuosity_scaling=scaling, reference_width=0.0)
+    params = wr.MeanderParams(sinuosity_scaling=scaling, reference_width=0.0, **felt)
     rates = wr.meander.migration_rate(network, params)
     np.testing.assert_array_equal(network.points(), before)
     for rate, xy, ring, w, d in zip(rates, lines, closed, width, depth, strict=True):

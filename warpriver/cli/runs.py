@@ -97,7 +97,7 @@ def add_run_options(
             _add_model_flag(path, field)
 
 
-def _add_model_flag(group: Any, field: dataclasses.Field) -> None:
+def _add_model_flag(group: Any, field: dataclasses.Field[Any]) -> None:
     """Add the flag of one constant; its default is left to the constants."""
     meta = field.metadata
     unit = "" if meta["unit"] == "-" else f"{meta['unit']}; "

@@ -68,7 +68,7 @@ def command(
     commands: Any, name: str, run: Callable[[argparse.Namespace], int], **texts: str
 ) -> argparse.ArgumentParser:
     """Add a command's parser; ``run`` takes its flags and returns the exit code."""
-    parser = commands.add_parser(name, **texts)
+    parser: argparse.ArgumentParser = commands.add_parser(name, **texts)
     parser.set_defaults(command=run, name=name, parser=parser)
     return parser
 

@@ -47,7 +47,7 @@ class Session:
 
 
 @public
-def write_edits(path: str | os.PathLike, edits: Any, *, seed: int = 0, steps: int = 0) -> None:
+def write_edits(path: str | os.PathLike[str], edits: object, *, seed: int = 0, steps: int = 0) -> None:
     """Write a session to a JSON file.
 
     Args:
@@ -71,7 +71,7 @@ def write_edits(path: str | os.PathLike, edits: Any, *, seed: int = 0, steps: in
 
 
 @public
-def read_edits(path: str | os.PathLike) -> Session:
+def read_edits(path: str | os.PathLike[str]) -> Session:
     """Read a session from a JSON file.
 
     Raises:
@@ -107,13 +107,13 @@ def read_edits(path: str | os.PathLike) -> Session:
         raise InputError(f"{source}: {error}") from error
 
 
-def session_of(edits: Any, seed: int = 0, steps: int = 0) -> Session:
+def session_of(edits: object, seed: int = 0, steps: int = 0) -> Session:
     """Return the session of a run: of itself, of a history or a simulation, of (step, edit) pairs, or of a file."""
     if isinstance(edits, Session):
         return edits
     if isinstance(edits, (str, os.PathLike)):
         return read_edits(edits)
-    history = getattr(edits, "history", edits)
+    history: Any = getattr(edits, "history", edits)
     applied = getattr(history, "edits", None)
     if applied is not None:
         done = getattr(edits, "step_count", int(history.steps[-1]) if len(history) else 0)
@@ -121,10 +121,11 @@ def session_of(edits: Any, seed: int = 0, steps: int = 0) -> Session:
     return Session(_pairs(edits), seed, steps)
 
 
-def _pairs(edits: Any) -> tuple[tuple[int, Edit], ...]:
+def _pairs(edits: object) -> tuple[tuple[int, Edit], ...]:
     """(step, edit) of pairs, or of events of a history."""
     pairs: list[tuple[int, Edit]] = []
-    for each in edits if isinstance(edits, Iterable) else [edits]:
+    listed: Iterable[Any] = edits if isinstance(edits, Iterable) else [edits]
+    for each in listed:
         pair = (each.step, each.edit) if isinstance(getattr(each, "edit", None), Edit) else each
         if not isinstance(pair, Sequence) or isinstance(pair, (str, bytes)) or len(pair) != 2:
             raise InputError(f"{shown(each)} is no (step, edit) pair; give a list of them, a history or a Session")

@@ -33,7 +33,7 @@ class Status:
         size = STATUS_SIZE + 2 * MAX_BATCH
         self.array = wp.zeros(size, dtype=wp.int32, device=device)
         self._host = self.array if device.is_cpu else wp.zeros(size, dtype=wp.int32, device="cpu", pinned=True)
-        self._view = self._host.numpy()
+        self._view: np.ndarray = self._host.numpy()
         self._sent = False
 
     def begin(self, steps: int, begun: int = 0) -> None:

@@ -34,7 +34,7 @@ class Batch:
     @property
     def halted(self) -> bool:
         """Whether sub-steps were halted behind channels that touch."""
-        return self.status[HALT] == TOUCH
+        return bool(self.status[HALT] == TOUCH)
 
     @property
     def times(self) -> list[float]:

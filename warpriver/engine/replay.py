@@ -71,7 +71,8 @@ class LaunchList:
 def _packed(values: list[Any]) -> ctypes.Structure:
     """The arguments of a compiled kernel as it takes them: a C struct of a field for each."""
     fields = [(f"field_{k}", type(value)) for k, value in enumerate(values)]
-    return type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+    packed: ctypes.Structure = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+    return packed
 
 
 class _Graph:

@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.stages import launch
 from warpriver.kernels import scans as kernels
 
@@ -25,7 +26,7 @@ class Scan:
         sum: (N,) the running sums.
     """
 
-    def __init__(self, kind: str, value: wp.array, out: wp.array, scalar: Any, *, serial: bool):
+    def __init__(self, kind: str, value: DeviceArray, out: DeviceArray, scalar: Any, *, serial: bool):
         """Allocate what the launches need.
 
         Args:
@@ -39,7 +40,7 @@ class Scan:
         kernel, count, device = kernels.build(scalar), len(value), value.device
         self._sum_groups, self._scan_groups = getattr(kernel, f"sum_{kind}"), getattr(kernel, f"scan_{kind}")
 
-        def totals(length: int) -> wp.array:
+        def totals(length: int) -> DeviceArray:
             return wp.zeros(length, dtype=value.dtype, device=device)
 
         # One level, or two or three whose groups are of like size.

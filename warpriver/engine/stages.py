@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import load_kernel
 from warpriver.errors import InternalError
 from warpriver.kernels import replay as kernels
@@ -58,7 +59,7 @@ def launch(kernel: Any, dim: int, inputs: list[Any], outputs: list[Any], device:
             noted.append(command)
 
 
-def clear(array: wp.array) -> None:
+def clear(array: DeviceArray) -> None:
     """Set a device array of a step to zero; in a stage this takes the place of ``array.zero_()``."""
     noted = _notes.launches
     if noted is None:
@@ -70,7 +71,7 @@ def clear(array: wp.array) -> None:
     noted[-1].cleared = array  # lives as long as the launch, which knows but its address
 
 
-def put(array: wp.array, values: np.ndarray) -> None:
+def put(array: DeviceArray, values: np.ndarray) -> None:
     """Copy all values of an array from the host, outside of any stage; on the CPU without a call that costs."""
     device: Any = array.device
     if device.is_cpu:

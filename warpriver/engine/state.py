@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS, available_memory
 from warpriver.engine.batch_status import MAX_BATCH, Status
 from warpriver.engine.checks import require
@@ -132,9 +133,9 @@ class State:
     status: Status
     whole: Share
     slabs: list[Share]
-    start: wp.array
+    start: DeviceArray
     _fixed: np.ndarray
-    _slab_channel: wp.array
+    _slab_channel: DeviceArray
 
     def __init__(
         self,
@@ -189,7 +190,7 @@ class State:
         """Warp's type of a point."""
         return PRECISIONS[self.network.dtype][1]
 
-    def zeros(self, count: int, dtype: Any = wp.int32) -> wp.array:
+    def zeros(self, count: int, dtype: Any = wp.int32) -> DeviceArray:
         """Return an array of zeros on the device."""
         return wp.zeros(count, dtype=dtype, device=self.device)
 
@@ -416,7 +417,7 @@ class State:
         """Let the next sub-step begin a step, and the step be planned."""
         put(self.substep, np.array([0, 1, 0], np.int32))
 
-    def assign(self, array: wp.array, values: np.ndarray) -> None:
+    def assign(self, array: DeviceArray, values: np.ndarray) -> None:
         """Copy a host array to the beginning of a device array, and fill the rest with 0."""
         kind: Any = array.dtype
         host = np.zeros(
@@ -445,7 +446,7 @@ class State:
         """Return the points on their way."""
         return self._points(self.point_moved, self.section_moved)
 
-    def _points(self, xy: wp.array, section: wp.array | None) -> Any:
+    def _points(self, xy: DeviceArray, section: DeviceArray | None) -> Any:
         struct = channels.build(self.scalar).Points()
         struct.xy = xy
         if section is not None:
@@ -481,10 +482,11 @@ class State:
     def read_status(self) -> list[int]:
         """Return ``status`` as it is now on the device."""
         self.status.fetch()
-        return self.status.read().tolist()
+        status: list[int] = self.status.read().tolist()
+        return status
 
     def schedule(
-        self, substep: wp.array, max_substeps: wp.array | None = None, max_speed: wp.array | None = None
+        self, substep: DeviceArray, max_substeps: DeviceArray | None = None, max_speed: DeviceArray | None = None
     ) -> None:
         """Set the time step of every channel in a sub-step, ``step``, 0 where it is inactive; not while halted.
 
@@ -538,8 +540,8 @@ class State:
     def adopt(
         self,
         edited: EditedChannels,
-        loops: wp.array | None = None,
-        loop_sections: wp.array | None = None,
+        loops: DeviceArray | None = None,
+        loop_sections: DeviceArray | None = None,
         *,
         between: bool = False,
     ) -> None:
@@ -578,7 +580,7 @@ class State:
             return
         # The (sub-)step goes on with the new channels: any that can move at all may have come to touch another.
         self.begin_batch()
-        go_on: wp.array = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
+        go_on: DeviceArray = wp.array([0, self.substeps, 1], dtype=wp.int32, device=self.device)
         self.schedule(go_on)
 
     def _take_drawn(self, edited: EditedChannels) -> None:
@@ -587,16 +589,16 @@ class State:
         relative = None if edited.drawn_xy is None else edited.drawn_xy - network.origin
         for array, values in ((network.point_xy, relative), (network.point_section, edited.drawn_section)):
             if array is not None and values is not None and len(values):
-                new: wp.array = wp.array(values.astype(real), dtype=self.vec2, device=self.device)
+                new: DeviceArray = wp.array(values.astype(real), dtype=self.vec2, device=self.device)
                 wp.copy(array, new, network.point_count, 0, len(values))
 
-    def _gather(self, edited: EditedChannels, loops: wp.array | None, loop_sections: wp.array | None) -> None:
+    def _gather(self, edited: EditedChannels, loops: DeviceArray | None, loop_sections: DeviceArray | None) -> None:
         """Bring the points of the network into the order of its edited channels, in ``point_moved``."""
         network, device = self.network, self.device
         real = PRECISIONS[network.dtype][2]
-        begin: wp.array = wp.array(edited.run_begin.astype(np.int32), dtype=wp.int32, device=device)
-        start: wp.array = wp.array(edited.run_start.astype(np.int32), dtype=wp.int32, device=device)
-        scale: wp.array | None = None
+        begin: DeviceArray = wp.array(edited.run_begin.astype(np.int32), dtype=wp.int32, device=device)
+        start: DeviceArray = wp.array(edited.run_start.astype(np.int32), dtype=wp.int32, device=device)
+        scale: DeviceArray | None = None
         if edited.run_scale is not None:
             scale = wp.array(edited.run_scale.astype(real), dtype=self.vec2, device=device)
         chunk, filled = self.chunk or CPU_COPY_CHUNK, int(edited.run_start[-1])
@@ -656,7 +658,7 @@ class State:
             (network.point_section, snapshot.point_section),
         ):
             if array is not None and values is not None:
-                old: wp.array = wp.array(values, dtype=self.vec2, device=self.device)
+                old: DeviceArray = wp.array(values, dtype=self.vec2, device=self.device)
                 wp.copy(array, old, 0, 0, len(values))
         self.next_identity, self.channel_length = int(saved["next_identity"][0]), snapshot.channel_length
         self.nodes_placed = True
@@ -730,7 +732,7 @@ def _checked_count(points: float, device: Any) -> int:
     return int(points)
 
 
-def arrays_of(values: Iterable[Any]) -> Iterator[wp.array]:
+def arrays_of(values: Iterable[Any]) -> Iterator[DeviceArray]:
     """Device arrays in values, in containers and in what belongs to the phases; those of the network are its own."""
     for value in values:
         if isinstance(value, wp.array):
@@ -751,7 +753,7 @@ def _columns(**columns: np.ndarray) -> np.ndarray:
     return table
 
 
-def _bits(array: wp.array) -> wp.array:
+def _bits(array: DeviceArray) -> DeviceArray:
     """The memory of real numbers from 0 on as integers, whose order is theirs."""
     kind = wp.int64 if array.dtype is wp.float64 else wp.int32
     return wp.array(ptr=array.ptr, dtype=kind, shape=array.shape, device=array.device, copy=False)

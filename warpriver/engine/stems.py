@@ -84,7 +84,8 @@ class StemArrays:
         """Return whether the last point of each channel stays in place, (C,) bool."""
         count = len(self.links.lower)
         ends = (self.links.lower < 0) & (self._edge.numpy()[:count] == EDGE_NONE)
-        return ends | (self._held.numpy()[:count] != 0)
+        feet: np.ndarray = ends | (self._held.numpy()[:count] != 0)
+        return feet
 
     def level(self, substeps: np.ndarray) -> np.ndarray:
         """Return the maximum over the links of each channel's stem, (C,); 0 where that of the channel itself is 0."""
@@ -123,4 +124,5 @@ def find_edges(network: RiverNetwork, bounds: tuple[float, float, float, float],
     meeting = np.bincount(network.channel_to, minlength=network.node_count)
     meeting += np.bincount(network.channel_from, minlength=network.node_count)
     leaves = (meeting[network.channel_to] == 1) & (np.minimum(away_x, away_y) < cell_size)
-    return np.where(leaves, edge, EDGE_NONE).astype(np.int32)
+    edges: np.ndarray = np.where(leaves, edge, EDGE_NONE).astype(np.int32)
+    return edges

@@ -239,7 +239,8 @@ class Stepper:
                 if self.seconds is not None:
                     wp.synchronize_device(state.device)
                     self._add_seconds(name, begin)
-            return state.status.read().tolist()
+            status: list[int] = state.status.read().tolist()
+            return status
         state.begin_batch(steps)
         if self.check:
             state.run(begin_substep(state))

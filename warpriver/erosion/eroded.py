@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import require_memory
 from warpriver.hydrology.cells import NoData, side_rules
 from warpriver.hydrology.routing import Flow, route
@@ -55,7 +56,7 @@ class ErodedTerrain(Terrain):
     def with_account(
         cls,
         terrain: Terrain,
-        height: wp.array,
+        height: DeviceArray,
         edges: Mapping[str, Any],
         nodata: NoData,
         params: LehenyParams,

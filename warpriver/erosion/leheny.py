@@ -16,6 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver import progress as progress_bar
+from warpriver.arrays import CellArray, DeviceArray, FlagArray, FloatArray
 from warpriver.device import PRECISIONS, launch_kernel, require_memory, resolve_device
 from warpriver.erosion.eroded import ErodedTerrain
 from warpriver.errors import InputError, InternalError
@@ -29,7 +30,6 @@ from warpriver.validate import MOST_SEED, finite_numbers, one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
-FloatArray = NDArray[np.float64]
 
 # Heights are whole numbers of quanta, of which the depth D has 2^24 to 2^25 (float32: 2^6 to 2^7); so many fit exactly.
 QUANTUM_BITS = {"float64": 24, "float32": 6}
@@ -267,13 +267,13 @@ class _Run:
         """Check the starts, bring them to rest and lay them out."""
         heights = [self._checked_height(terrain, fill) for terrain in self.terrains]
         ground = np.flatnonzero(np.isfinite(heights[0])).astype(np.int32)
-        self.ground: wp.array = wp.array(ground, dtype=int, device=self.device)
-        self.state: wp.array = wp.array(self.cell_state.reshape(-1), dtype=wp.uint8, device=self.device)
+        self.ground: DeviceArray = wp.array(ground, dtype=int, device=self.device)
+        self.state: DeviceArray = wp.array(self.cell_state.reshape(-1), dtype=wp.uint8, device=self.device)
         self.cells, grids = heights[0].size, len(self.seeds)
         if self.cells * grids >= 2**31:
             raise InputError(f"{grids} grids have {self.cells * grids} cells; 2^31 is the limit, do fewer at a time")
-        self.tally: wp.array = wp.zeros(3 * grids, dtype=wp.int64, device=self.device)
-        self.height: wp.array = wp.empty(grids * self.cells, dtype=self.scalar, device=self.device)
+        self.tally: DeviceArray = wp.zeros(3 * grids, dtype=wp.int64, device=self.device)
+        self.height: DeviceArray = wp.empty(grids * self.cells, dtype=self.scalar, device=self.device)
         self.marks = [_HostedArray(self.words, wp.uint64, self.device) for _ in range(2)]
         self.beside = _HostedArray(self.words, wp.uint64, self.device)
         self.listed = _HostedArray(self.words, wp.int32, self.device)
@@ -292,9 +292,9 @@ class _Run:
         self.start_slides = np.broadcast_to(slides, grids)
         self.start_height = heights
         pairs = np.array([np.random.SeedSequence(seed).generate_state(2) >> 1 for seed in self.seeds], np.int32)
-        self.grid_seed: wp.array = wp.array(pairs[:, 0].copy(), dtype=int, device=self.device)
+        self.grid_seed: DeviceArray = wp.array(pairs[:, 0].copy(), dtype=int, device=self.device)
         self.rain_seed, self.turn_seed = (int(v) for v in pairs[0])
-        self.scratch: dict[str, wp.array] = {}
+        self.scratch: dict[str, DeviceArray] = {}
 
     def _checked_height(self, terrain: Terrain, fill: bool) -> FloatArray:
         """Heights in whole quanta that water can leave everywhere, (rows, columns); sets the states of the cells."""
@@ -326,7 +326,7 @@ class _Run:
         self.cell_state, self.first_height = state, height
         return height
 
-    def _refuse_pits(self, padded: PaddedCells, height: FloatArray, outlet: NDArray[np.bool_]) -> None:
+    def _refuse_pits(self, padded: PaddedCells, height: FloatArray, outlet: FlagArray) -> None:
         """Raise ``ValueError`` if rain could not leave some cell."""
         lowest = np.full(height.shape, np.inf)
         for row, column in STEPS[:: 2 if self.constants.four else 1]:
@@ -341,16 +341,17 @@ class _Run:
                 f"column {column}:{level} rain would never leave; raise them with fill=True or open a side (edges)"
             )
 
-    def _filled(self, height: FloatArray, outlet: NDArray[np.bool_], min_fall: float) -> FloatArray:
+    def _filled(self, height: FloatArray, outlet: FlagArray, min_fall: float) -> FloatArray:
         """Raise heights so that each cell lies ``min_fall`` above the next one on its way out with the lowest pass."""
         below, order = _ways_out(height, outlet, self.rules, bool(self.constants.four))
         if len(order) < np.count_nonzero(np.isfinite(height)):
             raise InputError("some ground is joined to the rest across corners only; use 8 neighbours")
-        array: wp.array = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
+        array: DeviceArray = wp.array(height.reshape(-1), dtype=wp.float64, device="cpu")
         kernel = kernels.build(wp.float64)
-        inputs: list[wp.array] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
+        inputs: list[DeviceArray] = [wp.array(a, dtype=int, device="cpu") for a in (below, order)]
         launch_kernel(kernel.raise_courses, 1, [kernel.Constants(), min_fall, *inputs], [array], device="cpu")
-        return array.numpy().reshape(height.shape).copy()
+        filled: FloatArray = array.numpy().reshape(height.shape).copy()
+        return filled
 
     @property
     def words(self) -> int:
@@ -392,7 +393,7 @@ class _Run:
             self.done += count
         return self.done - begin
 
-    def _graded(self, visits: wp.array, below: wp.array) -> wp.array:
+    def _graded(self, visits: DeviceArray, below: DeviceArray) -> DeviceArray:
         """Heights after a batch whose ways are graded to the base level."""
         one, two = ([self._array(f"graded {k}", self.scalar, 1), self._array(f"ahead {k}", int, 1)] for k in (1, 2))
         inputs = [self.constants, self.state, self.height, visits, below]
@@ -404,7 +405,7 @@ class _Run:
             one, two = two, one
         return one[0]
 
-    def _rest(self, height: wp.array) -> None:
+    def _rest(self, height: DeviceArray) -> None:
         """Let pairs slide, sweep by sweep, until there is rest; only the cells in ``marks[0]`` have been lowered."""
         rows, columns = self.constants.rows, self.constants.columns
         odd = (rows % 2 and self.constants.wraps_rows) or (columns % 2 and self.constants.wraps_columns)
@@ -435,7 +436,7 @@ class _Run:
             self.listed.send(words)
         return len(words)
 
-    def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> wp.array:
+    def _array(self, name: str, kind: Any, grids: int, value: int = 0) -> DeviceArray:
         """Scratch of one value a cell and grid, made on first use."""
         if name not in self.scratch:
             self.scratch[name] = wp.full(grids * self.cells, value, dtype=kind, device=self.device)
@@ -454,7 +455,7 @@ class _Run:
         slides += int(self.start_slides[grid])
         earlier = start.account if isinstance(start, ErodedTerrain) else (0, 0, 0, 0.0)
         account = self.done, visits + earlier[1], slides + earlier[2], removed + earlier[3]
-        array: wp.array = wp.array(height, dtype=wp.float64, device=start.device)
+        array: DeviceArray = wp.array(height, dtype=wp.float64, device=start.device)
         return ErodedTerrain.with_account(
             start, array, self.rules, self.nodata, self.params, account, base_level=self.base_level
         )
@@ -467,11 +468,11 @@ class _HostedArray:
     """
 
     def __init__(self, count: int, kind: Any, device: Any):
-        self.array: wp.array = wp.zeros(count, dtype=kind, device=device)
+        self.array: DeviceArray = wp.zeros(count, dtype=kind, device=device)
         self._copy = self.array
         if not device.is_cpu:
             self._copy = wp.zeros(count, dtype=kind, device="cpu", pinned=True)
-        self._values = self._copy.numpy()
+        self._values: np.ndarray = self._copy.numpy()
 
     def fetched(self) -> np.ndarray:
         """Values now, once all that was launched before has been done; they hold until the next call."""
@@ -535,8 +536,8 @@ def _stops(first: int, last: int, every: int | None, batch: int) -> list[tuple[i
 
 
 def _ways_out(
-    height: FloatArray, outlet: NDArray[np.bool_], rules: Mapping[str, str], four: bool
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    height: FloatArray, outlet: FlagArray, rules: Mapping[str, str], four: bool
+) -> tuple[CellArray, CellArray]:
     """Next cell on each cell's way out over the lowest pass (-1 at outlets), and an order from the outlets up.
 
     The ways are those of a minimum spanning tree of the cells and a sea behind the outlets, whose edges weigh as much

@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.public import public
 from warpriver.validate import finite, not_negative, positive, seeded
 
 __all__ = ["kinoshita", "noisy_line", "sine_generated", "straight_line", "valley_line"]
 
-FloatArray = NDArray[np.float64]
 
 # Points of the Gauss-Legendre rule for one step along a curve: exact to rounding for a quarter wavelength.
 _QUADRATURE = 16

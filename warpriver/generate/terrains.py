@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import DeviceArray, FlagArray, FloatArray
 from warpriver.device import launch_kernel, require_memory, start_warp
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.extras import IMPORTING
@@ -33,7 +33,6 @@ __all__ = [
     "tilted_plain",
 ]
 
-FloatArray = NDArray[np.float64]
 
 # Octaves down to this many cells a wavelength; the longest wavelength is this fraction of the longer side.
 FINEST, LONGEST = 2.5, 0.5
@@ -308,10 +307,13 @@ def read_sample_dem(cell_size: float = 75.0, *, device: wp.DeviceLike = "cpu") -
 def _basin_axis(x: FloatArray, seed: int) -> FloatArray:
     """Line to which the plain of the basin falls from both sides: y at x."""
     phase = seeded(seed).uniform(0.0, 2.0 * np.pi, 2)
-    return 0.5 * BASIN_SIZE[1] + 1500.0 * np.sin(x / 4500.0 + phase[0]) + 800.0 * np.sin(x / 1900.0 + phase[1])
+    axis: FloatArray = (
+        0.5 * BASIN_SIZE[1] + 1500.0 * np.sin(x / 4500.0 + phase[0]) + 800.0 * np.sin(x / 1900.0 + phase[1])
+    )
+    return axis
 
 
-def _front_base(x: FloatArray, y: FloatArray, cell_size: float, seed: int) -> tuple[NDArray[np.bool_], FloatArray]:
+def _front_base(x: FloatArray, y: FloatArray, cell_size: float, seed: int) -> tuple[FlagArray, FloatArray]:
     """Cells of the mountain front that rivers have made flat, and the height under which nothing is cut anywhere."""
     size = (len(y), x.shape[1])
     off = np.abs(y - _river_y(x, seed))
@@ -332,7 +334,8 @@ def _river_y(x: FloatArray, seed: int) -> FloatArray:
     plain = _smoothstep((FRONT_FOOT - 1000.0 - x) / 3000.0)
     winding = 900.0 * np.sin(x / 1300.0 + phase[0]) + 1200.0 * np.sin(x / 2700.0 + phase[1])
     wandering = 60.0 * np.sin(x / 270.0 + phase[2]) + 150.0 * np.sin(x / 1100.0 + phase[3])
-    return 0.5 * FRONT_SIZE[1] + valley * winding + plain * wandering
+    across: FloatArray = 0.5 * FRONT_SIZE[1] + valley * winding + plain * wandering
+    return across
 
 
 def _river_height(x: FloatArray) -> FloatArray:
@@ -342,12 +345,13 @@ def _river_height(x: FloatArray) -> FloatArray:
     top = _smoothstep(0.5 + (fine - FRONT_TOP) / (2.0 * FRONT_BEND))
     slope = PLAIN_SLOPE + (FRONT_SLOPE - PLAIN_SLOPE) * foot + (VALLEY_SLOPE - FRONT_SLOPE) * top
     rise = 0.5 * (slope[1:] + slope[:-1]) * np.diff(fine)
-    return np.interp(x, fine, np.concatenate([[0.0], np.cumsum(rise)]))
+    height: FloatArray = np.interp(x, fine, np.concatenate([[0.0], np.cumsum(rise)]))
+    return height
 
 
 def _drained(
     floor: FloatArray,
-    base: NDArray[np.bool_],
+    base: FlagArray,
     cell_size: float,
     seed: int,
     concavity: float,
@@ -360,14 +364,14 @@ def _drained(
     drainage = kernel.Drainage()
     drainage.cell_size, drainage.concavity, drainage.hillslope = cell_size, concavity, max(HILLSLOPE, cell_size**2)
     drainage.steepness = STEEPEST * drainage.hillslope**concavity
-    is_base: wp.array = wp.array(base.astype(np.int32), dtype=int, device="cpu")
-    resistance: wp.array = wp.array(np.exp(RESISTANCE * patches).ravel(), dtype=wp.float64, device="cpu")
-    lowest: wp.array = wp.array(floor.ravel(), dtype=wp.float64, device="cpu")
+    is_base: DeviceArray = wp.array(base.astype(np.int32), dtype=int, device="cpu")
+    resistance: DeviceArray = wp.array(np.exp(RESISTANCE * patches).ravel(), dtype=wp.float64, device="cpu")
+    lowest: DeviceArray = wp.array(floor.ravel(), dtype=wp.float64, device="cpu")
     receiver = wp.empty(count, dtype=int, device="cpu")
     for _ in range(ROUNDS):
-        before: wp.array = wp.array(height, dtype=wp.float64, device="cpu")
+        before: DeviceArray = wp.array(height, dtype=wp.float64, device="cpu")
         launch_kernel(kernel.find_receivers, dim=shape, inputs=[before, is_base], outputs=[receiver], device="cpu")
-        order: wp.array = wp.array(np.argsort(height, axis=None, kind="stable"), dtype=int, device="cpu")
+        order: DeviceArray = wp.array(np.argsort(height, axis=None, kind="stable"), dtype=int, device="cpu")
         area = wp.full(count, cell_size**2, dtype=wp.float64, device="cpu")
         steady = wp.clone(before.flatten())
         inputs = [drainage, order, receiver, resistance, lowest, shape[1]]
@@ -378,7 +382,7 @@ def _drained(
 
 
 def _cheapest_heights(
-    floor: FloatArray, base: NDArray[np.bool_], cell_size: float, seed: int, patches: FloatArray
+    floor: FloatArray, base: FlagArray, cell_size: float, seed: int, patches: FloatArray
 ) -> FloatArray:
     """First heights of land that drains into its base cells: those rise along the cheapest path over random ground."""
     with IMPORTING:
@@ -422,7 +426,8 @@ def _noise(
     noise.count, noise.longest, noise.cell_size, noise.roughness = octaves, longest, cell_size, roughness
     out = wp.empty(shape, dtype=wp.float64, device="cpu")
     launch_kernel(kernel.sum_octaves, dim=shape, inputs=[noise], outputs=[out], device="cpu")
-    return out.numpy().copy()
+    values: FloatArray = out.numpy().copy()
+    return values
 
 
 def _terrain(height: FloatArray, cell_size: float, device: Any) -> Terrain:

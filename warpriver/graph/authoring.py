@@ -219,14 +219,16 @@ class Reworking:
     def line(self, c: int) -> np.ndarray:
         """Points of a channel as they were, m, absolute, (n, 2) float64."""
         first, stop = int(self._start[c]), int(self._start[c + 1])
-        return self.network.point_xy[first:stop].numpy().astype(np.float64) + self.network.origin
+        line: np.ndarray = self.network.point_xy[first:stop].numpy().astype(np.float64) + self.network.origin
+        return line
 
     def section(self, c: int) -> np.ndarray | None:
         """Width and depth at the points of a channel as they were, m; None where they do not vary."""
         if self.network.point_section is None:
             return None
         first, stop = int(self._start[c]), int(self._start[c + 1])
-        return self.network.point_section[first:stop].numpy().astype(np.float64)
+        section: np.ndarray | None = self.network.point_section[first:stop].numpy().astype(np.float64)
+        return section
 
     def redraw(self, c: int, begin: int, stop: int, xy: np.ndarray) -> None:
         """Put points in place of some of a channel, which has not been edited otherwise.
@@ -516,7 +518,7 @@ class Reworking:
     def _places(self, nodes: np.ndarray) -> np.ndarray:
         """Positions of nodes, (N, 2) m."""
         old = self.network
-        xy = old.node_xy[np.minimum(nodes, old.node_count - 1)].copy()
+        xy: np.ndarray = old.node_xy[np.minimum(nodes, old.node_count - 1)].copy()
         rows = np.searchsorted(nodes, list(self._node_xy))
         for row, (node, place) in zip(rows.tolist(), self._node_xy.items(), strict=True):
             if row < len(nodes) and nodes[row] == node:

@@ -194,7 +194,8 @@ class NetworkEdit:
             return self._into[node]
         if node >= self.network.node_count:
             return []
-        return self._by_end[self._end_start[node] : self._end_start[node + 1]].tolist()
+        arriving: list[int] = self._by_end[self._end_start[node] : self._end_start[node + 1]].tolist()
+        return arriving
 
     def _leaving(self, node: int) -> int:
         """Piece that begins at a node, -1 if none."""
@@ -444,7 +445,7 @@ class NetworkEdit:
     def _slopes(self, source: np.ndarray, edited: np.ndarray, groups: dict[int, list[int]]) -> np.ndarray:
         """Slope of each channel: that of the old one; where several become one, the drop of all over their length."""
         old = self.network.channel_slope
-        slope = old[source]
+        slope: np.ndarray = old[source]
         for rank, group in zip(edited.tolist(), groups.values(), strict=True):
             if len(group) > 1:
                 pieces = [self._piece(c) for c in group]

@@ -62,7 +62,8 @@ def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
-    return json.loads(json.dumps(dict(options), default=plain))
+    options_read: dict[str, Any] = json.loads(json.dumps(dict(options), default=plain))
+    return options_read
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

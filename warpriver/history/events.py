@@ -12,7 +12,7 @@ import re
 import types
 import typing
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, cast, overload
 
 import numpy as np
 
@@ -283,7 +283,7 @@ _ALLOWED: dict[type, Any] = {
 E = TypeVar("E", bound=Event)
 
 
-class EventLog(Sequence):
+class EventLog(Sequence[Event]):
     """All events of a run in the order in which they happened."""
 
     def __init__(self, events: Iterable[Event] = ()):
@@ -296,7 +296,13 @@ class EventLog(Sequence):
     def __len__(self) -> int:
         return len(self._events)
 
-    def __getitem__(self, index: Any) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> Event: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Event]: ...
+
+    def __getitem__(self, index: int | slice) -> Event | Sequence[Event]:
         return self._events[index]
 
     def __iter__(self) -> Iterator[Event]:
@@ -360,23 +366,29 @@ class EventLog(Sequence):
         self._forms[event.kind, name] = form
 
 
-class _EventsOfKind(Sequence):
+class _EventsOfKind(Sequence[E]):
     """The events of one kind in a log."""
 
-    def __init__(self, log: EventLog, cls: type[Event]):
+    def __init__(self, log: EventLog, cls: type[E]):
         self._log, self._kind = log, cls.kind
 
     @property
-    def _events(self) -> list[Event]:
-        return self._log._by_kind.get(self._kind, [])
+    def _events(self) -> list[E]:
+        return cast(list[E], self._log._by_kind.get(self._kind, []))
 
     def __len__(self) -> int:
         return len(self._events)
 
-    def __getitem__(self, index: Any) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> E: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[E]: ...
+
+    def __getitem__(self, index: int | slice) -> E | Sequence[E]:
         return self._events[index]
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator[E]:
         return iter(self._events)
 
     def __eq__(self, other: object) -> bool:

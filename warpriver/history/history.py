@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -82,7 +82,7 @@ class StopReason(enum.Enum):
         }[self]
 
 
-class _Networks(Sequence):
+class _Networks(Sequence[RiverNetwork]):
     """The recorded networks, each built when it is asked for."""
 
     def __init__(self, history: History):
@@ -91,7 +91,13 @@ class _Networks(Sequence):
     def __len__(self) -> int:
         return len(self._history.times)
 
-    def __getitem__(self, index: Any) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> RiverNetwork: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[RiverNetwork]: ...
+
+    def __getitem__(self, index: int | slice) -> RiverNetwork | list[RiverNetwork]:
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
         return self._history.network(index)
@@ -393,7 +399,7 @@ class History:
         self.events.truncate(count)
         self._events_stored = min(self._events_stored, count)
 
-    def store_in(self, path: str | os.PathLike) -> None:
+    def store_in(self, path: str | os.PathLike[str]) -> None:
         """Stream what is and will be recorded into a folder.
 
         Args:
@@ -498,7 +504,7 @@ class History:
                 self._folder.write_header(self._header())
 
     @public
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write everything to one ``.npz`` file, or to a new folder for any other name.
 
         Raises:
@@ -529,7 +535,7 @@ class History:
 
     @classmethod
     @public
-    def load(cls, path: str | os.PathLike, *, salvage: bool = False) -> History:
+    def load(cls, path: str | os.PathLike[str], *, salvage: bool = False) -> History:
         """Reopen a run that was saved or streamed; records and events of a folder are read when asked for.
 
         Args:
@@ -641,7 +647,7 @@ class History:
 
 
 @public
-def read_history(path: str | os.PathLike, *, salvage: bool = False) -> History:
+def read_history(path: str | os.PathLike[str], *, salvage: bool = False) -> History:
     """Read a run that was stored; its records and events are loaded when they are used.
 
     Args:

@@ -89,7 +89,7 @@ def sealed(values: Mapping[str, Any], indent: int | None = None) -> str:
 def unsealed(text: str | bytes) -> dict[str, Any]:
     """Return what :func:`sealed` was given, or raise ``ValueError`` where it is damaged."""
     try:
-        values = json.loads(text)
+        values: dict[str, Any] = json.loads(text)
         crc = values.pop("checksum")
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"it is cut or changed ({type(error).__name__}: {error})") from error
@@ -393,5 +393,6 @@ def _decode_kind(arrays: Any, kind: str, module: str, count: int) -> list[Event]
 
 def _decode_column(arrays: Any, key: str, of_type: type) -> list[Any]:
     if of_type is not np.ndarray:
-        return arrays[key].tolist()
+        values: list[Any] = arrays[key].tolist()
+        return values
     return _split(arrays[key], arrays[f"{key}/start"]) if key in arrays else []

@@ -75,10 +75,13 @@ def geometry_of(features: Features) -> np.ndarray:
     count = len(features.owner)
     if not count:
         return np.empty(0, object)
-    lines = shapely.linestrings(features.xy, indices=np.repeat(np.arange(count), np.diff(features.line_start)))
+    owner = np.repeat(np.arange(count), np.diff(features.line_start))
+    lines: np.ndarray = shapely.linestrings(features.xy, indices=owner)
     if features.kind == "Polygon":
-        return shapely.buffer(lines, 0.5 * features.columns["width_m"], quad_segs=QUARTER_SIDES)
-    return lines if features.kind == "LineString" else shapely.multilinestrings(lines, indices=features.owner)
+        lines = shapely.buffer(lines, 0.5 * features.columns["width_m"], quad_segs=QUARTER_SIDES)
+    elif features.kind != "LineString":
+        lines = shapely.multilinestrings(lines, indices=features.owner)
+    return lines
 
 
 def event_columns(history: History) -> dict[str, np.ndarray]:
@@ -240,4 +243,5 @@ def _date(time: float) -> np.datetime64:
     """Return the date that stands for a time in yr, none where calendars end."""
     if not 0.0 <= time <= DATED_YEARS:
         return np.datetime64("NaT", "ms")
-    return ZERO + np.timedelta64(round(float(time) * DAYS_PER_YEAR * DAY), "ms")
+    date: np.datetime64 = ZERO + np.timedelta64(round(float(time) * DAYS_PER_YEAR * DAY), "ms")
+    return date

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import launch_kernel, require_memory
 from warpriver.errors import InputError
 from warpriver.kernels import cells as kernels
@@ -61,7 +62,8 @@ class PaddedCells:
 
     def interior(self, padded: np.ndarray) -> np.ndarray:
         """Copy the terrain's own cells out of a padded array."""
-        return padded.reshape(self.height.shape)[1:-1, 1:-1].copy()
+        inside: np.ndarray = padded.reshape(self.height.shape)[1:-1, 1:-1].copy()
+        return inside
 
     def around(self, index: np.ndarray) -> np.ndarray:
         """Flat indices of the padded cells around some, (8 n,); across periodic sides those at the far side."""
@@ -70,11 +72,13 @@ class PaddedCells:
         found = (np.asarray(index)[:, None] + near[near != 0]).reshape(-1)
         row, column = np.divmod(found, self.stride)
         real = ((row - 1) % self.rows + 1) * self.stride + (column - 1) % self.columns + 1
-        return np.where(self.state.reshape(-1)[found] == kernels.GHOST, real, found)
+        around: np.ndarray = np.where(self.state.reshape(-1)[found] == kernels.GHOST, real, found)
+        return around
 
     def outlets(self) -> np.ndarray:
         """Which of the terrain's own cells water leaves at, (rows, columns) bool."""
-        return self.interior(self.state) == kernels.OUTLET
+        outlets: np.ndarray = self.interior(self.state) == kernels.OUTLET
+        return outlets
 
 
 def pad_terrain(terrain: Terrain, edges: Edges, nodata: NoData, scratch_bytes: int) -> PaddedCells:
@@ -159,12 +163,13 @@ def _padded(values: np.ndarray, fill: float, wraps: tuple[bool, bool]) -> np.nda
 def _beside(padded: np.ndarray) -> np.ndarray:
     """Cells that are marked or have a marked one among their eight neighbours."""
     rows = padded[:-2] | padded[1:-1] | padded[2:]
-    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+    marks: np.ndarray = rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+    return marks
 
 
 def _drain_landlocked(cells: PaddedCells) -> PaddedCells:
     """Let every piece of ground without an outlet drain to its lowest cell."""
-    count: wp.array = wp.zeros(1, dtype=int, device="cpu")
+    count: DeviceArray = wp.zeros(1, dtype=int, device="cpu")
     given = cells.state.copy()
     launch_kernel(
         kernels.build(wp.float64).drain_landlocked,
@@ -178,15 +183,16 @@ def _drain_landlocked(cells: PaddedCells) -> PaddedCells:
     return replace(cells, landlocked=np.flatnonzero(cells.state != given))
 
 
-def flat(array: np.ndarray) -> wp.array:
+def flat(array: np.ndarray) -> DeviceArray:
     """View a contiguous host array as a flat array of Warp's CPU device."""
     kinds = {np.dtype(np.float64): wp.float64, np.dtype(np.uint8): wp.uint8, np.dtype(np.int32): wp.int32}
     return wp.array(array.reshape(-1), dtype=kinds[array.dtype], device="cpu", copy=False)
 
 
-def table(array: np.ndarray) -> wp.array:
+def table(array: np.ndarray) -> DeviceArray:
     """View a host array as a two-dimensional array of Warp's CPU device."""
-    return flat(array).reshape(array.shape)
+    grid: DeviceArray = flat(array).reshape(array.shape)
+    return grid
 
 
 @functools.cache

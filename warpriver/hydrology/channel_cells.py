@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.hydrology.lakes import LAND, SEA
 from warpriver.hydrology.routing import Flow, order_cells, sum_upstream
 
 __all__ = ["ChannelCells", "climb", "find_channel_cells"]
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 
 @dataclass
@@ -34,7 +31,7 @@ class ChannelCells:
     supply: FloatArray
     down: IndexArray
 
-    def without(self, gone: NDArray[np.bool_], instead: IndexArray, down: IndexArray) -> ChannelCells:
+    def without(self, gone: FlagArray, instead: IndexArray, down: IndexArray) -> ChannelCells:
         """Take cells out: others do instead of them, to which their supply and their donors go.
 
         Args:
@@ -106,7 +103,8 @@ def climb(above: IndexArray) -> tuple[IndexArray, IndexArray]:
 
 def _sums_down(down: IndexArray, own: IndexArray) -> IndexArray:
     """Sum of each element's own values and those of all downstream of it, along pointers that end at -1."""
-    total, to = own.copy(), down.copy()
+    total: IndexArray = own.copy()
+    to = down.copy()
     while (inner := np.flatnonzero(to >= 0)).size:
         total[inner] += total[to[inner]]
         to[inner] = to[to[inner]]

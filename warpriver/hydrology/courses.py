@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.channel_table import ChannelTable
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, channel_width
 from warpriver.hydrology.stems import Stems, settle_areas
 from warpriver.terrain import Terrain
 
 __all__ = ["Courses", "NetworkParts", "make_courses", "sample_channels"]
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -198,4 +195,5 @@ def _cubic(courses: Courses, k: IndexArray, fraction: FloatArray) -> FloatArray:
     t, h = fraction[:, None], step[k]
     a, b, u, v = line[k], line[k + 1], h * tangent[k], h * tangent[k + 1]
     s = 1.0 - t
-    return s * s * (1.0 + 2.0 * t) * a + t * t * (3.0 - 2.0 * t) * b + t * s * (s * u - t * v)
+    value: FloatArray = s * s * (1.0 + 2.0 * t) * a + t * t * (3.0 - 2.0 * t) * b + t * s * (s * u - t * v)
+    return value

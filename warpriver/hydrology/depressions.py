@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import ByteArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
@@ -138,7 +138,7 @@ def fill_cells(cells: PaddedCells, epsilon: bool) -> None:
     )
 
 
-def mark_pits(cells: PaddedCells) -> NDArray[np.uint8]:
+def mark_pits(cells: PaddedCells) -> ByteArray:
     """Mark the padded cells that are no outlets and have no lower neighbour, not 0."""
     pit = np.zeros(cells.count, np.uint8)
     inputs = [cells.stride, flat(cells.height), flat(cells.state)]

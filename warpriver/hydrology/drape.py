@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import CellArray, FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.public import public
@@ -12,8 +12,6 @@ from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 
 __all__ = ["drape"]
-
-FloatArray = NDArray[np.float64]
 
 
 @public
@@ -48,7 +46,7 @@ def drape(network: RiverNetwork, terrain: Terrain | Raster) -> RiverNetwork:
     return network.with_elevations(z)
 
 
-def _without_gaps(height: FloatArray, start: NDArray[np.int64]) -> FloatArray:
+def _without_gaps(height: FloatArray, start: IndexArray) -> FloatArray:
     """Return heights in which gaps have the height before them in their channel, or else the first one there."""
     known = np.isfinite(height)
     place = np.maximum.accumulate(np.where(known, np.arange(len(height)), -1))
@@ -63,7 +61,7 @@ def _without_gaps(height: FloatArray, start: NDArray[np.int64]) -> FloatArray:
     return height[np.maximum(place, first[channel])]
 
 
-def _running_minimum(values: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+def _running_minimum(values: FloatArray, group: IndexArray) -> FloatArray:
     """Return the minimum of each group's values up to each, to the bit; groups lie one after the other."""
     order = np.argsort(values, kind="stable")
     rank = np.empty(len(values), np.int64)
@@ -73,9 +71,7 @@ def _running_minimum(values: FloatArray, group: NDArray[np.int64]) -> FloatArray
     return values[order][np.minimum.accumulate(rank - shift) + shift]
 
 
-def _node_levels(
-    end: FloatArray, upper: NDArray[np.int32], lower: NDArray[np.int32], count: int, rings: NDArray[np.bool_]
-) -> FloatArray:
+def _node_levels(end: FloatArray, upper: CellArray, lower: CellArray, count: int, rings: FlagArray) -> FloatArray:
     """Return the level of each node, (N,): the lowest that a channel reaches it with, infinite at sources."""
     level = np.full(count, np.inf)
     pending = np.bincount(lower[~rings], minlength=count)

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import WIDTH_COEFFICIENT
 from warpriver.hydrology.cells import Edges, NoData
@@ -24,7 +25,6 @@ from warpriver.validate import positive, whole
 
 __all__ = ["extract_network"]
 
-FloatArray = NDArray[np.float64]
 
 # Drainage areas this close to a whole number of cells are that number.
 WHOLE = 1e-6

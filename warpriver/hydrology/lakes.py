@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import ByteArray, CellArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.hydrology.cells import PaddedCells, flat, table
 from warpriver.hydrology.depressions import mark_pits
@@ -15,8 +15,6 @@ from warpriver.kernels import flats as kernels
 
 __all__ = ["LAKE", "LAND", "SEA", "lead_over_flats"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int32]
 
 # What a cell is. On the sea and in a lake without an outlet no river goes on.
 LAND, LAKE, SEA = 0, 1, 2
@@ -31,7 +29,7 @@ DEPTH_EXPONENT, SHALLOWEST = 2.0, 0.05
 TOLL = 8.0
 
 
-def lead_over_flats(cells: PaddedCells, bed: FloatArray, receiver: NDArray[np.int32]) -> NDArray[np.uint8]:
+def lead_over_flats(cells: PaddedCells, bed: FloatArray, receiver: CellArray) -> ByteArray:
     """Lead the water of all flats of a surface without depressions to their exits, and tell what is open water.
 
     Water follows the path of minimum cost over the flat: away from the shores, and through the deepest ground of a
@@ -62,11 +60,12 @@ def lead_over_flats(cells: PaddedCells, bed: FloatArray, receiver: NDArray[np.in
     return water
 
 
-def _costs(shore: FloatArray, depth: FloatArray, start: IndexArray) -> FloatArray:
+def _costs(shore: FloatArray, depth: FloatArray, start: CellArray) -> FloatArray:
     """Cost of a length of way in each member, from its distance to the shore in cells and its depth in m."""
     deepest = np.repeat(np.maximum.reduceat(depth, start[:-1]), np.diff(start))
     fraction = np.divide(depth, deepest, out=np.ones_like(depth), where=deepest > 0.0)
-    return 1.0 / (shore * ((fraction + SHALLOWEST) / (1.0 + SHALLOWEST)) ** DEPTH_EXPONENT)
+    costs: FloatArray = 1.0 / (shore * ((fraction + SHALLOWEST) / (1.0 + SHALLOWEST)) ** DEPTH_EXPONENT)
+    return costs
 
 
 class _Flats:
@@ -80,7 +79,7 @@ class _Flats:
         member: Member that each padded cell is; -1 for none.
     """
 
-    def __init__(self, cells: PaddedCells, pit: NDArray[np.uint8], count: int):
+    def __init__(self, cells: PaddedCells, pit: ByteArray, count: int):
         self.cells = cells
         self.kernel = kernels.build(wp.float64)
         counts = np.empty(2, np.int32)
@@ -93,19 +92,19 @@ class _Flats:
             outputs=[flat(a) for a in (counts, start, inner, self.cell, self.member)],
             device="cpu",
         )
-        self.start: IndexArray = start[: counts[1] + 1].copy()
-        self.inner: IndexArray = inner[: counts[1]].copy()
+        self.start: CellArray = start[: counts[1] + 1].copy()
+        self.inner: CellArray = inner[: counts[1]].copy()
 
     def heights(self) -> FloatArray:
         """Height of each member in m."""
         return self.cells.height.reshape(-1)[self.cell]
 
-    def interior(self) -> IndexArray:
+    def interior(self) -> CellArray:
         """Index of each member in the raster without padding."""
         row, column = np.divmod(self.cell, self.cells.stride)
         return (row - 1) * self.cells.columns + column - 1
 
-    def march(self, begin: int, cost: FloatArray) -> tuple[FloatArray, NDArray[np.uint8], FloatArray, IndexArray]:
+    def march(self, begin: int, cost: FloatArray) -> tuple[FloatArray, ByteArray, FloatArray, CellArray]:
         """Length of each member's way to the shores or exits; side that it crosses, and where; order of arrival."""
         length, crossing, side = np.empty_like(cost), np.empty_like(cost), np.empty(len(cost), np.uint8)
         order, place, heap = (np.empty(len(cost), np.int32) for _ in range(3))
@@ -115,16 +114,14 @@ class _Flats:
         )
         return length, side, crossing, order
 
-    def lead(
-        self, side: NDArray[np.uint8], crossing: FloatArray, order: IndexArray, receiver: NDArray[np.int32]
-    ) -> None:
+    def lead(self, side: ByteArray, crossing: FloatArray, order: CellArray, receiver: CellArray) -> None:
         """Write the members' receivers."""
         gathered, largest, drift = np.empty_like(order), np.empty_like(order), np.empty_like(crossing)
         inputs = [self._struct(kernels.EXITS), flat(side), flat(crossing), flat(order)]
         outputs = [flat(gathered), flat(largest), flat(drift), table(receiver)]
         launch_kernel(self.kernel.lead_flats, len(self.inner), inputs, outputs, device="cpu")
 
-    def kinds(self, shore: FloatArray) -> NDArray[np.uint8]:
+    def kinds(self, shore: FloatArray) -> ByteArray:
         """LAND, LAKE or SEA for each flat, from its members' distances to the shore."""
         kind = np.where(np.maximum.reduceat(shore, self.start[:-1]) >= LAKE_RADIUS, LAKE, LAND).astype(np.uint8)
         ends = self.heights()[self.start[:-1]] <= SEA_LEVEL
@@ -132,10 +129,11 @@ class _Flats:
         kind[(kind == LAKE) & (self.inner == 0) & ends] = SEA
         return kind
 
-    def _terminal(self) -> IndexArray:
+    def _terminal(self) -> CellArray:
         """Flats beside an outlet that was made for ground without any."""
         member = self.member[self.cells.around(self.cells.landlocked)]
-        return np.searchsorted(self.start, member[member >= 0], side="right") - 1
+        terminal: CellArray = np.searchsorted(self.start, member[member >= 0], side="right") - 1
+        return terminal
 
     def _struct(self, begin: int) -> Any:
         """What the kernels need to know of the flats."""

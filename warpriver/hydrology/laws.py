@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.hydrology.orders import exceedance, hack_exponent, strahler_order
 from warpriver.hydrology.routing import Flow, host_areas, host_lengths
@@ -38,7 +38,7 @@ class NetworkLaws(NamedTuple):
             largest basin.
     """
 
-    streams: NDArray[np.int64]
+    streams: IndexArray
     bifurcation_ratio: float
     area_ratio: float
     length_ratio: float
@@ -82,8 +82,8 @@ def network_laws(flow: Flow, min_drainage_area: float) -> NetworkLaws:
 
 
 def _streams(
-    cell: NDArray[np.int64], to: NDArray[np.int64], area: NDArray[np.float64], length: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    cell: IndexArray, to: IndexArray, area: FloatArray, length: FloatArray
+) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Number of streams of each order, their mean area, and the mean length to their lower ends."""
     leaves = to == cell
     # Downstream of each mouth a node of its own.
@@ -97,7 +97,7 @@ def _streams(
     return streams, means[0], means[1]
 
 
-def _ratio(values: NDArray[np.float64]) -> float:
+def _ratio(values: FloatArray) -> float:
     """Factor from order to order of a line fitted to the logarithms, without the highest; NaN where there is none."""
     if len(values) < 3 or values[0] == 0.0:
         return math.nan

@@ -11,8 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.public import public
 from warpriver.validate import floats, positive_numbers
@@ -33,8 +34,6 @@ __all__ = [
     "tokunaga",
 ]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Limits of the fit of P(A > a): a multiple of the minimum area, a fraction of the maximum.
 EXCEEDANCE_LOW, EXCEEDANCE_HIGH = 10.0, 0.01
@@ -134,7 +133,7 @@ def shreve_magnitude(channel_from: ArrayLike, channel_to: ArrayLike) -> IndexArr
         channel_to: (C,) node downstream of it.
     """
     graph = _Graph(channel_from, channel_to)
-    magnitude = (graph.arriving == 0).astype(np.int64)
+    magnitude: IndexArray = (graph.arriving == 0).astype(np.int64)
     for level in graph.levels:
         joining = level[graph.down[level] >= 0]
         np.add.at(magnitude, graph.down[joining], magnitude[joining])
@@ -172,7 +171,7 @@ def main_stem_length(
     graph = _Graph(channel_from, channel_to)
     own = _per_channel(length, graph, "length")
     weight = _per_channel(area, graph, "area")
-    total = own.copy()
+    total: FloatArray = own.copy()
     main = np.ones(len(own), bool) if longest else _continues(graph, weight)
     above = np.zeros(len(own))
     for level in graph.levels:
@@ -384,7 +383,7 @@ def _strahler(graph: _Graph) -> IndexArray:
     return order
 
 
-def _continues(graph: _Graph, weight: FloatArray | IndexArray) -> NDArray[np.bool_]:
+def _continues(graph: _Graph, weight: FloatArray | IndexArray) -> FlagArray:
     """Channels of the largest weight among those that arrive at their node; the first of equals."""
     joining = np.flatnonzero(graph.down >= 0)
     by_weight = joining[np.lexsort((-joining, weight[joining]))]
@@ -395,7 +394,7 @@ def _continues(graph: _Graph, weight: FloatArray | IndexArray) -> NDArray[np.boo
     return chosen
 
 
-def _labels(graph: _Graph, continues: NDArray[np.bool_]) -> IndexArray:
+def _labels(graph: _Graph, continues: FlagArray) -> IndexArray:
     """Lowest channel of the run that each channel belongs to."""
     last = np.arange(len(graph.down))
     last[continues] = graph.down[continues]
@@ -411,9 +410,10 @@ def _stems(graph: _Graph, weight: FloatArray | IndexArray) -> IndexArray:
     return _labels(graph, _continues(graph, weight))
 
 
-def _stream_ends(graph: _Graph, order: IndexArray) -> NDArray[np.bool_]:
+def _stream_ends(graph: _Graph, order: IndexArray) -> FlagArray:
     """Channels after which the order changes, or water leaves."""
-    return (graph.down < 0) | (order[graph.down] != order)
+    ends: FlagArray = (graph.down < 0) | (order[graph.down] != order)
+    return ends
 
 
 def _per_channel(values: ArrayLike, graph: _Graph, name: str) -> FloatArray:
@@ -429,7 +429,8 @@ def _logarithms(values: ArrayLike, name: str) -> FloatArray:
     array = floats(values, name).reshape(-1)
     if len(array) < 2 or not (np.isfinite(array) & (array > 0.0)).all():
         raise InputError(f"{name}: give at least two values, all positive and finite; got {len(array)}")
-    return np.log(array)
+    logarithms: FloatArray = np.log(array)
+    return logarithms
 
 
 def _slope(x: FloatArray, y: FloatArray) -> float:

@@ -9,8 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import CellArray, DeviceArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
@@ -37,7 +38,6 @@ __all__ = [
     "sum_upstream",
 ]
 
-FloatArray = NDArray[np.float64]
 
 Surface = Terrain | Raster
 Depressions = Literal["keep", "fill", "carve"]
@@ -116,7 +116,8 @@ class Flow:
     @cached_property
     def host_receiver(self) -> np.ndarray:
         """The receiver on the host, where water is led for now: a view of it on the CPU, fetched once from a GPU."""
-        return self.receiver.values.numpy()
+        receiver: np.ndarray = self.receiver.values.numpy()
+        return receiver
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -283,7 +284,7 @@ def host_areas(flow: Flow) -> np.ndarray:
     return area
 
 
-def sum_upstream(receiver: NDArray[np.int32], order: NDArray[np.int32], values: FloatArray) -> FloatArray:
+def sum_upstream(receiver: CellArray, order: CellArray, values: FloatArray) -> FloatArray:
     """Add to each value, in place, what all cells upstream of its cell have.
 
     Args:
@@ -296,11 +297,11 @@ def sum_upstream(receiver: NDArray[np.int32], order: NDArray[np.int32], values: 
     return values
 
 
-def order_cells(receiver: NDArray[np.int32]) -> NDArray[np.int32]:
+def order_cells(receiver: CellArray) -> CellArray:
     """List all cells with data, each before its receiver; cells of a cycle are left out."""
-    count: wp.array = wp.empty(1, dtype=int, device="cpu")
+    count: DeviceArray = wp.empty(1, dtype=int, device="cpu")
     cells = np.empty(receiver.size, np.int32)
-    donors: wp.array = wp.zeros(cells.size, dtype=wp.uint8, device="cpu")
+    donors: DeviceArray = wp.zeros(cells.size, dtype=wp.uint8, device="cpu")
     outputs = [count, flat(cells), donors]
     launch_kernel(kernels.build(wp.float64).order_cells, 1, [flat(receiver)], outputs, device="cpu")
     return cells[: int(count.numpy()[0])]
@@ -411,10 +412,10 @@ def _shared_cells(terrain: Terrain, exponent: float, edges: Edges, nodata: NoDat
     cells = pad_terrain(terrain, edges, nodata, MFD_BYTES)
     height, state = flat(cells.height), flat(cells.state)
     gathered = np.ones(cells.count)
-    donors: wp.array = wp.full(cells.count, 255, dtype=wp.uint8, device="cpu")
+    donors: DeviceArray = wp.full(cells.count, 255, dtype=wp.uint8, device="cpu")
     ground = [cells.rows, cells.stride]
     launch_kernel(kernel.count_contributors, cells.rows, [cells.stride, height, state], [donors], device="cpu")
-    stack: wp.array = wp.empty(cells.count, dtype=int, device="cpu")
+    stack: DeviceArray = wp.empty(cells.count, dtype=int, device="cpu")
     outputs = [flat(gathered), donors, stack]
     launch_kernel(kernel.share_downhill, 1, [*ground, exponent, height, state], outputs, device="cpu")
     area = cells.interior(gathered)
@@ -447,7 +448,8 @@ def checked_cells(values: Raster | ArrayLike, terrain: Terrain, name: str) -> np
     if isinstance(values, Raster):
         if not values.matches(terrain):
             raise InputError(f"{name} lies on other cells than the terrain: {values!r} beside {terrain!r}")
-        return values.values.numpy()
+        cells: np.ndarray = values.values.numpy()
+        return cells
     array = np.asarray(values)
     if array.shape != terrain.shape:
         raise InputError(f"{name} has shape {array.shape}; the terrain has {terrain.shape}")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, IndexArray
 from warpriver.extras import IMPORTING
 from warpriver.hydrology.channel_cells import ChannelCells
 from warpriver.hydrology.stems import Stems, split_into_stems
@@ -16,8 +16,6 @@ with IMPORTING:
 
 __all__ = ["join_side_by_side"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Streams are close within this distance between cell centres, and, from bank to bank, within one cell.
 CLOSE = 3.2
@@ -40,7 +38,7 @@ class _Pairs(NamedTuple):
     beside: IndexArray
     limit: IndexArray
 
-    def take(self, which: IndexArray | NDArray[np.bool_]) -> _Pairs:
+    def take(self, which: IndexArray | FlagArray) -> _Pairs:
         """Some of them."""
         return _Pairs(*(values[which] for values in self))
 
@@ -120,7 +118,7 @@ class _Courses:
         width = 2.0 * self.half_width[self.stems.end[pairs.beside]]
         return np.maximum(SIDE_BY_SIDE, np.ceil(ASPECT * width)).astype(np.int64)
 
-    def close_at_end(self, pairs: _Pairs) -> NDArray[np.bool_]:
+    def close_at_end(self, pairs: _Pairs) -> FlagArray:
         """Whether a tributary's last cells are all close to the other stem."""
         length = np.diff(self.stems.start)[pairs.stem]
         count = np.minimum(self.span(pairs), length)
@@ -128,7 +126,8 @@ class _Courses:
         up = np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count)
         place = self.stems.end[pairs.stem][number] - up
         near = self.nearest(place, pairs.beside[number], pairs.limit[number])
-        return np.bincount(number, weights=near < 0, minlength=len(count)) == 0.0
+        close: FlagArray = np.bincount(number, weights=near < 0, minlength=len(count)) == 0.0
+        return close
 
     def tops(self, pairs: _Pairs) -> tuple[IndexArray, _Pairs]:
         """Places from which on the tributaries are close down to their ends and can join; those that can."""

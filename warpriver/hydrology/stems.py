@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.hydrology.channel_cells import ChannelCells, climb
 
 __all__ = ["Stems", "drop_dead", "place_junctions", "settle_areas", "space_junctions", "split_into_stems"]
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 # Minimum length of a channel: cells, and widths. A line needs three points, and may not be shorter than it is wide.
 MIN_CELLS, MIN_WIDTHS = 3.0, 2.0
@@ -49,7 +47,7 @@ class Stems:
     parent: IndexArray
     joint: IndexArray
     capacity: FloatArray
-    alive: NDArray[np.bool_]
+    alive: FlagArray
 
     @property
     def end(self) -> IndexArray:

@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.device import require_memory
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.files import beside
@@ -51,7 +52,7 @@ class Mesh:
         crs: Coordinate reference system, or None.
     """
 
-    points: NDArray[np.float64]
+    points: FloatArray
     triangles: NDArray[np.integer]
     line_start: NDArray[np.integer]
     point_data: Mapping[str, np.ndarray]

@@ -9,7 +9,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ __all__ = [
 # Characters of a value in a message, and columns of the descriptions of keys.
 LONGEST = 60
 
+T = TypeVar("T")
+
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Return the tables of a TOML file.
@@ -45,7 +47,8 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         OSError: It cannot be read.
     """
     try:
-        return _toml().loads(path.read_text(encoding="utf-8"))
+        tables: dict[str, Any] = _toml().loads(path.read_text(encoding="utf-8"))
+        return tables
     except OSError as error:
         raise PathError.of(error, f"cannot read {path}") from error
     except UnicodeDecodeError:
@@ -135,7 +138,7 @@ def check_keys(row: Mapping[str, Any], known: Iterable[str], where: str) -> None
             raise InputError(f"{where}.{key} = {shown(row[key])} is no key there; {nearest(key, names)}")
 
 
-def raising(where: Any, make: Callable[[], Any], names: Mapping[str, str]) -> Any:
+def raising(where: Any, make: Callable[[], T], names: Mapping[str, str]) -> T:
     """Make something; its ``ValueError`` names the key as the file has it.
 
     Args:

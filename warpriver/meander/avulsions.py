@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
@@ -28,7 +27,6 @@ with IMPORTING:
 
 __all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_course", "rework_courses"]
 
-FloatArray = NDArray[np.float64]
 
 # Points that a new course keeps from both ends of its channel.
 END_POINTS = 2
@@ -71,9 +69,9 @@ class Avulse(Phase):
     """
 
     name = "avulse"
-    point_bend: wp.array
-    point_bank: wp.array
-    identity: wp.array
+    point_bend: DeviceArray
+    point_bank: DeviceArray
+    identity: DeviceArray
 
     def __init__(self) -> None:
         self._identity = np.zeros(0, np.int32)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.saved import SavedError
@@ -108,10 +109,10 @@ class Collide(Phase):
     """
 
     name = "collide"
-    nodes: wp.array
-    block_bucket: wp.array
-    share_contacts: wp.array
-    share_contacts_sum: wp.array
+    nodes: DeviceArray
+    block_bucket: DeviceArray
+    share_contacts: DeviceArray
+    share_contacts_sum: DeviceArray
     scan: Scan
 
     def __init__(self) -> None:
@@ -183,7 +184,7 @@ class Collide(Phase):
             *([Stage(self.name, count, shared=False)] if state.chunk == 0 else []),
         ]
 
-    def _search(self, state: State, share: Share, out: wp.array | None) -> None:
+    def _search(self, state: State, share: Share, out: DeviceArray | None) -> None:
         index, contacts = kernels.BlockIndex(), kernels.Contacts()
         (index.point_next, index.point_owner), index.bucket = state.spare, self.block_bucket
         contacts.share_count, contacts.share_sum = self.share_contacts, self.share_contacts_sum
@@ -207,7 +208,8 @@ class Collide(Phase):
             shares = [shares[k] for k in np.flatnonzero(self.share_contacts.numpy())]
         for share in shares if count else []:
             self._search(state, share, contact)
-        return contact.numpy()
+        found: np.ndarray = contact.numpy()
+        return found
 
     def after(self, state: State, batch: Batch) -> list[Event]:
         """Join the channels that touch after the (sub-)step just done, until none can be joined any more."""

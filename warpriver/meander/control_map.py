@@ -8,8 +8,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import PRECISIONS, launch_kernel, require_memory
 from warpriver.errors import InputError
 from warpriver.kernels import controls as kernels
@@ -20,7 +21,6 @@ from warpriver.terrain import Terrain
 
 __all__ = ["MODES", "ControlMap", "Layout", "changes", "merged"]
 
-FloatArray = NDArray[np.float64]
 
 # The minimum of cells across the radius of a control that a map of the maximum size may come down to.
 MIN_CELLS_ACROSS = 4.0
@@ -143,7 +143,8 @@ class ControlMap:
         Args:
             xy: (n, 2) points in m.
         """
-        return np.nan_to_num(Terrain.wrap_raster(self.raster).gradient(xy))
+        gradient: FloatArray = np.nan_to_num(Terrain.wrap_raster(self.raster).gradient(xy))
+        return gradient
 
     def steering(self, params: Any, dtype: str, origin: Sequence[float] | np.ndarray) -> Any:
         """Return the struct ``Steering`` of ``kernels/ground.py``.
@@ -174,7 +175,7 @@ class ControlMap:
         kernel = kernels.build(wp.float64)
         bump = kernel.Bump()
         bump.radius, bump.strength = radius, strength
-        points: wp.array = wp.array(line, dtype=wp.vec2d, device=self.raster.device)
+        points: DeviceArray = wp.array(line, dtype=wp.vec2d, device=self.raster.device)
         self._launch(kernel.add_bump, window, [self._grid, bump, window, points], self.raster)
 
     def apply_field(self, name: Literal["add_field", "scale_by_field"], field: Raster, window: wp.vec4i) -> None:
@@ -186,7 +187,7 @@ class ControlMap:
 
     def scale_inside(self, polygon: FloatArray, factor: float, blend: float, window: wp.vec4i) -> None:
         """Multiply the factor in a polygon."""
-        corners: wp.array = wp.array(polygon, dtype=wp.vec2d, device=self.raster.device)
+        corners: DeviceArray = wp.array(polygon, dtype=wp.vec2d, device=self.raster.device)
         inputs = [self._grid, wp.float64(factor), wp.float64(blend), window, corners]
         self._launch(kernels.build(wp.float64).scale_inside, window, inputs, self.factor)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.history import ControlChange, ControlStroke, Event
 from warpriver.meander.control_map import Layout
@@ -27,7 +27,6 @@ from warpriver.validate import shown
 
 __all__ = ["change_to", "control_of", "controls_after", "described", "layout_after", "stroke_of"]
 
-FloatArray = NDArray[np.float64]
 
 KINDS: dict[str, type[Control]] = {
     kind.__name__: kind for kind in (Attractor, Repeller, Guide, ControlField, DampingRegion, ErodibilityField)
@@ -138,7 +137,8 @@ def _paint(field: Control, stroke: ControlStroke) -> None:
 
 
 def _unpacked(words: dict[str, Any], numbers: FloatArray, device: wp.DeviceLike) -> Control:
-    kind: Any = KINDS[words["kind"]]
+    # Each kind is made in its own way.
+    kind: Callable[..., Control] = KINDS[words["kind"]]
     values = numbers.tolist()
     if kind in (Attractor, Repeller):
         return kind((values[0], values[1]), values[2], values[3])

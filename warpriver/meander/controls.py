@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray
 from warpriver.device import require_memory
 from warpriver.errors import InputError, InputTypeError, MissingExtraError, MissingFileError
 from warpriver.params import Params, parameter
@@ -40,7 +41,6 @@ __all__ = [
     "checked_controls",
 ]
 
-FloatArray = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
 # Cells across the radius of a control.
@@ -109,11 +109,10 @@ class Guide(Params, Control):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "xy", _frozen_points(self.xy, "Guide.xy", 2))
-        object.__setattr__(self, "_bounds", _around(np.asarray(self.xy), self.radius))
 
     def bounds(self) -> Bounds:
         """Return what it reaches, (west, south, east, north) in m."""
-        return self._bounds  # type: ignore[attr-defined]
+        return _around(np.asarray(self.xy), self.radius)
 
     def cell_size(self) -> float:
         """Return the cell size in m that shows it well."""

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import avulsions as kernels
@@ -19,7 +20,6 @@ from warpriver.terrain import Terrain
 
 __all__ = ["Course", "Refusal", "carve_course", "falling_bed", "walk_courses"]
 
-FloatArray = NDArray[np.float64]
 
 # Steps of a walk at most, in straight steps from its start to its target.
 MAX_STEPS = 4.0
@@ -168,7 +168,7 @@ def carve_course(terrain: Terrain, xy: FloatArray, bed: FloatArray, width: float
     if window is None:
         return
     kernel = kernels.build(wp.float64)
-    line: wp.array = wp.array(xy, dtype=wp.vec2d, device=terrain.device)
-    heights: wp.array = wp.array(bed, dtype=wp.float64, device=terrain.device)
+    line: DeviceArray = wp.array(xy, dtype=wp.vec2d, device=terrain.device)
+    heights: DeviceArray = wp.array(bed, dtype=wp.float64, device=terrain.device)
     inputs = [terrain.grid(), wp.float64(width), wp.vec4i(*window), line, heights]
     launch_kernel(kernel.carve_line, window[2:], inputs, [terrain.height], device=terrain.device)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warp as wp
-
+from warpriver.arrays import DeviceArray
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -24,8 +23,8 @@ class CutOff(Phase):
     """
 
     name = "cut off"
-    point_neck: wp.array
-    necks: wp.array
+    point_neck: DeviceArray
+    necks: DeviceArray
 
     def __init__(self) -> None:
         self.table, self.marks, self.loops = PointTable(), ChunkMarks(), Loops(closed=False)

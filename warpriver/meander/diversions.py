@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.engine.state import State
 from warpriver.extras import IMPORTING
 from warpriver.graph.authoring import smooth_line
@@ -23,7 +23,6 @@ with IMPORTING:
 
 __all__ = ["find_way", "upstream_of"]
 
-FloatArray = NDArray[np.float64]
 
 # Cells of the ground that are looked at, a side; larger windows are looked at more coarsely.
 MOST_CELLS = 300
@@ -35,7 +34,7 @@ THINNED = 3
 LEAST_SLOPE = 1e-6
 
 
-def upstream_of(network: RiverNetwork, channel: int) -> NDArray[np.bool_]:
+def upstream_of(network: RiverNetwork, channel: int) -> FlagArray:
     """Return which channels' water comes through a channel, itself among them, (C,)."""
     found = np.zeros(network.channel_count, bool)
     rest = [channel]
@@ -114,12 +113,12 @@ class _Cells:
         self.shape = math.ceil(rows / self._step), math.ceil(columns / self._step)
         self.height = terrain.sample(self.centers(np.arange(math.prod(self.shape)))).reshape(self.shape)
 
-    def centers(self, cell: NDArray[np.int64]) -> FloatArray:
+    def centers(self, cell: IndexArray) -> FloatArray:
         """Return the centres of cells, m."""
         i, j = np.divmod(cell, self.shape[1])
         return np.column_stack([self._west + (j + 0.5) * self.size, self._north - (i + 0.5) * self.size])
 
-    def of(self, xy: FloatArray) -> NDArray[np.int64]:
+    def of(self, xy: FloatArray) -> IndexArray:
         """Return the cells that points lie in, each once; -1 for those beyond."""
         j, i = np.floor((xy[:, 0] - self._west) / self.size), np.floor((self._north - xy[:, 1]) / self.size)
         inside = (i >= 0) & (j >= 0) & (i < self.shape[0]) & (j < self.shape[1])

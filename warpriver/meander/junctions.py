@@ -159,7 +159,8 @@ def _arc(xy: np.ndarray, start: np.ndarray) -> np.ndarray:
     step = np.concatenate([[0.0], np.hypot(*np.diff(xy, axis=0).T)])
     step[start[:-1]] = 0.0
     total = np.cumsum(step)
-    return total - np.repeat(total[start[:-1]], np.diff(start))
+    arc: np.ndarray = total - np.repeat(total[start[:-1]], np.diff(start))
+    return arc
 
 
 def _directions_below(network: RiverNetwork, xy: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -168,12 +169,14 @@ def _directions_below(network: RiverNetwork, xy: np.ndarray, start: np.ndarray) 
     own = _unit(xy[ahead] - xy[start[:-1]])
     by_node = np.zeros((network.node_count, 2))
     by_node[network.channel_from] = own
-    return by_node[network.channel_to]
+    directions: np.ndarray = by_node[network.channel_to]
+    return directions
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     size = np.hypot(*vectors.T)[:, None]
-    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    unit: np.ndarray = np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    return unit
 
 
 class MoveJunctions(Phase):

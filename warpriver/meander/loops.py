@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.checks import require
 from warpriver.engine.phase import Batch
 from warpriver.engine.scans import Scan
@@ -30,8 +31,8 @@ class PointTable:
             table by fours.
     """
 
-    bucket_head: wp.array
-    bucket_row: wp.array
+    bucket_head: DeviceArray
+    bucket_row: DeviceArray
 
     def allocate(self, state: State) -> None:
         """Make the device arrays; the lists are in the state's spare array."""
@@ -89,8 +90,8 @@ class ChunkMarks:
         marks: The list of the marked chunks.
     """
 
-    chunk_mark: wp.array
-    chunk_mark_sum: wp.array
+    chunk_mark: DeviceArray
+    chunk_mark_sum: DeviceArray
     scan: Scan
 
     def allocate(self, state: State) -> None:
@@ -129,12 +130,12 @@ class Loops:
         cut_capacity, oxbow_capacity: Capacity for cutoffs and their points.
     """
 
-    cut: wp.array
-    cut_span: wp.array
-    oxbow_xy: wp.array
-    oxbow_section: wp.array | None
-    share_cut: wp.array
-    share_cut_sum: wp.array
+    cut: DeviceArray
+    cut_span: DeviceArray
+    oxbow_xy: DeviceArray
+    oxbow_section: DeviceArray | None
+    share_cut: DeviceArray
+    share_cut_sum: DeviceArray
     scan: Scan
 
     def __init__(self, *, closed: bool):
@@ -158,7 +159,7 @@ class Loops:
         self.oxbow_section = None if state.section_moved is None else state.zeros(points, state.vec2)
         state.changed()
 
-    def cuts(self, point_neck: wp.array, point_cut: wp.array, channel_necks: wp.array) -> Any:
+    def cuts(self, point_neck: DeviceArray, point_cut: DeviceArray, channel_necks: DeviceArray) -> Any:
         """Return the cuts of a sub-step as kernels take them.
 
         Args:
@@ -240,7 +241,7 @@ class Loops:
     def _limited(self, state: State, split: np.ndarray) -> np.ndarray:
         """Return which loops become rings of their own, so many that there are ``max_rings`` at most."""
         rings, limit = int(state.network.channel_closed.sum()), state.params.max_rings
-        within = split & (np.cumsum(split) <= limit - rings)
+        within: np.ndarray = split & (np.cumsum(split) <= limit - rings)
         if (split & ~within).any() and not self._told:
             self._told = True
             warn(

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import Share, clear, launch
 from warpriver.kernels import memory as kernels
@@ -20,6 +21,8 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
     constants.migration_rate = params.migration_rate
     constants.reference_width = params.reference_width or 0.0
     constants.friction = params.friction
+    constants.memory_length = params.memory_length
+    constants.curvature_saturation = params.curvature_saturation
     constants.local_weight = params.local_weight
     constants.upstream_weight = params.upstream_weight
     constants.scale_local = int(params.sinuosity_scaling == "whole")
@@ -41,21 +44,22 @@ class StemMemory:
         """Allocate for so many channels."""
         kernel = kernels.build(scalar)
 
-        def zeros(kind: Any) -> wp.array:
+        def zeros(kind: Any) -> DeviceArray:
             return wp.zeros(count, dtype=kind, device=device)
 
         self._kernel, self._device, self._count = kernel, device, count
         self.end, self.fade, self.start = zeros(kernel.vec3), zeros(kernel.vec4), zeros(kernel.vec3)
-        self.tail, self.terms, self.ends = zeros(kernel.vec2), zeros(kernel.Terms), zeros(kernel.Ends)
+        self.back, self.tail = zeros(kernel.vec3), zeros(kernel.vec2)
+        self.terms, self.ends = zeros(kernel.Terms), zeros(kernel.Ends)
 
     def struct(self) -> Any:
         """Return the arrays as kernels take them."""
         memory = self._kernel.Memory()
         memory.end, memory.fade, memory.start = self.end, self.fade, self.start
-        memory.tail, memory.terms, memory.ends = self.tail, self.terms, self.ends
+        memory.back, memory.tail, memory.terms, memory.ends = self.back, self.tail, self.terms, self.ends
         return memory
 
-    def measure(self, channels: Any, length: wp.array) -> None:
+    def measure(self, channels: Any, length: DeviceArray) -> None:
         """Measure the stems, whose sinuosity the rates need."""
         clear(length)
         self._launch("measure_stems", self._count, [channels], [length])
@@ -64,14 +68,14 @@ class StemMemory:
         """Find what enters each link, when the velocities of all are computed."""
         self._launch("chain_links", self._count, [channels, constants, work], [self.struct()])
 
-    def add(self, channels: Any, points: Any, constants: Any, share: Share, velocity: wp.array) -> None:
+    def add(self, channels: Any, points: Any, constants: Any, share: Share, velocity: DeviceArray) -> None:
         """Add to the velocities of a share of the channels what enters them."""
-        inputs = [channels, points, constants, share.work, self.struct()]
-        self._launch("add_upstream", share.channel_threads, inputs, [velocity])
+        inputs = [channels, points, constants, share.work]
+        self._launch("add_upstream", share.channel_threads, inputs, [self.struct(), velocity])
 
-    def find_tails(self, channels: Any, points: Any, constants: Any, work: Any, velocity: wp.array) -> None:
+    def find_tails(self, channels: Any, work: Any) -> None:
         """Find what comes from downstream of each link where velocities are smoothed, when they are complete."""
-        self._launch("find_tails", self._count, [channels, points, constants, work, velocity], [self.tail])
+        self._launch("find_tails", self._count, [channels, work], [self.struct()])
 
     def _launch(self, name: str, threads: int, inputs: list[Any], outputs: list[Any]) -> None:
         launch(getattr(self._kernel, name), threads, inputs, outputs, self._device)

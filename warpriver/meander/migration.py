@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -32,7 +32,8 @@ def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParam
     """Longest time steps in yr that follow a channel truly, (travel, carried); longer ones are done in equal parts.
 
     - the upstream term is explicit: a wave that it carries downstream must not outgrow the local term's diffusion,
-      dt <= 1 / (D gamma^2 alpha^2), half the bound of an explicit step (D = k w |omega|, alpha = 2 f / d);
+      dt <= 1 / (D gamma^2 alpha^2), half the bound of an explicit step (D = k w |omega|, alpha = 2 f / d, or 1 / (L w)
+      with a ``memory_length`` L);
     - a bend as tight as its width must move by less than its width: dt <= w / (k max(|omega|, gamma - |omega|)).
       Where no bend is as tight, it is enough that the fastest point moves by less than half a width.
 
@@ -52,7 +53,7 @@ def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParam
     rate = rate_of(width, params)
     with np.errstate(divide="ignore"):
         travel = width / (rate * weights)
-        memory = 2.0 * params.friction / depth
+        memory = 1.0 / (params.memory_length * width) if params.memory_length else 2.0 * params.friction / depth
         # Without a local term nothing damps the waves; its own weight of 1 then stands in as the scale.
         diffusivity = rate * width * max(-params.local_weight, 1.0)
         carried = 1.0 / (diffusivity * (params.upstream_weight * memory) ** 2)
@@ -128,7 +129,7 @@ class Migrate(Phase):
     """
 
     name = "migrate"
-    point_velocity: wp.array
+    point_velocity: DeviceArray
     memory: StemMemory | None
 
     def allocate(self, state: State) -> None:
@@ -177,7 +178,7 @@ class Migrate(Phase):
             memory.add(channels, points, constants, share, self.point_velocity)
 
         def find_tails(whole: Share) -> None:
-            memory.find_tails(channels, points, constants, whole.work, self.point_velocity)
+            memory.find_tails(channels, whole.work)
 
         return [
             *areas,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch, whole_share
 from warpriver.engine.stems import StemArrays
@@ -121,16 +122,19 @@ class _Line:
         """Return values of the channel's points, such as widths, at the even points, linear in between."""
         if self.even is None:
             return values
-        return np.interp(self.even, self.arc, values, period=self.length if self.closed else None)
+        even: np.ndarray = np.interp(self.even, self.arc, values, period=self.length if self.closed else None)
+        return even
 
     def at_points(self, rate: np.ndarray) -> np.ndarray:
         """Return rates of the even points at the channel's points."""
         if self.even is None:
             return rate
-        if not self.closed:
-            return CubicSpline(self.even, rate)(self.arc)
-        again = np.append(self.even, self.length), np.append(rate, rate[0])
-        return CubicSpline(*again, bc_type="periodic")(self.arc)
+        if self.closed:
+            spline = CubicSpline(np.append(self.even, self.length), np.append(rate, rate[0]), bc_type="periodic")
+        else:
+            spline = CubicSpline(self.even, rate)
+        along: np.ndarray = spline(self.arc)
+        return along
 
 
 def _compute_rates(
@@ -168,7 +172,7 @@ def _as_kernels_take_it(network: RiverNetwork, lines: list[_Line]) -> tuple[Any,
     scalar, vec2, real = PRECISIONS[network.dtype]
     kernel, device, start = kernels.build(scalar), network.device, network.starts()
 
-    def on_device(values: np.ndarray, kind: type, dtype: type = real) -> wp.array:
+    def on_device(values: np.ndarray, kind: type, dtype: type = real) -> DeviceArray:
         return wp.array(values.astype(dtype), dtype=kind, device=device)
 
     points, widest = kernel.Points(), network.channel_width

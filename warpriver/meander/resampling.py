@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.checks import require
 from warpriver.engine.phase import Phase
 from warpriver.engine.scans import Scan
@@ -30,9 +31,9 @@ class Arcs:
         chunk_length, chunk_offset: int64, quanta that each chunk adds to the arc length, and the running sum.
     """
 
-    point_arc: wp.array
-    chunk_length: wp.array
-    chunk_offset: wp.array
+    point_arc: DeviceArray
+    chunk_length: DeviceArray
+    chunk_offset: DeviceArray
     scan: Scan
     _chunk: int
 
@@ -80,9 +81,9 @@ class Resample(Phase):
     """
 
     name = "resample"
-    samples: wp.array
-    start_next: wp.array
-    spacing_next: wp.array
+    samples: DeviceArray
+    start_next: DeviceArray
+    spacing_next: DeviceArray
     scan: Scan
 
     def __init__(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch, whole_share
@@ -37,8 +38,8 @@ class Smooth(Phase):
     """
 
     name = "smooth"
-    point_smoothed: wp.array | None
-    shift: wp.array
+    point_smoothed: DeviceArray | None
+    shift: DeviceArray
 
     def allocate(self, state: State) -> None:
         """Make the device array."""

@@ -16,15 +16,19 @@ from warpriver.metrics.meanders import (
     wavelength,
     wavelength_range,
 )
+from warpriver.metrics.rivers import Comparison, RiverStatistics, compare, statistics
 
 __all__ = [
     "Bends",
+    "Comparison",
     "InflectionPoints",
     "LognormalFit",
+    "RiverStatistics",
     "arc_length",
     "bend_radius",
     "bend_sinuosity",
     "bends",
+    "compare",
     "curvature",
     "inflection_points",
     "lag",
@@ -33,6 +37,7 @@ __all__ = [
     "oxbow_lengths",
     "sinuosity",
     "sinuosity_window",
+    "statistics",
     "wavelength",
     "wavelength_range",
 ]

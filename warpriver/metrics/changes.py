@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import ComplexArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.metrics.lines import (
@@ -221,10 +222,10 @@ def _masked_correlation(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     fb = np.where(mb, b - (b[mb].mean() if mb.any() else 0.0), 0.0)
     size = 1 << (2 * len(a)).bit_length()
 
-    def spectrum(series: NDArray[Any]) -> NDArray[np.complex128]:
+    def spectrum(series: NDArray[Any]) -> ComplexArray:
         return np.fft.rfft(series.astype(np.float64), size)
 
-    def pair(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> FloatArray:
+    def pair(left: ComplexArray, right: ComplexArray) -> FloatArray:
         full = np.fft.irfft(left.conj() * right, size)
         return np.concatenate([full[size - reach :], full[: reach + 1]])
 

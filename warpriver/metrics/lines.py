@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.public import public
 from warpriver.validate import checked_line, positive
@@ -29,9 +30,6 @@ __all__ = [
     "sinuosity_window",
     "unit",
 ]
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 
 @public

@@ -26,6 +26,7 @@ from warpriver.validate import checked_line, positive
 __all__ = [
     "Bends",
     "InflectionPoints",
+    "bend_curvature",
     "bend_radius",
     "bend_sinuosity",
     "bends",
@@ -105,7 +106,7 @@ def inflection_points(xy: ArrayLike, width: float | None = None) -> InflectionPo
         ValueError: `xy` is not a line of at least three finite, distinct points, or `width` is not positive.
     """
     points = checked_line(xy, "xy")
-    position, _ = _sign_changes(*_bend_curvature(points, width))
+    position, _ = _sign_changes(*bend_curvature(points, width))
     return InflectionPoints(position, points_at(points, arc_length_of(points), position))
 
 
@@ -132,7 +133,7 @@ def bends(xy: ArrayLike, width: float | None = None, closed: bool = False) -> Be
     if closed:
         return _ring_bends(checked_ring(xy), width)
     points = checked_line(xy, "xy")
-    s, value, floor = _bend_curvature(points, width)
+    s, value, floor = bend_curvature(points, width)
     edge, first = _sign_changes(s, value, floor)
     start, end = edge[:-1], edge[1:]
     apex, peak = _apexes(s, value, first)
@@ -237,8 +238,8 @@ def _ring_bends(ring: FloatArray, width: float | None) -> Bends:
     return Bends(start - around, end - around, arc, chord, sinuosity, apex - around, *turn)
 
 
-def _bend_curvature(points: FloatArray, width: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Arc length, curvature and the absolute curvature that counts as straight, (m,) each."""
+def bend_curvature(points: FloatArray, width: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Arc length, curvature of `inflection_points` and the absolute curvature that counts as straight, (m,) each."""
     s = arc_length_of(points)
     if width is None:
         h = np.diff(s)

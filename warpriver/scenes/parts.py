@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpriver import generate
+from warpriver.arrays import FloatArray
 from warpriver.editing import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.errors import InputError
@@ -50,7 +50,7 @@ def terrain_generators() -> dict[str, Callable[..., Terrain]]:
     return _generators("Terrain")
 
 
-def line_generators() -> dict[str, Callable[..., NDArray[np.float64]]]:
+def line_generators() -> dict[str, Callable[..., FloatArray]]:
     """Return the functions of ``warpriver.generate`` that make a line, by name."""
     return _generators("FloatArray")
 
@@ -111,7 +111,7 @@ class Line:
         about: How it was given, for people.
     """
 
-    xy: NDArray[np.float64]
+    xy: FloatArray
     width: float
     depth: float | None = None
     discharge: float | None = None

@@ -409,7 +409,7 @@ def _made_control(file: _File, kind: str, fields: dict[str, Any], key: str) -> C
             else:
                 _check_format(file, f"{key}.file", source, {**line_formats(), **terrain_formats()})
                 area = raising(f"{where}.file", lambda: read_raster(source), {})
-        cls: Any = CONTROLS[kind]
+        cls: Callable[..., Control] = CONTROLS[kind]
         options = {name: fields[name] for name in ("factor", "blend") if name in fields}
         return raising(
             where, lambda: cls(area, **options), {f"{kind}.area": ".polygon", f"{kind}.": ".", f"{kind} ": " "}

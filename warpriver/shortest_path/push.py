@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, launch
@@ -70,7 +70,7 @@ class Push(Phase):
     """
 
     name = "migrate"
-    point_push: wp.array
+    point_push: DeviceArray
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""

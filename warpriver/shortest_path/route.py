@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -34,10 +35,10 @@ class TakeShortcuts(Phase):
     """
 
     name = "cut off"
-    point_from: wp.array
-    point_saving: wp.array
-    point_neck: wp.array
-    head: wp.array | None
+    point_from: DeviceArray
+    point_saving: DeviceArray
+    point_neck: DeviceArray
+    head: DeviceArray | None
 
     def __init__(self, params: PathMeander, arcs: Arcs):
         """Start without capacity; ``arcs`` are those of the phase that resamples."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
@@ -42,10 +43,10 @@ class Shortcuts:
             them reaches, and their running sum and maximum.
     """
 
-    necks: wp.array
-    link_from: wp.array
-    link_to: wp.array
-    link_saving: wp.array
+    necks: DeviceArray
+    link_from: DeviceArray
+    link_to: DeviceArray
+    link_saving: DeviceArray
 
     def __init__(self, arcs: Arcs):
         """Start without capacity; ``arcs`` are those of the phase that resamples."""
@@ -59,7 +60,8 @@ class Shortcuts:
 
     def count(self, state: State) -> int:
         """Shortcuts that the last search found, whether they fitted or not."""
-        return state.read_status()[LINKS_NEEDED]
+        needed: int = state.read_status()[LINKS_NEEDED]
+        return needed
 
     @property
     def links(self) -> Any:

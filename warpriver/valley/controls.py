@@ -14,8 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
@@ -41,7 +42,6 @@ __all__ = [
     "strongest_harmonics",
 ]
 
-FloatArray = NDArray[np.float64]
 # A term: any callable of the position along the reach.
 Term = Callable[[FloatArray], FloatArray]
 
@@ -131,7 +131,8 @@ class Kinoshita(Params):
         value = np.zeros(angle.size)
         for k in np.flatnonzero(np.abs(wave) > 1e-15 * half):
             value += wave[k].real * np.cos(order[k] * angle) - wave[k].imag * np.sin(order[k] * angle)
-        return (self.amplitude * (value - middle) / half).reshape(np.shape(u))
+        shift: FloatArray = (self.amplitude * (value - middle) / half).reshape(np.shape(u))
+        return shift
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,7 +176,8 @@ class Cnoidal(Params):
         m, quarter = self.modulus, float(ellipk(self.modulus))
         _, cn, _, _ = ellipj(quarter * (TURN * self.frequency * u + self.phase) / math.pi, m)
         mean = 0.5 if m < 1e-8 else (float(ellipe(m)) / quarter - 1.0 + m) / m
-        return 2.0 * self.amplitude * (cn * cn - mean)
+        shift: FloatArray = 2.0 * self.amplitude * (cn * cn - mean)
+        return shift
 
 
 @dataclasses.dataclass(frozen=True)

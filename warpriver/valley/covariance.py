@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import ComplexArray, FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.public import public
@@ -28,7 +28,6 @@ __all__ = [
     "harmonics_for_covariances",
 ]
 
-FloatArray = NDArray[np.float64]
 
 # A target is met when the mean comes this close.
 TOLERANCE = 0.02
@@ -285,12 +284,17 @@ def _shares_for_mean(made: _Made, size: FloatArray, shift: FloatArray, mean: flo
             gain = (sign * np.cos(shift) == (sign * np.cos(shift)).max()) * size
         ends.append(np.maximum(gain / gain.max(), MIN_SHARE))
     low, high = (made.mean(share, shift) for share in ends)
-    between = lambda t: (1.0 - t) * ends[0] + t * ends[1]  # noqa: E731
+
+    def between(t: float) -> FloatArray:
+        share: FloatArray = (1.0 - t) * ends[0] + t * ends[1]
+        return share
+
     if low <= mean <= high:
         t = brentq(lambda t: made.mean(between(t), shift) - mean, 0.0, 1.0, xtol=1e-14)
         return between(t)
     _reached(mean, low, high)
-    return ends[1 if mean > high else 0]
+    bound: FloatArray = ends[1 if mean > high else 0]
+    return bound
 
 
 def _reached(mean: float, low: float, high: float) -> bool:
@@ -333,7 +337,8 @@ def _weights(position: FloatArray) -> FloatArray:
     weight = np.zeros(len(position))
     weight[:-1] += step
     weight[1:] += step
-    return weight / weight.sum()
+    shares: FloatArray = weight / weight.sum()
+    return shares
 
 
 def _standardised(series: FloatArray, weight: FloatArray) -> FloatArray:
@@ -345,11 +350,12 @@ def _standardised(series: FloatArray, weight: FloatArray) -> FloatArray:
     return residual / deviation
 
 
-def _components(series: FloatArray, position: FloatArray, weight: FloatArray, frequencies: Any) -> FloatArray:
+def _components(series: FloatArray, position: FloatArray, weight: FloatArray, frequencies: Any) -> ComplexArray:
     """Complex amplitudes of a series at each frequency, of a cosine; least squares, with a constant."""
     angle = 2.0 * math.pi * np.outer(position, frequencies)
     basis = np.column_stack([np.ones(len(position)), np.cos(angle), np.sin(angle)])
     root = np.sqrt(weight)[:, None]
     fit = np.linalg.lstsq(root * basis, root[:, 0] * series, rcond=None)[0][1:]
     count = len(fit) // 2
-    return fit[:count] - 1j * fit[count:]
+    components: ComplexArray = fit[:count] - 1j * fit[count:]
+    return components

@@ -6,13 +6,12 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.params import Params, parameter
 
 __all__ = ["LongProfile"]
 
-FloatArray = NDArray[np.float64]
 
 # Slopes at both ends that are as equal as this make a straight profile.
 STRAIGHT = 1e-9

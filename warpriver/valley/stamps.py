@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import stamps as kernels
@@ -19,7 +20,6 @@ from warpriver.params import Params, parameter
 
 __all__ = ["Ground", "MeshStamp", "RoughnessPatch", "Structure", "set_into"]
 
-FloatArray = NDArray[np.float64]
 
 MODES = {"raise": kernels.RAISE, "lower": kernels.LOWER, "replace": kernels.REPLACE}
 # Corners of a patch at most: each place within its bounds looks at all of them.
@@ -194,7 +194,7 @@ class Ground:
         window: Grid of a raster, for the kernels; None for points.
     """
 
-    def __init__(self, height: wp.array, place: wp.array | None = None, window: Any = None):
+    def __init__(self, height: DeviceArray, place: DeviceArray | None = None, window: Any = None):
         """Take what is on the device already."""
         self.height, self.place, self.window = height, place, window
 

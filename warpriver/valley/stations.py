@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.network import RiverNetwork
@@ -32,7 +32,6 @@ __all__ = [
     "valley_lines",
 ]
 
-FloatArray = NDArray[np.float64]
 
 # Samples an increment of lines that lengths are measured on, and their minimum number over the reach.
 FINE, MIN_FINE = 16, 8192
@@ -335,7 +334,10 @@ def _lay_thread(
 ) -> tuple[Line, FloatArray, FloatArray]:
     count = max(16, round((thread.end - thread.start) * params.increments))
     u = np.linspace(thread.start, thread.end, FINE * count + 1)
-    column = lambda values: np.interp(u, at, values)  # noqa: E731
+
+    def column(values: FloatArray) -> FloatArray:
+        return np.interp(u, at, values)
+
     normal = np.column_stack([-column(main.line.tangent[:, 1]), column(main.line.tangent[:, 0])])
     offset = thread.offset * np.sin(math.pi * (u - thread.start) / (thread.end - thread.start)) ** 2
     fine = np.column_stack([column(main.line.xy[:, 0]), column(main.line.xy[:, 1])]) + offset[:, None] * normal

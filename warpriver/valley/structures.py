@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.public import public
 from warpriver.validate import shown
@@ -15,7 +16,6 @@ from warpriver.valley.valley import Valley
 
 __all__ = ["bridge", "levee"]
 
-FloatArray = NDArray[np.float64]
 
 # Sections of a levee along a bankfull width, and corners of a bridge's piers.
 ALONG_WIDTH, AROUND_PIER = 4.0, 12
@@ -65,7 +65,10 @@ def levee(
     count = max(2, math.ceil(ALONG_WIDTH * span / valley.params.width)) + 1
     at = np.linspace(start, end, count) * stations.length
     s = stations.line.s[reach]
-    column = lambda values: np.interp(at, s, values[reach])  # noqa: E731
+
+    def column(values: FloatArray) -> FloatArray:
+        return np.interp(at, s, values[reach])
+
     tangent = np.column_stack([column(stations.line.tangent[:, k]) for k in (0, 1)])
     tangent /= np.hypot(*tangent.T)[:, None]
     place = np.column_stack([column(stations.line.xy[:, k]) for k in (0, 1)])
@@ -129,7 +132,10 @@ def bridge(
         raise InputError(f"piers is {shown(piers)}; give a whole number from 0 to 100")
     stations, reach = valley.stations, valley.stations.reach
     s, at = stations.line.s[reach], station * stations.length
-    column = lambda values: float(np.interp(at, s, values[reach]))  # noqa: E731
+
+    def column(values: FloatArray) -> float:
+        return float(np.interp(at, s, values[reach]))
+
     x, y = (column(stations.line.xy[:, k]) for k in (0, 1))
     angle = math.degrees(math.atan2(column(stations.line.tangent[:, 1]), column(stations.line.tangent[:, 0])))
     left, right = (column(stations.half[:, k]) for k in (0, 1))

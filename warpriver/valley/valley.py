@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import launch_kernel, present_device, require_memory, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import stamps as stamp_kernels
@@ -40,7 +41,6 @@ from warpriver.valley.stations import Line, Stations, lay_stations, lay_threads,
 
 __all__ = ["Valley", "ValleyGrid", "synthetic_valley"]
 
-FloatArray = NDArray[np.float64]
 
 # Cells across the bankfull width of a raster whose cell size is not given.
 CELLS_ACROSS = 20.0
@@ -78,7 +78,7 @@ class ValleyGrid:
         """Return the points as (n, 3), a station after the other."""
         return self.xyz.reshape(-1, 3)
 
-    def triangles(self) -> NDArray[np.int64]:
+    def triangles(self) -> IndexArray:
         """Return the triangles between the points, (m, 3), counter-clockwise seen from above."""
         rows, columns = self.xyz.shape[:2]
         corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
@@ -201,12 +201,13 @@ class Valley:
             raise InputError(f"xy has shape {given.shape}; give (n, 2) finite places in m")
         if not len(given):
             return np.empty(0)
-        place: wp.array = wp.array(self.stations.frame.to_valley(given), dtype=wp.vec2d, device=self.device)
+        place: DeviceArray = wp.array(self.stations.frame.to_valley(given), dtype=wp.vec2d, device=self.device)
         height = self._bare_height(place)
         self._stamp(Ground(height, place))
-        return height.numpy()
+        values: FloatArray = height.numpy()
+        return values
 
-    def _bare_height(self, place: wp.array) -> wp.array:
+    def _bare_height(self, place: DeviceArray) -> DeviceArray:
         """Heights at places of the valley's frame, without patches and meshes."""
         out = wp.empty(len(place), dtype=wp.float64, device=self.device)
         launch_kernel(
@@ -234,7 +235,7 @@ class Valley:
         stamps = self.params.stamps
         if not stamps:
             return []
-        place: wp.array = wp.array([stamp.place for stamp in stamps], dtype=wp.vec2d, device=self.device)
+        place: DeviceArray = wp.array([stamp.place for stamp in stamps], dtype=wp.vec2d, device=self.device)
         ground = self._bare_height(place).numpy()
         for stamp, height in zip(stamps, ground, strict=True):
             if stamp.base == "ground" and not np.isfinite(height):
@@ -291,8 +292,8 @@ class Valley:
         last, places = across + 2 * beside - 1, xyz.numpy()
         if self._is_stamped:
             local = at.to_valley(places[..., :2]).reshape(-1, 2)
-            place: wp.array = wp.array(local, dtype=wp.vec2d, device=self.device)
-            height: wp.array = wp.array(places[..., 2].ravel(), dtype=wp.float64, device=self.device)
+            place: DeviceArray = wp.array(local, dtype=wp.vec2d, device=self.device)
+            height: DeviceArray = wp.array(places[..., 2].ravel(), dtype=wp.float64, device=self.device)
             self._stamp(Ground(height, place))
             places[..., 2] = height.numpy().reshape(places.shape[:2])
         line = self.stations.line
@@ -361,7 +362,7 @@ class Valley:
         channels = [_channel_arrays(self.stations), *((t[0], t[1], t[2]) for t in self.threads)]
         surface = kernels.build(wp.float64).Surface()
 
-        def on_device(values: Any, kind: Any) -> wp.array:
+        def on_device(values: Any, kind: Any) -> DeviceArray:
             return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device)
 
         counts = [len(line.s) for line, _, _ in channels]

@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
@@ -16,7 +16,6 @@ from warpriver.valley.controls import interpolated
 
 __all__ = ["Variogram"]
 
-FloatArray = NDArray[np.float64]
 
 # Known values at most: their covariances are a dense matrix.
 MAX_KNOWN = 2000

@@ -165,7 +165,8 @@ def taper_ends(xy: np.ndarray, width: float) -> np.ndarray:
     """Return the width along an abandoned loop in m; it closes over the last 1.5 widths, where plugs form."""
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
     to_end = np.minimum(s, s[-1] - s) / (1.5 * width)
-    return width * (0.15 + 0.85 * np.sqrt(np.clip(to_end, 0.0, 1.0)))
+    half: np.ndarray = width * (0.15 + 0.85 * np.sqrt(np.clip(to_end, 0.0, 1.0)))
+    return half
 
 
 def select_inside(

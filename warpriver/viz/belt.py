@@ -507,10 +507,15 @@ class BeltPainter:
         mean = _box_mean(words[cover].view(np.uint8).reshape(*cover.shape, 4), self._factor)
         tone = 1.0 + 0.05 * self._noise * mean[..., 3] / 255.0
         if self._relief is None:
-            return np.clip(mean[..., :3] * tone[..., None], 0.0, 255.0).astype(np.uint8)
+            return self._bytes(mean[..., :3] * tone[..., None])
         bare = _box_mean((cover == 0).astype(np.uint8)[..., None], self._factor)
         tone *= 1.0 + DEPOSIT_SHADE * (self._relief.shade - 1.0)
-        return np.clip(mean[..., :3] * tone[..., None] + bare * self._relief.color, 0.0, 255.0).astype(np.uint8)
+        return self._bytes(mean[..., :3] * tone[..., None] + bare * self._relief.color)
+
+    @staticmethod
+    def _bytes(color: np.ndarray) -> np.ndarray:
+        rgb: np.ndarray = np.clip(color, 0.0, 255.0).astype(np.uint8)
+        return rgb
 
 
 def _box_mean(samples: np.ndarray, factor: int) -> np.ndarray:
@@ -526,7 +531,8 @@ def _scroll_tone(times: np.ndarray, span: float) -> np.ndarray:
     """Return a small change of tone for each course, a smooth function of time with several periods."""
     phase = 2.0 * np.pi * (times - times[0]) / span
     waves = 0.5 * np.sin(13.0 * phase) + 0.3 * np.sin(29.3 * phase + 1.0) + 0.4 * np.sin(47.9 * phase + 2.0)
-    return SCROLL_STRENGTH * waves
+    tone: np.ndarray = SCROLL_STRENGTH * waves
+    return tone
 
 
 def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
@@ -542,7 +548,8 @@ def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
         if size > 1:
             layer = zoom(layer, size, order=1)
         total += weight * layer[: shape[0], : shape[1]] / layer.std()
-    return (total - total.mean()) / total.std()
+    noise: np.ndarray = (total - total.mean()) / total.std()
+    return noise
 
 
 # ---- histories

@@ -294,7 +294,7 @@ def _with_rivers(ground: np.ndarray, area: np.ndarray, minimum: float, largest: 
     """
     rows, columns = (-(-n // factor) for n in area.shape)
     below, aside = rows * factor - area.shape[0], columns * factor - area.shape[1]
-    picture = np.pad(ground, ((0, below), (0, aside), (0, 0)), mode="edge")
+    picture: np.ndarray = np.pad(ground, ((0, below), (0, aside), (0, 0)), mode="edge")
     drained = np.pad(np.nan_to_num(area, nan=0.0), ((0, below), (0, aside)))
     picture = picture.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
     drained = drained.reshape(rows, factor, columns, factor).max(axis=(1, 3))

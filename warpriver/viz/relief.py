@@ -164,7 +164,8 @@ class _Cells:
 
         out = affine_transform(values, self.scale, self.offset, output_shape=self.shape, order=3, mode="nearest")
         # Splines swing below and above at cliffs.
-        return np.clip(out, values.min(), values.max(), out=out)
+        limited: np.ndarray = np.clip(out, values.min(), values.max(), out=out)
+        return limited
 
     def known(self) -> np.ndarray:
         """Return which pixels have data."""
@@ -178,8 +179,10 @@ class _Cells:
         if gap.any() and missing.any() and max(self.scale) < 0.5:
             # Where cells are many pixels wide, the edge of the data is a smooth line, not stairs.
             grid = np.meshgrid(*places, indexing="ij")
-            return inside & (map_coordinates(gap.astype(np.float32), grid, order=1, mode="nearest") < 0.5)
-        return inside & ~missing
+            sure: np.ndarray = inside & (map_coordinates(gap.astype(np.float32), grid, order=1, mode="nearest") < 0.5)
+            return sure
+        known: np.ndarray = inside & ~missing
+        return known
 
 
 def _cells_under(terrain: Terrain, window: Window, shape: tuple[int, int]) -> _Cells | None:
@@ -247,14 +250,16 @@ def _difference(height: np.ndarray, axis: int) -> np.ndarray:
     low[axis], high[axis] = slice(None, -1), slice(1, None)
     total = step[tuple(low)] + step[tuple(high)]
     count = known[tuple(low)].astype(np.int8) + known[tuple(high)]
-    return total / np.maximum(count, 1)
+    mean: np.ndarray = total / np.maximum(count, 1)
+    return mean
 
 
 def _lit(east: np.ndarray, north: np.ndarray, azimuth: float, altitude: float) -> np.ndarray:
     """Return the cosine between light and normal, 0 in shadow."""
     turn, rise = np.radians(azimuth), np.radians(altitude)
     facing = np.sin(rise) - np.cos(rise) * (np.sin(turn) * east + np.cos(turn) * north)
-    return np.clip(facing / np.sqrt(1.0 + east * east + north * north), 0.0, 1.0)
+    light: np.ndarray = np.clip(facing / np.sqrt(1.0 + east * east + north * north), 0.0, 1.0)
+    return light
 
 
 def _auto_exaggeration(east: np.ndarray, north: np.ndarray) -> float:

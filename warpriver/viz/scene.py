@@ -149,7 +149,8 @@ def _draw(
     # Drawn at twice the size and averaged: smooth edges on every driver.
     image = np.asarray(image)[..., :3]
     blocks = image.reshape(image.shape[0] // 2, 2, image.shape[1] // 2, 2, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    pixels: np.ndarray = np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    return pixels
 
 
 def _new_plotter(size: tuple[int, int]) -> Any:

@@ -115,7 +115,8 @@ class TerrainGround:
             from scipy.ndimage import map_coordinates
 
         at = (np.asarray(xy) - np.array(self.window[:2])) / self._cell
-        return map_coordinates(self._height, [at[:, 1], at[:, 0]], order=1, mode="nearest")
+        height: np.ndarray = map_coordinates(self._height, [at[:, 1], at[:, 0]], order=1, mode="nearest")
+        return height
 
     def water_level(self, xy: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Return the height of the water at the (2 P, 2) banks of channels with that many points each."""
@@ -132,4 +133,5 @@ class TerrainGround:
         """Return the relief for the surface's colour, (rows, columns, 3) uint8, plain where there is no data."""
         relief = relief_picture(self._terrain, self.window, shape, strength=LIT_STRENGTH)
         relief.color[~relief.known] = 255.0 * color_ramp(((0.0, GROUND),), 0.0)
-        return np.clip(relief.color, 0.0, 255.0).astype(np.uint8)
+        color: np.ndarray = np.clip(relief.color, 0.0, 255.0).astype(np.uint8)
+        return color

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -219,7 +220,7 @@ def write_numpy(raster: Raster, path: Path, key: str) -> None:
         path: File name.
         key: Name of the array of values: ``VALUES``, and unit and name beside it, or the first of ``HEIGHTS``.
     """
-    arrays = {
+    arrays: dict[str, Any] = {
         key: raster.numpy(), "cell_size": np.float64(raster.cell_size),
         "origin": np.array(raster.origin, np.float64), "crs": np.str_(raster.crs or ""),
     }  # fmt: skip

@@ -69,7 +69,7 @@ class RasterSource:
         """Tell whether rows do not run east or west by more than a thousandth of a cell over the whole raster."""
         _, b, _, d, _, _ = self.affine or (math.nan,) * 6
         rows, columns = self.values.shape
-        return max(abs(b) * rows, abs(d) * columns) > 1e-3 * min(self.cell)
+        return bool(max(abs(b) * rows, abs(d) * columns) > 1e-3 * min(self.cell))
 
     def scale_place(self, factor: float) -> None:
         """Multiply all coordinates by a number, as to turn feet into metres."""
@@ -109,7 +109,8 @@ def cells_without_data(
         heights: Whether the values are heights.
     """
     if nodata is not None:
-        return gap | equal_cells(values, nodata)
+        found_gap: np.ndarray = gap | equal_cells(values, nodata)
+        return found_gap
     found = find_sentinels(values, ~gap)
     if not found:
         return gap

@@ -308,7 +308,8 @@ def tell_lost_names(path: object, names: Iterable[str], wanted: Iterable[str]) -
 def is_no_value(numbers: np.ndarray, role: str) -> np.ndarray:
     """Return where numbers of a role stand for nothing: NaN, -9999 and its kin, and 0 or less where that cannot be."""
     none = ~(np.abs(numbers) < BEYOND) | np.isin(numbers, NO_VALUE)
-    return none | (numbers <= 0.0) if role in POSITIVE else none
+    unknown: np.ndarray = none | (numbers <= 0.0) if role in POSITIVE else none
+    return unknown
 
 
 def _is_none(number: float, role: str) -> bool:
@@ -381,7 +382,7 @@ def next_downstream(network: RiverNetwork) -> np.ndarray:
     order = np.lexsort((-np.arange(network.channel_count), network.channel_discharge))
     order = order[network.channel_from[order] != network.channel_to[order]]
     heir[network.channel_from[order]] = order  # the last entry stays
-    down = heir[network.channel_to]
+    down: np.ndarray = heir[network.channel_to]
     down[down == np.arange(network.channel_count)] = -1
     return down
 

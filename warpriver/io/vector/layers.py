@@ -210,13 +210,15 @@ def _as_field(column: Any) -> np.ndarray:
     """Return a column as GDAL takes it: lists as JSON text, words as objects."""
     if isinstance(column, list):
         return np.array([None if value is None else json.dumps(value) for value in column], object)
-    return column.astype(object) if column.dtype.kind == "U" else column
+    field: np.ndarray = column.astype(object) if column.dtype.kind == "U" else column
+    return field
 
 
 def _as_objects(column: Any) -> np.ndarray:
     """Return a column as pandas takes it: lists and words as objects."""
     if not isinstance(column, list):
-        return column.astype(object) if column.dtype.kind == "U" else column
+        whole: np.ndarray = column.astype(object) if column.dtype.kind == "U" else column
+        return whole
     values = np.empty(len(column), object)
     values[:] = [None if value is None else np.array(value, np.float64) for value in column]
     return values

@@ -124,12 +124,12 @@ def read_network(
     SWORD        next down         rch_id_dn_main, rch_id_dn, rch_id_dn_1, rch_id_dn1
     ============ ================= ================================================================================
 
-    Width: where neither argument nor file gives it, it follows from the discharge by w = 7.2 Q^0.5, or without one from
-    the drainage area by w = c A^0.5 (:func:`warpriver.hydrology.channel_width`); a line without either gets
+    Width: where neither argument nor file gives it, it follows from the bankfull discharge by w = 7.2 Q^0.5, or without
+    one from the drainage area by w = c A^0.5 (:func:`warpriver.hydrology.channel_width`); a line without either gets
     ``missing_width``, or else the narrowest width of the others if most lines have one. A warning says so. Depth and
-    discharge follow from the width where the file has none; the discharges of HydroRIVERS, NHDPlus, SWORD and
-    MERIT-Basins are long-term means and are taken as they are, so that widths inferred from them are on the low side.
-    Lengths and orders in a file are not read: they follow from the lines.
+    discharge follow from the width where the file has none. The discharges of HydroRIVERS, NHDPlus, SWORD and
+    MERIT-Basins are long-term means. They are taken as they are; a width follows from one only where there is no
+    drainage area, and is then on the low side. Lengths and orders in a file are not read: they follow from the lines.
 
     *Free columns.* What ``write_network`` wrote of them comes back with its kind. Of other files ``extra`` names
     attributes to keep, ``extra=["GNIS_Name"]``: as flags, numbers or words, whichever holds them all; where a channel
@@ -234,13 +234,16 @@ def read_network(
     label = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
     found = _placed(sources, crs, to_crs)
     lines = [line for source in sources for line in source.lines]
+    for source in sources:
+        for line in source.lines if source.family.mean_flow else ():
+            line.mean_flow = line.discharge is not None
     for role, numbers in given.items():
         if numbers is not None:
             override(lines, role, numbers)
     for line in lines if reverse else ():
         line.reverse()
     lines = drop_points(lines, short, label)
-    fill_widths(lines, missing_width, label, any(source.family.mean_flow for source in sources))
+    fill_widths(lines, missing_width, label)
     clean(lines, repeated, label)
     fill_by_laws(lines)
     lines = settle_short(lines, short, found, label)
@@ -432,7 +435,7 @@ def _build(
         **place,
     )
     # A simulation keeps the width of a channel apart from those of its points: what the file says of it stands.
-    stated = {}
+    stated: dict[str, Any] = {}
     for name in ("width", "depth"):
         means = [getattr(line, f"mean_{name}") for line in lines]
         known = [c for c, mean in enumerate(means) if mean is not None and mean > 0.0]

@@ -65,7 +65,8 @@ class PointLists:
                 self.told[name, MISFIT] += 1
                 return None
             self.told[name, INTERPOLATED] += 1
-            return np.interp(along / along[-1], np.linspace(0.0, 1.0, len(filled)), filled)
+            read: np.ndarray | None = np.interp(along / along[-1], np.linspace(0.0, 1.0, len(filled)), filled)
+            return read
         return None
 
     def tell(self) -> None:
@@ -83,7 +84,8 @@ def filled_gaps(numbers: np.ndarray, role: str) -> np.ndarray | None:
     if none.all():
         return None
     at = np.arange(len(numbers))
-    return np.interp(at, at[~none], numbers[~none])
+    full: np.ndarray | None = np.interp(at, at[~none], numbers[~none])
+    return full
 
 
 def _numbers(value: Any) -> np.ndarray | None:

@@ -59,26 +59,27 @@ def override(lines: list[Line], name: str, value: PerChannel) -> None:
             fits = "one number" if name == "discharge" else f"one number or ({len(line.xy)},)"
             raise InputError(f"{name} of channel {c}: shape {array.shape} for {len(line.xy)} points; give {fits}")
         setattr(line, name, array)
+        if name == "discharge":
+            line.mean_flow = False
         if name in ("width", "depth"):
             setattr(line, f"mean_{name}", None)
             line.lists = tuple(other for other in line.lists if other != name)
 
 
-def fill_widths(lines: list[Line], missing_width: float | None, label: str, mean_flow: bool) -> None:
+def fill_widths(lines: list[Line], missing_width: float | None, label: str) -> None:
     """Give every line a width: that of its discharge or drainage area, or else ``missing_width``, and say so.
 
     Args:
         lines: All channels.
         missing_width: Width in m where nothing tells one; None: that of the narrowest of the others, if they are most.
         label: What to call the files in messages.
-        mean_flow: Whether discharges are long-term means.
 
     Raises:
         ValueError: Lines without a width, and nothing to give them one.
     """
     if missing_width is not None:
         positive(missing_width, "missing_width", "m")
-    _infer_widths(lines, label, mean_flow)
+    _infer_widths(lines, label)
     missing = [line for line in lines if line.width is None]
     if missing and missing_width is None:
         if len(missing) == len(lines):
@@ -98,28 +99,31 @@ def fill_widths(lines: list[Line], missing_width: float | None, label: str, mean
         line.width = missing_width
 
 
-def _infer_widths(lines: list[Line], label: str, mean_flow: bool) -> None:
-    """Give lines without a width that of their discharge or drainage area, and say so."""
-    by_flow = [line for line in lines if line.width is None and line.discharge is not None]
-    by_area = [
-        (line, line.drainage_area)
-        for line in lines
-        if line.width is None and line.discharge is None and line.drainage_area
-    ]
-    for line in by_flow:
-        line.width = float(width_of_discharge(line.discharge))
-    for line, area in by_area:
-        line.width = float(channel_width(area))
-    relations = []
-    if by_flow:
-        kind = "long-term mean" if mean_flow else "bankfull"
-        relations.append(f"{len(by_flow)} from the {kind} discharge by w = 7.2 Q^0.5")
-    if by_area:
-        relations.append(f"{len(by_area)} from the drainage area by w = c A^0.5")
-    if relations:
+def _infer_widths(lines: list[Line], label: str) -> None:
+    """Give lines without a width that of their discharge or drainage area, and say so.
+
+    The relation of width and discharge holds for bankfull discharges, so a drainage area comes before a mean one.
+    """
+    counts = {"bankfull discharge by w = 7.2 Q^0.5": 0, "drainage area by w = c A^0.5": 0}
+    bankfull, area = counts
+    mean = "long-term mean discharge by w = 7.2 Q^0.5, which makes them too narrow"
+    counts[mean] = 0
+    bare = [line for line in lines if line.width is None]
+    for line in bare:
+        if line.discharge is not None and not line.mean_flow:
+            relation, line.width = bankfull, float(width_of_discharge(line.discharge))
+        elif line.drainage_area:
+            relation, line.width = area, float(channel_width(line.drainage_area))
+        elif line.discharge is not None:
+            relation, line.width = mean, float(width_of_discharge(line.discharge))
+        else:
+            continue
+        counts[relation] += 1
+    if found := {relation: count for relation, count in counts.items() if count}:
+        relations = " and ".join(f"{count} from the {relation}" for relation, count in found.items())
         warn(
-            f"{label}: {len(by_flow) + len(by_area)} of {len(lines)} channels have no width; inferred "
-            f"{' and '.join(relations)}. Pass width= if you know better"
+            f"{label}: {sum(found.values())} of {len(lines)} channels have no width; inferred {relations}. Pass width= "
+            "if you know better"
         )
 
 
@@ -163,15 +167,21 @@ def clean(lines: list[Line], repeated: str, label: str) -> None:
 
 
 def fill_by_laws(lines: list[Line]) -> None:
-    """Set depth and discharge from the width where neither file nor argument gives them."""
+    """Set depth and discharge from the width where neither file nor argument gives them.
+
+    Beside long-term mean discharges a missing one is that of the width, scaled as those of the other lines are, so that
+    no network mixes mean and bankfull discharges.
+    """
     # From arrays, as from_polylines has it: powers of single numbers differ from those in the last bit.
     with np.errstate(invalid="ignore"):  # a width below zero is told by from_polylines
         flows = bankfull_discharge(np.array([np.mean(line.width) for line in lines]))
+        means = [line.discharge / flow for line, flow in zip(lines, flows, strict=True) if line.mean_flow]
+        scale = float(np.median(means)) if means else 1.0
         for line, flow in zip(lines, flows, strict=True):
             if line.depth is None:
                 line.depth = bankfull_depth(np.broadcast_to(line.width, len(line.xy)).copy())
             if line.discharge is None:
-                line.discharge = flow
+                line.discharge = flow * scale
 
 
 def settle_short(lines: list[Line], short: str, crs: str | None, label: str) -> list[Line]:

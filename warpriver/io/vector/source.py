@@ -25,7 +25,8 @@ class Line:
         feature: Number of the feature it is, or is a part of.
         width: Bankfull width in m, one number or (n,).
         depth: Bankfull depth in m, one number or (n,).
-        discharge: Bankfull discharge in m3/s.
+        discharge: Bankfull discharge in m3/s, or the long-term mean.
+        mean_flow: Whether the discharge is a long-term mean.
         mean_width, mean_depth: That of the channel as a whole, where it is stated beside those of the points.
         drainage_area: Drainage area at the downstream end, m2.
         slope: Drop over length, m/m.
@@ -44,6 +45,7 @@ class Line:
     width: Any = None
     depth: Any = None
     discharge: Any = None
+    mean_flow: bool = False
     mean_width: float | None = None
     mean_depth: float | None = None
     drainage_area: float | None = None

@@ -55,7 +55,8 @@ class _Ends(NamedTuple):
 
     def off(self, xy: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Return the distance of points to the nearer end of other channels."""
-        return np.minimum(np.hypot(*(xy - self.head[other]).T), np.hypot(*(xy - self.tail[other]).T))
+        off: np.ndarray = np.minimum(np.hypot(*(xy - self.head[other]).T), np.hypot(*(xy - self.tail[other]).T))
+        return off
 
 
 def connect(lines: list[Line], sources: list[Source], topology: str, label: str) -> Connections:
