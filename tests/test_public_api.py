@@ -41,6 +41,7 @@ LEVELS = [
     {"engine"},
     {"erosion", "generate", "hydrology", "meander", "metrics", "riverscape", "shortest_path", "valley"},
     {"io"},
+    {"riverscape"},
     {"editing", "models"},
     {"resume"},
     {"simulation"},

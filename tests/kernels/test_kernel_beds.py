@@ -19,26 +19,26 @@ def scenes(device):
 
 def around(scene, count):
     random = np.random.default_rng(1)
-    k = random.integers(0, len(scene.courses.along), count)
-    return scene.courses.xy[k] + random.normal(0.0, 1.5, (count, 2)) * scene.courses.width[k][:, None]
+    k = random.integers(0, len(scene.stations.along), count)
+    return scene.stations.xy[k] + random.normal(0.0, 1.5, (count, 2)) * scene.stations.width[k][:, None]
 
 
 def test_evaluate_points_and_sample_ground_are_those_of_the_twin(scenes, dtype):
     for scene in scenes:
-        beds, xy = Beds(scene.terrain, scene.courses, dtype), around(scene, 60)
+        beds, xy = Beds(scene.terrain, scene.stations, dtype), around(scene, 60)
         found, base = beds.heights(xy)
         height, (west, north) = scene.terrain.to_numpy(), scene.terrain.origin
         ground = [twin.bicubic(height, scene.terrain.cell_size, west, north, p) for p in xy]
         np.testing.assert_allclose(base, ground, atol=TOLERANCE[dtype])
         tables = (FORM_TABLE, BEND_TABLE, LANES)
-        expected = [twin.bed_height(scene.courses, beds.limits, p, b, tables) for p, b in zip(xy, ground, strict=True)]
+        expected = [twin.bed_height(scene.stations, beds.limits, p, b, tables) for p, b in zip(xy, ground, strict=True)]
         np.testing.assert_allclose(found, expected, atol=TOLERANCE[dtype])
         assert (found < base - 0.05).mean() > 0.2
 
 
 def test_evaluate_cells_gives_what_evaluate_points_does(scenes, dtype):
     scene = scenes[1]
-    beds = Beds(scene.terrain, scene.courses, dtype)
+    beds = Beds(scene.terrain, scene.stations, dtype)
     cells = beds.raster(1.0, 200.0, 140.0, (40, 60)).numpy()
     xy = np.stack(np.meshgrid(200.5 + np.arange(60), 139.5 - np.arange(40)), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(cells.ravel(), beds.heights(xy)[0], atol=1e-12)
@@ -46,7 +46,7 @@ def test_evaluate_cells_gives_what_evaluate_points_does(scenes, dtype):
 
 def test_locate_points_finds_stations_and_sides(scenes, dtype):
     scene = scenes[1]
-    courses, beds = scene.courses, Beds(scene.terrain, scene.courses, dtype)
+    courses, beds = scene.stations, Beds(scene.terrain, scene.stations, dtype)
     k = np.arange(20, courses.start[1] - 20, 9)
     normal = np.column_stack([-courses.tangent[:, 1], courses.tangent[:, 0]])[k]
     for off in (-0.3, 0.0, 0.3):
@@ -60,10 +60,10 @@ def test_locate_points_finds_stations_and_sides(scenes, dtype):
 def test_list_cells_lists_every_cell_that_a_segment_reaches(scenes, dtype):
     """Whatever a segment cuts, the index knows it: places one by one against all segments at once."""
     scene = scenes[0]
-    beds = Beds(scene.terrain, scene.courses, dtype)
+    beds = Beds(scene.terrain, scene.stations, dtype)
     xy = around(scene, 3000)
     height, base = beds.heights(xy)
     tables = (FORM_TABLE, BEND_TABLE, LANES)
     uncut = np.flatnonzero(height == base)[:40]
     for p, b in zip(xy[uncut], base[uncut], strict=True):
-        assert twin.bed_height(scene.courses, beds.limits, p, b, tables) == pytest.approx(b, abs=1e-5)
+        assert twin.bed_height(scene.stations, beds.limits, p, b, tables) == pytest.approx(b, abs=1e-5)

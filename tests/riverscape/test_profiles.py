@@ -112,7 +112,7 @@ def test_high_steps_are_waterfalls_of_thrown_water():
 
 def rises(scene):
     """Uphill steps of the water, and the greatest difference between courses that meet at a node."""
-    courses = scene.courses
+    courses = scene.stations
     course = courses.station_course
     same = (course[1:] == course[:-1]) & courses.wet[course[1:]]
     up = int((np.diff(courses.water)[same] > 0.0).sum())
@@ -146,15 +146,15 @@ def test_water_never_rises_on_real_ground(name, options, threshold):
     scene = Riverscape(ground, network, detail=2.0)
     assert rises(scene) == (0, 0.0)
     # The ground itself rises along 7 to 27 % of the steps.
-    raw = scene.beds.heights(scene.courses.xy)[1]
-    course = scene.courses.station_course
+    raw = scene.rivers.beds.heights(scene.stations.xy)[1]
+    course = scene.stations.station_course
     assert (np.diff(raw)[course[1:] == course[:-1]] > 0.0).mean() > 0.04
 
 
 def test_falls_are_where_the_water_is_steep():
     scene = one_river("A", 0.08, 1.5, 120.0)
-    falls, courses = scene.courses.falls, scene.courses
+    falls, courses = scene.stations.falls, scene.stations
     assert len(falls) > 10 and (falls.drop > 0.0).all() and (falls.drop / falls.length > 0.15).all()
     # Between them the water of type A is level: they make up all of the drop.
     assert falls.drop.sum() == pytest.approx(courses.water[0] - courses.water[-1], rel=0.02)
-    assert not len(one_river("C", 0.008, 1.5, 120.0).courses.falls)
+    assert not len(one_river("C", 0.008, 1.5, 120.0).stations.falls)

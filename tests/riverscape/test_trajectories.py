@@ -78,19 +78,19 @@ def test_threads_share_the_water_and_meet_at_the_nodes():
 )
 def test_types_wind_as_they_do(kind, least, most):
     scene = one_river(kind, 0.008, 0.3, 360.0, curve=0.0)
-    assert least <= scene.courses.length()[0] / 360.0 <= most
-    assert TEMPLATES[scene.kind[0]].sinuosity >= 1.0
+    assert least <= scene.stations.length()[0] / 360.0 <= most
+    assert TEMPLATES[scene.rivers.kind[0]].sinuosity >= 1.0
 
 
 def test_terrain_that_shows_bends_gets_no_more_of_them():
     """Cells of 10 m show a wavelength of 80 m or more; and lines that are given stay as they are."""
     wide = one_river("C", 0.008, 6.0, 360.0, curve=0.0)
-    assert 11.0 * wide.courses.width.mean() > 80.0 and wide.courses.length()[0] == pytest.approx(360.0, rel=1e-6)
+    assert 11.0 * wide.stations.width.mean() > 80.0 and wide.stations.length()[0] == pytest.approx(360.0, rel=1e-6)
     given = one_river("C", 0.008, 0.3, 360.0, curve=0.0, planform="given")
-    assert given.courses.length()[0] == pytest.approx(360.0, rel=1e-6)
+    assert given.stations.length()[0] == pytest.approx(360.0, rel=1e-6)
 
 
 def test_the_same_seed_gives_the_same_courses():
-    a, b, other = (one_river("C", 0.008, 0.3, 300.0, seed=s).courses for s in (5, 5, 6))
+    a, b, other = (one_river("C", 0.008, 0.3, 300.0, seed=s).stations for s in (5, 5, 6))
     assert np.array_equal(a.xy, b.xy) and np.array_equal(a.water, b.water)
     assert len(a.xy) != len(other.xy) or not np.array_equal(a.xy, other.xy)

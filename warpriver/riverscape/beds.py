@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import PRECISIONS, launch_kernel, require_memory
 from warpriver.kernels import beds as kernels
-from warpriver.riverscape.stations import TYPES, Courses
+from warpriver.riverscape.stations import TYPES, Stations
 from warpriver.riverscape.templates import BEND_TABLE, FORM_TABLE, LANES, section_depth, spread_factor
 from warpriver.terrain import Terrain
 
@@ -118,7 +118,7 @@ def _origin(terrain: Terrain) -> FloatArray:
 class Beds:
     """The bed of courses in a terrain, on its device."""
 
-    def __init__(self, terrain: Terrain, courses: Courses, dtype: str = "float64"):
+    def __init__(self, terrain: Terrain, courses: Stations, dtype: str = "float64"):
         """Bring the courses to the device, with an index of which of them a place may meet.
 
         Args:
@@ -131,7 +131,7 @@ class Beds:
         self._scalar, self._vec2, _ = PRECISIONS[dtype]
         self._kernels = built = kernels.build(self._scalar)
         self._stations, self.limits = self._of_stations(built)
-        self._marks = self._of_marks(built)
+        self._marks = self._of_marks(1.0)
         self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
         self._wet: DeviceArray = wp.array(wet, dtype=wp.uint8, device=terrain.device)
@@ -182,15 +182,16 @@ class Beds:
         found: FloatArray = across + np.minimum(limits.max(axis=1), across) + 1.001 * length
         return found
 
-    def _of_marks(self, built: Any) -> Any:
+    def _of_marks(self, share: float) -> Any:
+        """Basins and rocks; ``share`` is what is left of the height of rocks."""
         basins, rocks = self.courses.basins, self.courses.rocks
         xy = np.concatenate([basins.xy, rocks.xy]) - self._zero
-        size = np.concatenate([basins.depth, rocks.height])
+        size = np.concatenate([basins.depth, share * rocks.height])
         radius = np.concatenate([basins.radius, rocks.radius])
         kind = np.repeat([kernels.BASIN, kernels.ROCK], [len(basins), len(rocks)])
         self._mark_place = np.column_stack([xy, radius, size]).reshape(-1, 4)
-        marks = built.Marks()
-        marks.place = self._array(self._mark_place, built.vec4)
+        marks = self._kernels.Marks()
+        marks.place = self._array(self._mark_place, self._kernels.vec4)
         marks.kind = self._array(kind, wp.int32)
         return marks
 
@@ -259,12 +260,13 @@ class Beds:
         number = (((own << shift) + (row & inner)) << shift) + (column & inner)
         return np.where(own < 0, np.int32(-1), number)
 
-    def heights(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the heights of the bed and of the ground without it at (n, 2) places."""
+    def heights(self, xy: FloatArray, rocks: bool = True) -> tuple[FloatArray, FloatArray]:
+        """Return the heights of the bed, with or without its rocks, and of the ground without it at (n, 2) places."""
         device = self.terrain.device
         place = self._array(xy - self._zero, self._vec2)
         height, base = (wp.empty(len(place), dtype=wp.float64, device=device) for _ in range(2))
-        inputs = [self.terrain.height, self._grid, self._stations, self._marks, self._index, place]
+        marks = self._marks if rocks else self._of_marks(0.0)
+        inputs = [self.terrain.height, self._grid, self._stations, marks, self._index, place]
         launch_kernel(self._kernels.evaluate_points, len(place), inputs, [height, base], device=device)
         return height.numpy().copy(), base.numpy().copy()
 

@@ -18,7 +18,7 @@ from warpriver.params import Params, parameter
 from warpriver.riverscape.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
 from warpriver.riverscape.labels import ChannelLabels
 from warpriver.riverscape.profiles import Graph, ProfileParams, Steps, falling_profile, lay_steps, step_levels
-from warpriver.riverscape.stations import TYPES, Basins, Courses, Falls, Rocks
+from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
 from warpriver.riverscape.templates import (
     FORMS,
     TEMPLATES,
@@ -106,7 +106,7 @@ class Layout(NamedTuple):
 
 def lay_courses(
     ground: Ground, cell_size: float, network: RiverNetwork, kind: IndexArray, labels: ChannelLabels, layout: Layout
-) -> Courses:
+) -> Stations:
     """Lay the courses of all channels.
 
     Args:
@@ -408,7 +408,7 @@ def _courses(
     steps: Steps,
     slope: FloatArray,
     layout: Layout,
-) -> Courses:
+) -> Stations:
     """Put sections on stations, and what lies in the courses."""
     tangent = _tangents(at.xy, at.start)
     # Lines leave and reach their nodes along the axis, on which one channel of a stem goes on as the next.
@@ -425,7 +425,7 @@ def _courses(
     level = np.where(wet, water, water + plain)
     width = np.where(wet, shape.width, np.nan_to_num(at.belt))
     reach = _reach(ground, at, tangent, level, width, sizes.width, layout)
-    courses = Courses(
+    courses = Stations(
         start=at.start,
         channel=lines.channel,
         type=kind[lines.channel],
@@ -593,10 +593,12 @@ def _reach(
 
 def _no_falls() -> Falls:
     none = np.empty(0)
-    return Falls(np.empty((0, 2)), np.empty((0, 2)), none, none, none, none, none.astype(bool), none.astype(int), none)
+    whole = np.empty(0, np.int64)
+    nowhere = np.empty((0, 2))
+    return Falls(nowhere, nowhere, none, none, none, none, none.astype(bool), whole, none, whole, whole)
 
 
-def _falls(courses: Courses, params: ProfileParams) -> Falls:
+def _falls(courses: Stations, params: ProfileParams) -> Falls:
     """Runs of stations along which the water is steeper than a cascade's least slope."""
     course = courses.station_course
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -615,13 +617,14 @@ def _falls(courses: Courses, params: ProfileParams) -> Falls:
     ahead /= np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
     throw = speed * np.sqrt(2.0 * drop / 9.81)
     free = (drop > params.waterfall) & (length < 1.5 * throw)
+    along = courses.along[begin]
     return Falls(
-        courses.xy[begin], ahead, courses.water[begin], drop, length, speed, free, course[begin], courses.along[begin]
+        courses.xy[begin], ahead, courses.water[begin], drop, length, speed, free, course[begin], along, begin, end
     )
 
 
 def _marks(
-    courses: Courses, at: _At, lines: Lines, kind: IndexArray, steps: Steps, sizes: _Sizes, layout: Layout
+    courses: Stations, at: _At, lines: Lines, kind: IndexArray, steps: Steps, sizes: _Sizes, layout: Layout
 ) -> tuple[Basins, Rocks]:
     """Basins in the pools between steps and below falls; rocks at their lips and in runs."""
     first = {int(c): k for k, c in reversed(list(enumerate(lines.channel)))}
@@ -660,7 +663,7 @@ def _marks(
 
 
 def _rocks(
-    courses: Courses,
+    courses: Stations,
     at: _At,
     lines: Lines,
     kind: IndexArray,

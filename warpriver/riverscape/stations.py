@@ -1,4 +1,4 @@
-"""Courses: the threads of water of a riverscape, station by station, with what lies in them.
+"""Stations: the threads of water of a riverscape, station by station, with what lies in them.
 
 This is what trajectories, profiles and sections make together, and what the bed and the water are made from.
 """
@@ -6,13 +6,15 @@ This is what trajectories, profiles and sections make together, and what the bed
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray, IndexArray
 
-__all__ = ["TYPES", "Basins", "Courses", "Falls", "Rocks"]
+__all__ = ["TYPES", "Basins", "Falls", "Rocks", "Stations"]
 
 
 # Rosgen's types; A+ is his Aa+. A course's type is an index into this.
@@ -33,6 +35,8 @@ class Falls:
         free: (n,) bool: a waterfall, whose nappe leaves the bed; else a cascade over it.
         course: (n,) course that it belongs to.
         along: (n,) distance along that course, m.
+        station: (n,) station at the lip.
+        end: (n,) station at the foot.
     """
 
     xy: FloatArray
@@ -44,6 +48,8 @@ class Falls:
     free: NDArray[np.bool_]
     course: IndexArray
     along: FloatArray
+    station: IndexArray
+    end: IndexArray
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -90,7 +96,7 @@ class Rocks:
 
 
 @dataclasses.dataclass(frozen=True)
-class Courses:
+class Stations:
     """All courses of a riverscape; their stations lie end to end, and run downstream.
 
     Between two stations everything is linear. With f_i = (p - xy[i]) . tangent[i], a place p lies between the stations
@@ -166,6 +172,27 @@ class Courses:
     def station_course(self) -> IndexArray:
         """(P,) course of each station."""
         return np.repeat(np.arange(self.count), np.diff(self.start))
+
+    def to_arrays(self) -> dict[str, Any]:
+        """Return all arrays by name, those of falls, basins and rocks as "falls.xy" and so on."""
+        found: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if dataclasses.is_dataclass(value):
+                found |= {f"{field.name}.{f.name}": getattr(value, f.name) for f in dataclasses.fields(value)}
+            else:
+                found[field.name] = value
+        return found
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, Any]) -> Stations:
+        """Return what :meth:`to_arrays` was called of."""
+        parts: dict[str, Any] = {
+            name: kind(**{f.name: arrays[f"{name}.{f.name}"] for f in dataclasses.fields(kind)})
+            for name, kind in (("falls", Falls), ("basins", Basins), ("rocks", Rocks))
+        }
+        plain = {f.name: arrays[f.name] for f in dataclasses.fields(Stations) if f.name not in parts}
+        return Stations(**plain, **parts)
 
     def length(self) -> FloatArray:
         """Return the length of each course, (K,) m."""

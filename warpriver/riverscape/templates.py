@@ -31,6 +31,7 @@ __all__ = [
     "bend_shape",
     "section_depth",
     "section_fill",
+    "section_table",
     "spread_factor",
     "type_index",
     "uniform_flow",
@@ -229,7 +230,7 @@ def bend_shape(
     return lane, np.abs(turn)
 
 
-def _shapes(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
+def section_table(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
     """Depth over its scale across sections, (n, ACROSS), from the left bank to the right one."""
     straight = (1.0 - blend)[:, None] * FORM_TABLE[form[:, 0]] + blend[:, None] * FORM_TABLE[form[:, 1]]
     place = (lane - LANES[0]) / (LANES[1] - LANES[0])
@@ -246,7 +247,7 @@ def section_depth(
     """Depth over its scale at a part of the width from the left bank, one a section, (n,); 0 beyond the banks."""
     place = np.clip(share, 0.0, 1.0) * (ACROSS - 1)
     k = np.minimum(place.astype(np.int64), ACROSS - 2)
-    shape, row, part = _shapes(form, blend, lane, bend), np.arange(len(share)), place - k
+    shape, row, part = section_table(form, blend, lane, bend), np.arange(len(share)), place - k
     inside = (share >= 0.0) & (share <= 1.0)
     return np.where(inside, (1.0 - part) * shape[row, k] + part * shape[row, k + 1], 0.0)
 
@@ -263,7 +264,7 @@ def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: F
 
     Across a section u ~ d^(2/3); it is scaled so that the integral of u d is the discharge.
     """
-    shape = _shapes(form, blend, lane, bend)
+    shape = section_table(form, blend, lane, bend)
     # The integral of a linear depth to the power 5/3 over each step, by Simpson's rule.
     power = shape ** (5.0 / 3.0)
     middle = (0.5 * (shape[:, 1:] + shape[:, :-1])) ** (5.0 / 3.0)

@@ -7,10 +7,12 @@ from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
 from warpriver.viz.river_types import draw_bed, draw_river_types
+from warpriver.viz.riverscapes import Camera, draw_riverscape, riverscape_movie
 from warpriver.viz.scene import render_scene
 from warpriver.viz.valleys import draw_valley, draw_valley_sections
 
 __all__ = [
+    "Camera",
     "draw_bed",
     "draw_before_after",
     "draw_belt",
@@ -19,6 +21,7 @@ __all__ = [
     "draw_network",
     "draw_ordered_network",
     "draw_river_types",
+    "draw_riverscape",
     "draw_valley",
     "draw_valley_sections",
     "erosion_movie",
@@ -26,4 +29,5 @@ __all__ = [
     "hillshade",
     "movie",
     "render_scene",
+    "riverscape_movie",
 ]

@@ -157,8 +157,8 @@ def draw_bed(
     """
     need_matplotlib()
     if bounds is None:
-        low, high = scene.courses.xy.min(axis=0), scene.courses.xy.max(axis=0)
-        margin = 2.0 * float(scene.courses.width.max())
+        low, high = scene.stations.xy.min(axis=0), scene.stations.xy.max(axis=0)
+        margin = 2.0 * float(scene.stations.width.max())
         bounds = (low[0] - margin, low[1] - margin, high[0] + margin, high[1] + margin)
     west, south, east, north = finite_numbers(bounds, 4, "bounds")
     if not (west < east and south < north):
@@ -183,7 +183,7 @@ def _bed_pixels(scene: Riverscape, sheet: Sheet, water: bool) -> NDArray[np.uint
         last = min(first + ROWS, rows)
         y = north - (np.arange(first - 1, last + 1) + 0.5) * step
         xy = np.stack(np.meshgrid(x, y), axis=-1)
-        bed = scene.bed(xy.reshape(-1, 2))
+        bed = scene.bed_at(xy.reshape(-1, 2))
         height = bed.elevation.reshape(len(y), columns)
         up, across = np.gradient(height, step)
         inner = slice(1, len(y) - 1)
