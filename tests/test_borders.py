@@ -460,6 +460,7 @@ CALLS = {
         {"network": t["network"], "terrain": None, "flow": [1.0, 2.0, 3.0]},
     ),
     "river_mask": lambda t: (wr.riverscape.river_mask, {"terrain": t["terrain"], "min_drainage_area": 1e5}),
+    "unit_sections": lambda t: (wr.riverscape.unit_sections, {}),
     "uniform_flow": lambda t: (
         wr.riverscape.uniform_flow,
         {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},

@@ -5,7 +5,7 @@ import pytest
 
 from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import discharge
-from warpriver.riverscape import FlowParams, uniform_flow
+from warpriver.riverscape import FlowParams, uniform_flow, unit_sections
 from warpriver.riverscape.stations import TYPES
 from warpriver.riverscape.templates import (
     BEND_TABLE,
@@ -82,6 +82,16 @@ def test_mean_depths_are_those_of_the_forms(name, mean):
     fill = section_fill(form, np.zeros(1), np.full(1, 0.5), np.zeros(1))
     # 64 steps across: a semicircle's steep sides lose the most.
     assert fill[0] == pytest.approx(mean, rel=2.5e-3)
+
+
+def test_templates_have_unit_area():
+    width, depth = unit_sections()
+    area = width * (depth[:, 1:] + depth[:, :-1]).mean(axis=1) / 2.0
+    np.testing.assert_allclose(area, 1.0, rtol=1e-12)
+    k = dict(zip(TYPES, width**2, strict=True))  # W over mean depth, as W D = 1
+    np.testing.assert_allclose(
+        [k[t] for t in ("A+", "A", "B", "C", "D", "DA", "E", "F", "G")], [8, 10, 16, 20, 20, 8, 8, 25, 9]
+    )
 
 
 def test_bends_are_deepest_in_their_lane():

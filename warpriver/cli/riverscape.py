@@ -105,16 +105,17 @@ def _riverscape(options: argparse.Namespace) -> int:
     if options.type is not None:
         for channel in range(len(types)):
             types = types.retyped(channel, options.type)
-    scene = None
+    scene, carved = None, None
     if window is not None:
         scene = Riverscape(terrain, network, types, detail=options.detail, seed=options.seed, flow=options.flow)
+        carved = scene.carved(options.detail, window)
     told = [repr(network)]
     told += [f"type {name}: {km:.4g} km" for name, km in types.lengths(network).items()]
     try:
         with results_in(out) as folder:
             told += _write_types(types, network, terrain, folder)
-            if scene is not None and window is not None:
-                told += _write_bed(scene, window, options.detail, folder)
+            if scene is not None and carved is not None:
+                told += _write_bed(scene, carved, folder)
     finally:
         for line in told:
             say(line)
@@ -153,17 +154,16 @@ def _write_types(types: RiverTypes, network: RiverNetwork, terrain: Terrain, fol
     return told
 
 
-def _write_bed(scene: Riverscape, window: tuple[float, float, float, float], detail: float, folder: Path) -> list[str]:
+def _write_bed(scene: Riverscape, carved: Terrain, folder: Path) -> list[str]:
     """Write the carved terrain of a window, and draw it."""
     from warpriver.io.raster.terrains import write_terrain
 
     name = "bed.tif" if importlib.util.find_spec("rasterio") is not None else "bed.npz"
-    carved = scene.carved(detail, window)
     write_terrain(carved, folder / name)
     told = [repr(scene), f"{folder / name}: {carved.shape[0]} x {carved.shape[1]} cells"]
     if can_draw():
         from warpriver import viz
 
-        viz.draw_bed(scene, folder / "bed.png", bounds=window)
+        viz.draw_bed(scene, folder / "bed.png", bounds=carved.bounds)
         told.append(f"{folder / 'bed.png'}")
     return told

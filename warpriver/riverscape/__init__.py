@@ -13,6 +13,7 @@ from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.outputs import FlowMap, read_flow_map, write_frames
 from warpriver.riverscape.primitives import KINDS, Merge, Primitives, Replace, blend, primitives
 from warpriver.riverscape.profiles import ProfileParams
+from warpriver.riverscape.rivers import Rivers
 from warpriver.riverscape.rosgen import (
     CRITERIA,
     RiverTypes,
@@ -23,14 +24,15 @@ from warpriver.riverscape.rosgen import (
 )
 from warpriver.riverscape.scene import Frame, Riverscape, read_riverscape
 from warpriver.riverscape.seeding import SeedingParams, seed_water
-from warpriver.riverscape.stations import Basins, Falls, Rocks, Stations
-from warpriver.riverscape.templates import FlowParams, UniformFlow, uniform_flow
+from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
+from warpriver.riverscape.templates import FlowParams, UniformFlow, UnitSections, uniform_flow, unit_sections
 from warpriver.riverscape.trajectories import TrajectoryParams
 from warpriver.riverscape.water import Water, WaterGrid, WaterSample
 
 __all__ = [
     "CRITERIA",
     "KINDS",
+    "TYPES",
     "Basins",
     "Bed",
     "BedParams",
@@ -49,6 +51,7 @@ __all__ = [
     "ProfileParams",
     "Replace",
     "RiverTypes",
+    "Rivers",
     "Riverscape",
     "Rock",
     "Rocks",
@@ -58,6 +61,7 @@ __all__ = [
     "SurveyedPlaces",
     "TrajectoryParams",
     "UniformFlow",
+    "UnitSections",
     "Water",
     "WaterGrid",
     "WaterSample",
@@ -73,5 +77,6 @@ __all__ = [
     "river_mask",
     "seed_water",
     "uniform_flow",
+    "unit_sections",
     "write_frames",
 ]

@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray, IndexArray
+from warpriver.riverscape.courses import TYPES
 
 __all__ = ["TYPES", "Basins", "Falls", "Rocks", "Stations"]
-
-
-# Rosgen's types; A+ is his Aa+. A course's type is an index into this.
-TYPES = ("A+", "A", "B", "C", "D", "DA", "E", "F", "G")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -28,6 +28,7 @@ __all__ = [
     "FlowParams",
     "Template",
     "UniformFlow",
+    "UnitSections",
     "bend_shape",
     "section_depth",
     "section_fill",
@@ -35,6 +36,7 @@ __all__ = [
     "spread_factor",
     "type_index",
     "uniform_flow",
+    "unit_sections",
 ]
 
 
@@ -271,3 +273,27 @@ def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: F
     mean = (power[:, 1:] + power[:, :-1] + 4.0 * middle).mean(axis=1) / 6.0
     found: FloatArray = section_fill(form, blend, lane, bend) / mean
     return found
+
+
+class UnitSections(NamedTuple):
+    """Sections whose water has an area of 1 m2, by type; one of area a is sqrt(a) times as wide and as deep.
+
+    Attributes:
+        width: (9,) width of the water in m, in the order of ``TYPES``.
+        depth: (9, 65) depth in m at even places from the left bank to the right one, on straight reaches.
+    """
+
+    width: FloatArray
+    depth: FloatArray
+
+
+@public
+def unit_sections() -> UnitSections:
+    """Return the sections of all types; of types D and DA that of one thread.
+
+    Its rows may be given wherever sections are taken as tables, as when rivers are carved into a landscape.
+    """
+    k = np.array([t.width_to_depth for t in TEMPLATES])
+    form = np.array([t.form for t in TEMPLATES])
+    width = np.sqrt(k)
+    return UnitSections(width, FORM_TABLE[form] / (width * FORM_FILL[form])[:, None])
