@@ -74,6 +74,8 @@ def things(tmp_path_factory):
     meander = wr.RiverNetwork.from_polylines([bends], width=40.0)
     grown = wr.Simulation(meander, threads=1)
     grown.step(3)
+    slope = wr.generate.tilted_plain((24, 50), 10.0, 0.02)
+    brook = wr.RiverNetwork.from_polylines([line * 0.1 + (60.0, 120.0)], width=4.0, slope=[0.02])
     return {
         "folder": folder,
         "line": line,
@@ -84,6 +86,7 @@ def things(tmp_path_factory):
         "valley": valley,
         "valley_params": params,
         "eroded": eroded,
+        "riverscape": wr.Riverscape(slope, brook, wr.classify_rivers(brook, slope, flow=1.0), flow=1.0, detail=2.0),
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
@@ -522,6 +525,45 @@ CALLS = {
     "compare": lambda t: (wr.metrics.compare, {"a": t["network"], "b": t["history"]}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "classify_rivers": lambda t: (
+        wr.riverscape.classify_rivers,
+        {
+            "network": t["network"],
+            "terrain": None,
+            "values": {"slope": 0.01},
+            "flow": 3.0,
+            "grain_size": 20.0,
+            "shows": "water",
+            "params": None,
+        },
+    ),
+    "classify_values": lambda t: (
+        wr.riverscape.classify_values,
+        {
+            "entrenchment": [3.0],
+            "width_to_depth": [20.0],
+            "sinuosity": [1.4],
+            "slope": [0.01],
+            "flow": 3.0,
+            "order": 2.0,
+            "grain_size": 20.0,
+            "params": None,
+        },
+    ),
+    "entrenchment_ratio": lambda t: (
+        wr.riverscape.entrenchment_ratio,
+        {"network": t["network"], "terrain": t["terrain"], "shows": "bed", "params": None},
+    ),
+    "label_channels": lambda t: (
+        wr.riverscape.label_channels,
+        {"network": t["network"], "terrain": None, "flow": [1.0, 2.0, 3.0]},
+    ),
+    "river_mask": lambda t: (wr.riverscape.river_mask, {"terrain": t["terrain"], "min_drainage_area": 1e5}),
+    "unit_sections": lambda t: (wr.riverscape.unit_sections, {}),
+    "uniform_flow": lambda t: (
+        wr.riverscape.uniform_flow,
+        {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
@@ -543,6 +585,14 @@ CALLS = {
     "write_fit": lambda t: (
         wr.calibration.write_fit,
         {"fit": t["fit"], "folder": t["folder"] / "fit", "network": t["grown"], "years": 3.0},
+    ),
+    "draw_bed": lambda t: (
+        wr.viz.draw_bed,
+        {"scene": t["riverscape"], "path": t["folder"] / "a.png", "bounds": (60.0, 0.0, 400.0, 240.0), "water": True},
+    ),
+    "draw_river_types": lambda t: (
+        wr.viz.draw_river_types,
+        {"types": t["riverscape"].types, "network": t["riverscape"].network, "path": t["folder"] / "a.png"},
     ),
     "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),

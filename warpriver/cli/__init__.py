@@ -19,6 +19,7 @@ from warpriver.cli import (
     metrics,
     network,
     render,
+    riverscape,
     simulate,
     valley,
 )
@@ -31,7 +32,9 @@ from warpriver.errors import WarpriverError
 __all__ = ["main"]
 
 # In the order in which --help lists them.
-COMMANDS = (demo, network, simulate, calibrate, erode, valley, landscape, render, convert, metrics, bench, info)
+COMMANDS = (
+    demo, network, simulate, calibrate, erode, valley, landscape, riverscape, render, convert, metrics, bench, info,
+)  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
