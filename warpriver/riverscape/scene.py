@@ -8,11 +8,13 @@ import math
 import os
 import pathlib
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.errors import InputError, PathError
 from warpriver.files import beside
 from warpriver.public import public
@@ -26,7 +28,6 @@ from warpriver.validate import finite_numbers, positive, seeded, whole
 
 __all__ = ["Frame", "Riverscape", "read_riverscape"]
 
-FloatArray = NDArray[np.float64]
 
 # Cells of a frame at most.
 MOST_CELLS = 2**28
@@ -47,7 +48,7 @@ class Frame:
 
     time: float
     water: WaterGrid
-    bed: wp.array
+    bed: DeviceArray
 
     @property
     def depth(self) -> FloatArray:
@@ -103,7 +104,7 @@ class Riverscape:
         self.courses = CourseMap(courses, rocks=rocks, device=device)
         made: Node = seed_water(self.courses, self.detail, self.seed, self.params) if tree is None else tree
         self.water_surface = Water(made, cell_size=0.5 * self.detail, device=device)
-        self._bed: tuple[tuple[object, ...], wp.array] | None = None
+        self._bed: tuple[tuple[object, ...], DeviceArray] | None = None
 
     @public
     def water(self, xy: ArrayLike, t: float = 0.0) -> WaterSample:
@@ -214,7 +215,7 @@ class Riverscape:
             OSError: The files cannot be written.
         """
         target = pathlib.Path(path)
-        arrays: dict[str, NDArray] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         raster = self.terrain.raster
         arrays["terrain"] = raster.values.numpy()
         courses = []
@@ -262,14 +263,14 @@ class Riverscape:
             )
         return (west, north), (rows, columns)
 
-    def _bed_grid(self, origin: tuple[float, float], cell_size: float, shape: tuple[int, int]) -> wp.array:
+    def _bed_grid(self, origin: tuple[float, float], cell_size: float, shape: tuple[int, int]) -> DeviceArray:
         """The bed at the centres of a grid, kept for the next call."""
         key = (*origin, cell_size, shape)
         if self._bed is None or self._bed[0] != key:
             x = origin[0] + cell_size * (np.arange(shape[1]) + 0.5)
             y = origin[1] - cell_size * (np.arange(shape[0]) + 0.5)
             at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-            bed: wp.array = wp.array(self.bed(at).reshape(shape), dtype=wp.float64, device=self.courses.device)
+            bed: DeviceArray = wp.array(self.bed(at).reshape(shape), dtype=wp.float64, device=self.courses.device)
             self._bed = (key, bed)
         return self._bed[1]
 
@@ -282,7 +283,7 @@ class Riverscape:
         )
 
 
-def _listed(node: Node, arrays: dict[str, NDArray]) -> dict[str, object]:
+def _listed(node: Node, arrays: dict[str, NDArray[Any]]) -> dict[str, object]:
     """A tree as what JSON holds; its arrays go into the other file."""
     if isinstance(node, Primitives):
         name = f"primitives{sum(key.endswith('_radius') for key in arrays)}"
@@ -294,7 +295,7 @@ def _listed(node: Node, arrays: dict[str, NDArray]) -> dict[str, object]:
     return {"replace": [_listed(node.under, arrays), _listed(node.over, arrays)]}
 
 
-def _tree_of(told: dict[str, object], arrays: dict[str, NDArray]) -> Node:
+def _tree_of(told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> Node:
     if "primitives" in told:
         return Primitives(*(arrays[f"{told['primitives']}_{field.name}"] for field in dataclasses.fields(Primitives)))
     if "merge" in told:
