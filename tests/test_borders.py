@@ -70,8 +70,13 @@ def things(tmp_path_factory):
     history.save(folder / "run.npz")
     wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
+    brook = wr.riverscape.example("C")
+    river = wr.Riverscape(brook.terrain, brook.courses)
+    river.save(folder / "river.json")
+    wr.riverscape.FlowMap.of(river, (10.0, 4.0, 12.0, 6.0), 0.5).save(folder / "flow.png")
     return {
         "folder": folder,
+        "river": river,
         "line": line,
         "network": network,
         "terrain": terrain,
@@ -423,6 +428,29 @@ CALLS = {
     "compare": lambda t: (wr.metrics.compare, {"a": t["network"], "b": t["history"]}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "blend": lambda t: (wr.riverscape.blend, {"under": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0)}),
+    "example": lambda t: (wr.riverscape.example, {"name": "C", "seed": 0}),
+    "primitives": lambda t: (
+        wr.riverscape.primitives,
+        {"kind": "wave", "center": (0.0, 0.0), "radius": 1.0, "velocity": (1.0, 0.0), "length": 0.5, "seed": 0},
+    ),
+    "read_flow_map": lambda t: (wr.riverscape.read_flow_map, {"path": t["folder"] / "flow.png"}),
+    "read_riverscape": lambda t: (wr.riverscape.read_riverscape, {"path": t["folder"] / "river.json"}),
+    "seed_water": lambda t: (
+        wr.riverscape.seed_water,
+        {"courses": t["river"].courses, "detail": 2.0, "seed": 0, "params": None},
+    ),
+    "write_frames": lambda t: (
+        wr.riverscape.write_frames,
+        {
+            "scene": t["river"],
+            "folder": t["folder"] / "frames",
+            "times": [0.0],
+            "cell_size": 0.5,
+            "bounds": (10.0, 4.0, 12.0, 6.0),
+            "suffix": ".npz",
+        },
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
@@ -437,8 +465,8 @@ CALLS = {
 }
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
-    "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
-    "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
+    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
+    "harmonics_for_covariance", "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

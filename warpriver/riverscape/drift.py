@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import warp as wp
@@ -16,6 +16,7 @@ from warpriver.errors import InputError
 from warpriver.kernels import drift as kernels
 from warpriver.riverscape.seeding import hashed
 from warpriver.riverscape.water import Water, WaterGrid
+from warpriver.validate import floats, shown
 
 __all__ = ["Foam", "LeafFrame", "drift_leaves"]
 
@@ -47,8 +48,16 @@ class LeafFrame:
     generation: IndexArray
 
 
+def checked_times(times: ArrayLike) -> list[float]:
+    """Return times in s, all of them finite."""
+    moments = floats(times, "times", "a list of seconds")
+    if moments.ndim != 1 or not np.isfinite(moments).all():
+        raise InputError(f"times is {shown(times)}; give a list of finite seconds")
+    return [float(t) for t in moments]
+
+
 def drift_leaves(
-    water: Water, bed: Callable[[ArrayLike], FloatArray], times: Sequence[float], count: int, seed: int
+    water: Water, bed: Callable[[ArrayLike], FloatArray], times: ArrayLike, count: int, seed: int
 ) -> Iterator[LeafFrame]:
     """Let leaves drift: the middle of each step tells its velocity (second order), and none goes on land.
 
@@ -62,9 +71,9 @@ def drift_leaves(
         count: Of leaves.
         seed: Of where they are set.
     """
-    moments = [float(t) for t in times]
-    if not moments or not all(math.isfinite(t) for t in moments) or any(np.diff(moments) < 0.0):
-        raise InputError("times must be finite seconds that do not fall, one at least")
+    moments = checked_times(times)
+    if not moments or any(np.diff(moments) < 0.0):
+        raise InputError("times must be seconds that do not fall, one at least")
     number = np.arange(count, dtype=np.int64)
     generation = np.zeros(count, np.int64)
     xy = _set_anew(water, bed, number, generation, seed)

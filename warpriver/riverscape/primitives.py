@@ -13,6 +13,7 @@ from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.kernels import flow_tree as kernels
 from warpriver.public import public
+from warpriver.validate import seeded
 
 __all__ = ["KINDS", "Merge", "Node", "Primitives", "Replace", "blend", "primitives"]
 
@@ -217,7 +218,7 @@ def primitives(
         form[:, column] = rows[name]
     for name in named:
         del rows[name]
-    generator = np.random.default_rng(seed)
+    generator = seeded(seed)
     found = Primitives(
         kind=np.full(count, number, np.int64),
         shape=form,

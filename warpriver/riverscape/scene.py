@@ -19,7 +19,7 @@ from warpriver.errors import InputError, PathError
 from warpriver.files import beside
 from warpriver.public import public
 from warpriver.riverscape.courses import Course, CourseMap, Rock
-from warpriver.riverscape.drift import LeafFrame, drift_leaves
+from warpriver.riverscape.drift import LeafFrame, checked_times, drift_leaves
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
 from warpriver.riverscape.seeding import SeedingParams, seed_water
 from warpriver.riverscape.water import Water, WaterGrid, WaterSample
@@ -167,9 +167,7 @@ class Riverscape:
             ValueError: No such grid, too many cells, or times that are not finite.
         """
         origin, shape = self._grid(bounds, cell_size)
-        moments = [float(t) for t in times]
-        if not all(math.isfinite(t) for t in moments):
-            raise InputError("times holds one that is not finite; give seconds")
+        moments = checked_times(times)
         period = None if loop is None else positive(loop, "loop", "s")
         return self._frames(origin, cell_size, shape, moments, period)
 
@@ -201,7 +199,7 @@ class Riverscape:
             ValueError: Times that fall or are not finite, or no water that could carry a leaf.
         """
         count = whole(leaves, "leaves", 1)
-        return drift_leaves(self.water_surface, self.bed, [float(t) for t in times], count, self.seed)
+        return drift_leaves(self.water_surface, self.bed, times, count, self.seed)
 
     @public
     def save(self, path: str | os.PathLike[str]) -> None:

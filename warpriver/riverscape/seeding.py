@@ -9,8 +9,10 @@ import numpy as np
 from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.kernels import flow_tree as kernels
 from warpriver.params import Params, parameter
+from warpriver.public import public
 from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Node, Primitives, blend
+from warpriver.validate import positive, whole
 
 __all__ = ["SeedingParams", "seed_water"]
 
@@ -62,6 +64,7 @@ class _Sites:
         return _Sites(self.xy[rows], self.spacing[rows], self.bits[rows], survey)
 
 
+@public
 def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingParams | None = None) -> Node:
     """Return the blend-flow tree of the water of courses.
 
@@ -74,9 +77,14 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
         seed: Of what is drawn.
         params: How they are chosen.
 
+    Raises:
+        ValueError: A detail or a seed that is out of range.
+
     Source:
         [Peytavie2019], Sec. 5.3.
     """
+    positive(detail, "detail", "m")
+    whole(seed, "seed", most=2**31 - 1)
     params = SeedingParams() if params is None else params
     known = _PointTable(courses)
     layers = [_body(courses, known, detail, seed, params)]
