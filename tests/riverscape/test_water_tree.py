@@ -84,7 +84,8 @@ def test_replacing_by_nothing_half_and_all(contrast, device):
         assert found.weight[0] == pytest.approx(Water(under, device=device).at(at).weight[0], abs=1e-4)
     # Half way out r^2 = 1/2: alpha = 1/8.
     there = [[math.sqrt(0.5), 0.0]]
-    found, below = (Water(tree, contrast=False, device=device).at(there) for tree in (Replace(under, full), under))
+    options |= {"contrast": False}
+    found, below = (Water(tree, **options).at(there) for tree in (Replace(under, full), under))
     assert found.elevation[0] == pytest.approx(0.875 * below.elevation[0] + 0.125 * 7.0, abs=ROUNDED)
     # Nothing is there to be replaced.
     assert Water(Merge((Replace(far, full), far)), device=device).at(at).weight[0] == 0.0

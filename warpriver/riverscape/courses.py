@@ -205,16 +205,18 @@ class CourseMap:
         self.device = resolve_device(device)
         self._kernels = kernels.build(wp.float64)
         self.start = np.concatenate([[0], np.cumsum([len(np.asarray(c.xy)) for c in self.courses])])
+        self._joined: dict[str, FloatArray] = {}
         joined = {
             name: self.joined(name) for name in ("xy", "level", "width", "depth", "along", "direction", "peak_speed")
         }
-        self._joined = joined
         self._bucket(joined)
         self._on_device(joined)
 
     def joined(self, name: str) -> FloatArray:
         """Values of all courses' points, one course after the other."""
-        return np.concatenate([np.asarray(getattr(course, name)) for course in self.courses])
+        if name not in self._joined:
+            self._joined[name] = np.concatenate([np.asarray(getattr(course, name)) for course in self.courses])
+        return self._joined[name]
 
     @property
     def course_of_point(self) -> IndexArray:

@@ -87,7 +87,7 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
     """
     table = _tabulate(tree)
     rows = Primitives.concatenate(table.block_rows)
-    size = float(np.quantile(rows.radius, 0.1)) if cell_size is None else cell_size
+    size = float(np.quantile(rows.radius, 0.1, method="lower")) if cell_size is None else cell_size
     counts = [len(block) for block in table.block_rows]
     row_node = np.repeat(table.block_node, counts)
     pair_row, column, line = _reached_cells(rows, size)
@@ -167,13 +167,18 @@ def _reached_cells(rows: Primitives, size: float) -> tuple[IndexArray, IndexArra
         raise InputError(f"the water's primitives reach {count.sum():.3g} cells of {size:g} m; use larger cells")
     row = np.repeat(np.arange(len(rows)), count)
     k = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    column, line = low[row, 0] + k % across[row], low[row, 1] + k // across[row]
-    # Distance from the centre to the nearest place of the cell.
-    x, y = rows.center[row].T
-    off_x = np.maximum(np.maximum(column * size - x, x - (column + 1) * size), 0.0)
-    off_y = np.maximum(np.maximum(line * size - y, y - (line + 1) * size), 0.0)
-    near = off_x * off_x + off_y * off_y < rows.radius[row] ** 2
-    return row[near], column[near], line[near]
+    k_line = k // across[row]
+    k -= k_line * across[row]
+    # Distance from the centre to the nearest place of the cell, by the distance from the corner of its box.
+    inside = rows.center - low * size
+    x, y = inside[row, 0] - k * size, inside[row, 1] - k_line * size
+    x -= np.clip(x, 0.0, size)
+    y -= np.clip(y, 0.0, size)
+    near = np.flatnonzero(x * x + y * y < rows.radius[row] ** 2)
+    row, column, line = row[near], k[near], k_line[near]
+    column += low[row, 0]
+    line += low[row, 1]
+    return row, column, line
 
 
 def _emit(

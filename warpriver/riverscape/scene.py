@@ -103,7 +103,7 @@ class Riverscape:
         self.params = SeedingParams() if params is None else params
         self.courses = CourseMap(courses, rocks=rocks, device=device)
         made: Node = seed_water(self.courses, self.detail, self.seed, self.params) if tree is None else tree
-        self.water_surface = Water(made, cell_size=0.5 * self.detail, device=device)
+        self.water_surface = Water(made, device=device)
         self._bed: tuple[tuple[object, ...], DeviceArray] | None = None
 
     @public
