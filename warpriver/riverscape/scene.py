@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import resolve_device
@@ -23,7 +23,7 @@ from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.riverscape.beds import Bed, Beds
 from warpriver.riverscape.courses import Course, CourseMap, Rock
-from warpriver.riverscape.drift import LeafFrame, drift_leaves
+from warpriver.riverscape.drift import LeafFrame, checked_times, drift_leaves
 from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
 from warpriver.riverscape.profiles import ProfileParams
@@ -292,9 +292,7 @@ class Riverscape:
             ValueError: No such grid, too many cells, or times that are not finite.
         """
         origin, shape = self._grid(bounds, cell_size)
-        moments = [float(t) for t in times]
-        if not all(math.isfinite(t) for t in moments):
-            raise InputError("times holds one that is not finite; give seconds")
+        moments = checked_times(times)
         period = None if loop is None else positive(loop, "loop", "s")
         return self._frames(origin, cell_size, shape, moments, period)
 
@@ -326,7 +324,7 @@ class Riverscape:
             ValueError: Times that fall or are not finite, or no water that could carry a leaf.
         """
         count = whole(leaves, "leaves", 1)
-        return drift_leaves(self.water_surface, self.bed, [float(t) for t in times], count, self.seed)
+        return drift_leaves(self.water_surface, self.bed, times, count, self.seed)
 
     @public
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -340,7 +338,7 @@ class Riverscape:
             OSError: The files cannot be written.
         """
         target = pathlib.Path(path)
-        arrays: dict[str, Any] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         raster = self.terrain.raster
         arrays["terrain"] = raster.values.numpy()
         courses = []
@@ -416,7 +414,7 @@ class Riverscape:
         )
 
 
-def _listed(node: Node, arrays: dict[str, Any]) -> dict[str, object]:
+def _listed(node: Node, arrays: dict[str, NDArray[Any]]) -> dict[str, object]:
     """A tree as what JSON holds; its arrays go into the other file."""
     if isinstance(node, Primitives):
         name = f"primitives{sum(key.endswith('_radius') for key in arrays)}"
@@ -428,7 +426,7 @@ def _listed(node: Node, arrays: dict[str, Any]) -> dict[str, object]:
     return {"replace": [_listed(node.under, arrays), _listed(node.over, arrays)]}
 
 
-def _tree_of(told: dict[str, object], arrays: dict[str, Any]) -> Node:
+def _tree_of(told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> Node:
     if "primitives" in told:
         return Primitives(*(arrays[f"{told['primitives']}_{field.name}"] for field in dataclasses.fields(Primitives)))
     if "merge" in told:
