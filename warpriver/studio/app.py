@@ -114,7 +114,7 @@ def make_app(
             if error is not None:
                 return PlainTextResponse(error, 422)
             await asyncio.to_thread(session.stop)
-            session.replace(made, keep=True)
+            session.replace(made)
         return JSONResponse({"opened": name})
 
     async def download(request: Request) -> Response:

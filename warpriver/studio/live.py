@@ -7,14 +7,13 @@ import collections
 import contextlib
 import json
 import multiprocessing
-import secrets
 import shutil
 import threading
 from pathlib import Path
 from typing import Any
 
 from warpriver.studio.frames import STATE
-from warpriver.studio.worker import EDITS, RUN, TERRAIN, work
+from warpriver.studio.worker import KEPT, SAVED, work
 
 __all__ = ["LiveSession", "Watcher"]
 
@@ -22,7 +21,6 @@ __all__ = ["LiveSession", "Watcher"]
 # that wait for a page: one that is further behind is let go.
 WINDOW, PENDING, BACKLOG = 2, 64, 2000
 WATCHERS = 32
-KEPT = (RUN, TERRAIN, EDITS)
 
 
 class Watcher:
@@ -221,7 +219,7 @@ class LiveSession:
         if not isinstance(number, (int, str)) or isinstance(number, bool):
             watcher.tell(_text(type="error", text="a command needs a number, which its answer has"))
             return
-        own = {"restart": self._restart, "save": self._save, "open_saved": self._open_saved}.get(str(told.get("do")))
+        own = {"restart": self._restart, "open_saved": self._open_saved}.get(str(told.get("do")))
         if own is not None:
             self._answer_own(watcher, number, own, told)
             return
@@ -249,28 +247,15 @@ class LiveSession:
         self._give(b"S")
         return {}
 
-    def _save(self) -> dict[str, Any]:
-        """Keep the session as it is now under a new name."""
-        name = secrets.token_hex(8)
-        place = self.folder / "saved" / name
-        place.mkdir(parents=True)
-        for each in KEPT:
-            source = self.folder / each
-            if source.is_dir():
-                shutil.copytree(source, place / each)
-            elif source.exists():
-                shutil.copy2(source, place / each)
-        return {"saved": name}
-
-    def _open_saved(self, name: Any) -> dict[str, Any]:
+    def _open_saved(self, saved: Any) -> dict[str, Any]:
         """Go on with a session that was kept."""
-        place = self.folder / "saved" / str(name)
-        if not isinstance(name, str) or not name.isalnum() or not place.is_dir():
-            raise ValueError(f"no session {str(name)[:40]!r} was saved here")
-        self.replace(place, keep=True)
-        return {"saved": name}
+        place = self.folder / SAVED / str(saved)
+        if not isinstance(saved, str) or not saved.isalnum() or not place.is_dir():
+            raise ValueError(f"no session {str(saved)[:40]!r} was saved here")
+        self.replace(place)
+        return {"saved": saved}
 
-    def replace(self, place: Path, keep: bool = False) -> None:
+    def replace(self, place: Path) -> None:
         """Begin anew with what another folder holds."""
         self.stop()
         for each in KEPT:
@@ -283,8 +268,6 @@ class LiveSession:
                 shutil.copytree(new, old)
             elif new.exists():
                 shutil.copy2(new, old)
-        if not keep:
-            shutil.rmtree(place, ignore_errors=True)
         self.start()
         self._give(b"S")
 

@@ -78,6 +78,7 @@ def _listen(host: str, port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((host, port))
+        listening.listen(256)
     except (OSError, OverflowError) as error:
         listening.close()
         raise InputError(f"cannot listen on {host}, port {port}: {error}") from error

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import json
 import math
+import secrets
+import shutil
 import signal
 import time
 from collections.abc import Callable
@@ -28,16 +32,19 @@ from warpriver.studio.author import Author
 from warpriver.studio.frames import State, encode_loops, encode_patch, encode_state
 from warpriver.terrain import Terrain
 
-__all__ = ["EDITS", "RUN", "TERRAIN", "begin_folder", "work"]
+__all__ = ["KEPT", "RUN", "SAVED", "begin_folder", "work"]
 
 # What a session's folder holds: the run at its beginning, the ground that it began with, and its edits.
-RUN, TERRAIN, EDITS = "run", "terrain.npz", "edits.json"
+RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.json", "saved"
+KEPT = (RUN, TERRAIN, EDITS)
 # Steps a second at most, and frames that may be on their way.
 RATE, WINDOW = 30.0, 2
 # States that the timeline holds at most; when there are more, every other one is given up.
 RECORDS = 240
-# Seconds between two sets of figures for the plots, and the widest ground that a page gets whole.
+# Seconds between two sets of figures for the plots.
 STATS_SECONDS = 0.5
+# Seconds between two notes of how far a run has come.
+KEEP_SECONDS = 2.0
 CONTROLS = {
     "Attractor": Attractor, "Repeller": Repeller, "Guide": Guide,
     "DampingRegion": DampingRegion, "ErodibilityField": ErodibilityField,
@@ -78,7 +85,7 @@ class Worker:
         self.credits = WINDOW
         self._sequence = self._command = 0
         self._step_ms = 0.0
-        self._changed, self._due, self._told = True, 0.0, 0.0
+        self._changed, self._due, self._told, self._kept = True, 0.0, 0.0, 0.0
         self._order: tuple[int, np.ndarray] = (-1, np.empty(0))
         west, south, east, north = self._bounds()
         self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
@@ -108,6 +115,13 @@ class Worker:
             self._send(b"B" + self._frame())
         if now - self._told >= STATS_SECONDS:
             self._tell_figures(now)
+        if self.playing and now - self._kept >= KEEP_SECONDS:
+            self._keep()
+
+    def _keep(self) -> None:
+        """Note edits and steps in the folder, from which the session is taken up again."""
+        self.author.write_session(self.folder / EDITS)
+        self._kept = time.monotonic()
 
     def _step(self, count: int = 1) -> None:
         begin = time.perf_counter()
@@ -128,21 +142,29 @@ class Worker:
         """Do what a page asks for; an answer tells that it is done, or why it cannot be."""
         self._command = number
         try:
-            if not isinstance(command, dict) or not isinstance(command.get("do"), str):
-                raise InputError("a command is an object with the key 'do'")
-            arguments = {key: value for key, value in command.items() if key not in ("do", "number")}
-            method = getattr(self, f"do_{command['do']}", None)
-            if method is None:
-                names = ", ".join(sorted(name[3:] for name in dir(self) if name.startswith("do_")))
-                raise InputError(f"there is no command {command['do']!r}; there are {names}")
-            answer = method(**arguments) or {}
-        except (WarpriverError, ValueError, TypeError, OSError) as error:
-            text = str(error) if not isinstance(error, TypeError) or isinstance(error, WarpriverError) else (
-                f"{command['do']}: wrong arguments ({error})"
-            )  # fmt: skip
-            self._answer(number, error=text)
+            answer = self._do(command) or {}
+        except (WarpriverError, ValueError, OSError) as error:
+            self._answer(number, error=str(error))
             return
         self._answer(number, **answer)
+
+    def _do(self, command: Any) -> dict[str, Any] | None:
+        if not isinstance(command, dict) or not isinstance(command.get("do"), str):
+            raise InputError("a command is an object with the key 'do'")
+        name = command["do"]
+        method = getattr(self, f"do_{name}", None)
+        if method is None:
+            names = ", ".join(sorted(each[3:] for each in dir(self) if each.startswith("do_")))
+            raise InputError(f"there is no command {name[:40]!r}; there are {names}")
+        arguments = {key: value for key, value in command.items() if key != "do"}
+        takes = inspect.signature(method)
+        try:
+            takes.bind(**arguments)
+        except TypeError as error:
+            known = ", ".join(takes.parameters) or "nothing"
+            raise InputError(f"{name} has wrong arguments: {error}; it takes {known}") from error
+        answer: dict[str, Any] | None = method(**arguments)
+        return answer
 
     def do_play(self, rate: float | None = None) -> None:
         """Go on by itself, at so many steps a second."""
@@ -218,6 +240,20 @@ class Worker:
         params = MeanderParams(**{**{name: getattr(now.params, name) for name in _params_fields()}, **constants})
         self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
 
+    def do_save(self) -> dict[str, Any]:
+        """Keep the session as it is now under a new name."""
+        self._keep()
+        name = secrets.token_hex(8)
+        place = self.folder / SAVED / name
+        place.mkdir(parents=True)
+        for each in KEPT:
+            source = self.folder / each
+            if source.is_dir():
+                shutil.copytree(source, place / each)
+            elif source.exists():
+                shutil.copy2(source, place / each)
+        return {"saved": name}
+
     def do_record(self, index: Any) -> None:
         """Send a state of the timeline."""
         if not isinstance(index, int) or not 0 <= index < len(self._records):
@@ -242,12 +278,10 @@ class Worker:
 
     def begin(self, simulation: Simulation) -> None:
         """Begin the session anew from a simulation."""
-        import shutil
-
         fresh = self.folder.with_name(self.folder.name + ".new")
         shutil.rmtree(fresh, ignore_errors=True)
         begin_folder(fresh, simulation)
-        for name in (RUN, TERRAIN, EDITS):
+        for name in KEPT:
             old, new = self.folder / name, fresh / name
             if old.is_dir():
                 shutil.rmtree(old)
@@ -280,7 +314,7 @@ class Worker:
         self._changed = True
         self._tell_loops()
         self._records = [each for each in self._records if each[0] <= self.author.simulation.step_count]
-        self.author.write_session(self.folder / EDITS)
+        self._keep()
         self._tell_session()
 
     def _after_edit(self, edit: Edit, ground: int | None) -> None:
@@ -292,7 +326,7 @@ class Worker:
             self._send_raster("height")
         elif edit.name == "PaintControl":
             self._send_raster("control", window=edit.window)  # type: ignore[attr-defined]
-        self.author.write_session(self.folder / EDITS)
+        self._keep()
         self._tell_session()
 
     # ---- what pages are told
@@ -326,7 +360,7 @@ class Worker:
         self._changed = True
 
     def _tell_all_again(self) -> None:
-        self.author.write_session(self.folder / EDITS)
+        self._keep()
         self.tell_scene()
 
     def _tell_session(self) -> None:
@@ -459,15 +493,11 @@ def _group(group: Any) -> str | None:
 
 
 def _params_fields() -> list[str]:
-    import dataclasses
-
     return [field.name for field in dataclasses.fields(MeanderParams) if field.init]
 
 
 def _constants() -> list[dict[str, Any]]:
     """What the shown constants are: name, unit, default, meaning."""
-    import dataclasses
-
     fields = {field.name: field for field in dataclasses.fields(MeanderParams)}
     return [
         {

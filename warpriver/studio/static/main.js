@@ -121,7 +121,12 @@ link.addEventListener("scene", ({ detail }) => {
   plots.clear();
   Object.assign(studio, { events: [], shown: null, bounds: [west, south, east, north] });
   showConstants(studio, detail);
-  if (fresh) view.fit(west, south, east, north);
+  if (fresh) {
+    view.fit(west, south, east, north);
+    // A brush that is seen, and that fits the map.
+    optionValues.radius = Number(Math.min(5000, Math.max(50, 0.03 * Math.max(east - west, north - south))).toPrecision(2));
+    showOptions(studio.tool);
+  }
   studio.ready = true;
   studio.redraw();
 });
@@ -182,7 +187,7 @@ link.addEventListener("closed", () => studio.say("Not connected; trying again â€
 link.addEventListener("open", () => {
   $("message").hidden = true;
   const saved = new URLSearchParams(location.search).get("saved");
-  if (saved && !studio.opened) { studio.opened = true; studio.ask("open_saved", { id: saved }).catch(() => {}); }
+  if (saved && !studio.opened) { studio.opened = true; studio.ask("open_saved", { saved }).catch(() => {}); }
 });
 
 // ---- run, edits, timeline
@@ -239,12 +244,11 @@ $("picture").addEventListener("click", () => { scene.dirty = true; scene.draw();
 
 $("view").addEventListener("click", () => { view.relief = !view.relief; $("view").setAttribute("aria-pressed", String(view.relief)); studio.redraw(); });
 $("fit").addEventListener("click", () => { if (studio.bounds) view.fit(...studio.bounds); studio.redraw(); });
-$("theme").addEventListener("click", () => {
-  const root = document.documentElement, dark = root.dataset.theme === "dark" || (root.dataset.theme === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
-  root.dataset.theme = dark ? "light" : "dark";
-  scene.uniforms.dark.value = !dark;
-  studio.redraw();
-});
+const root = document.documentElement;
+const isDark = () => root.dataset.theme === "dark" || (root.dataset.theme === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
+$("theme").addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; scene.setBack(isDark()); });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => scene.setBack(isDark()));
+scene.setBack(isDark());
 
 // ---- pointer and keys
 

@@ -51,7 +51,7 @@ export function showChannel(studio) {
   holder.replaceChildren(list, form);
 }
 
-const PLOTS = [["sinuosity", "Sinuosity", "-"], ["cutoffs", "Cutoffs", ""], ["wavelength", "Wavelength of the longest", "m"]];
+const PLOTS = [["sinuosity", "Sinuosity", "-"], ["cutoffs", "Cutoffs", ""], ["wavelength", "Wavelength", "m"]];
 
 export class Plots {
   constructor() {

@@ -44,7 +44,7 @@ void main() {
       c = mix(c, v > 0.0 ? vec3(.10, .52, .47) : vec3(.80, .35, .10), .65 * smoothstep(0.0, 1.0, abs(v)));
     }
   }
-  colour = vec4(dark ? c * .62 : c, 1.0);
+  colour = vec4(dark ? c * .66 : c, 1.0);
 }`;
 
 const RIBBON_VERTEX = `
@@ -159,11 +159,18 @@ export class MapScene {
     this.terrain.frustumCulled = false;
     this.old = new Ribbon(this.shared, [.55, .53, .42], [.55, .53, .42], 0.6, .8);
     this.oxbows = new Ribbon(this.shared, [.36, .55, .58], [.36, .55, .58], 1.0);
-    this.rivers = new Ribbon(this.shared, [.13, .42, .66], [.98, .72, .15], 1.6);
+    this.rivers = new Ribbon(this.shared, [.09, .40, .70], [.98, .72, .15], 1.6);
     this.scene.add(this.terrain, this.old.mesh, this.oxbows.mesh, this.rivers.mesh);
     this.box = [-1, -1, 1, 1];
     this.dirty = true;
     this.frames = 0;
+  }
+
+  /** Colour around the map, that of the page. */
+  setBack(dark) {
+    this.uniforms.dark.value = dark;
+    this.renderer.setClearColor(dark ? 0x27302b : 0xcfd4c6, 1);
+    this.dirty = true;
   }
 
   setBox(west, south, east, north) {
