@@ -13,7 +13,9 @@ from pathlib import Path
 
 from websockets.sync.client import connect
 
-CHROMIUM = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
 FLAGS = (
     "--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--no-first-run",
     "--disable-extensions", "--disable-background-networking", "--remote-debugging-port=0", "--mute-audio",
@@ -27,7 +29,9 @@ class Browser:
         """Start it."""
         self.folder = tempfile.mkdtemp(prefix="chromium-")
         command = [CHROMIUM, *FLAGS, f"--user-data-dir={self.folder}", f"--window-size={width},{height}", "about:blank"]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "HOME": self.folder})
+        self.process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, env={**os.environ, "HOME": self.folder}
+        )
         for line in self.process.stderr:
             if found := re.search(r"ws://[^/]+(?=/)", line):
                 break

@@ -12,7 +12,6 @@ for module in ("starlette", "uvicorn", "websockets"):
     pytest.importorskip(module, reason="the studio needs warpriver[studio]")
 
 
-
 @pytest.fixture(scope="session")
 def lines_file(tmp_path_factory):
     """Two rivers that meet, as a file: 200 points."""

@@ -26,7 +26,9 @@ def test_a_state_comes_back_and_lies_as_a_browser_needs_it():
     assert len(frame) == 48 + 3 * (8 + 16) + 4 * 4 + 9 * 8
 
 
-@pytest.mark.parametrize("change", [lambda f: f[:-1], lambda f: f + b"\0", lambda f: f[:20], lambda f: b"\2" + f[1:], lambda f: b""])
+@pytest.mark.parametrize(
+    "change", [lambda f: f[:-1], lambda f: f + b"\0", lambda f: f[:20], lambda f: b"\2" + f[1:], lambda f: b""]
+)
 def test_what_is_no_state_is_refused(change):
     with pytest.raises(ValueError, match="is no state|shorter than its header"):
         decode_state(change(encode_state(state())))
@@ -41,4 +43,6 @@ def test_patches_and_loops():
     assert np.frombuffer(frame, "<u4", 4).tolist() == [LOOPS, 1, 2, 5]
     assert np.frombuffer(frame, "<f4", 2, 16).tolist() == [5.0, 6.0]
     assert np.frombuffer(frame, "<u4", 3, 24).tolist() == [0, 2, 5]
-    np.testing.assert_array_equal(np.frombuffer(frame, "<f4", 10, 36).reshape(5, 2), np.concatenate(lines) - [10.0, 10.0])
+    np.testing.assert_array_equal(
+        np.frombuffer(frame, "<f4", 10, 36).reshape(5, 2), np.concatenate(lines) - [10.0, 10.0]
+    )

@@ -68,7 +68,5 @@ def _studio(options: argparse.Namespace) -> int:
 
     folder = None if options.folder is None else Path(options.folder)
     source = None if options.input is None else Path(options.input)
-    serve(
-        source, folder=folder, host=options.host, port=options.port, browser=not options.no_browser, started=tell
-    )
+    serve(source, folder=folder, host=options.host, port=options.port, browser=not options.no_browser, started=tell)
     return OK

@@ -184,9 +184,7 @@ class Author:
 
     # ---- what needs more than one edit, or the state of the run
 
-    def paint(
-        self, center: Sequence[float], radius: float, amount: float, group: str | None = None
-    ) -> list[Edit]:
+    def paint(self, center: Sequence[float], radius: float, amount: float, group: str | None = None) -> list[Edit]:
         """Paint a round stroke on the control field and return the edits that this took.
 
         Args:

@@ -14,7 +14,17 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LOOPS", "PATCH", "RASTERS", "STATE", "State", "decode_state", "encode_loops", "encode_patch", "encode_state"]
+__all__ = [
+    "LOOPS",
+    "PATCH",
+    "RASTERS",
+    "STATE",
+    "State",
+    "decode_state",
+    "encode_loops",
+    "encode_patch",
+    "encode_state",
+]
 
 STATE, PATCH, LOOPS = 1, 2, 3
 # Rasters of which a page holds a copy.
@@ -112,7 +122,9 @@ def encode_patch(raster: str, window: Sequence[int], values: npt.NDArray[np.floa
     return head + np.ascontiguousarray(values, "<f4").tobytes()
 
 
-def encode_loops(lines: Sequence[npt.NDArray[np.float64]], widths: Sequence[float], kind: int, origin: npt.ArrayLike) -> bytes:
+def encode_loops(
+    lines: Sequence[npt.NDArray[np.float64]], widths: Sequence[float], kind: int, origin: npt.ArrayLike
+) -> bytes:
     """Return lines that channels left behind as bytes.
 
     Args:

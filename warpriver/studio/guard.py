@@ -69,7 +69,9 @@ class Guard:
                 listed = [*message.get("headers", [])]
                 listed += [(name.encode(), value.encode()) for name, value in HEADERS.items()]
                 if first:
-                    listed.append((b"set-cookie", f"{COOKIE}={self._token.decode()}; HttpOnly; SameSite=Strict; Path=/".encode()))
+                    listed.append(
+                        (b"set-cookie", f"{COOKIE}={self._token.decode()}; HttpOnly; SameSite=Strict; Path=/".encode())
+                    )
                 message["headers"] = listed
             await send(message)
 

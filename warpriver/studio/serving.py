@@ -54,7 +54,9 @@ def serve(
     with contextlib.closing(listening):
         begun = folder is not None and (folder / "run").exists()
         if begun and source is not None:
-            raise InputError(f"{folder} holds a session already; leave INPUT out to go on with it, or give a new folder")
+            raise InputError(
+                f"{folder} holds a session already; leave INPUT out to go on with it, or give a new folder"
+            )
         hosts = LOOPBACK if host in ("127.0.0.1", "localhost", "::1") else ("*",)
         start = None if source is None else opened(source)
         app = make_app(start, folder=folder, hosts=hosts)

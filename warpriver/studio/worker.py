@@ -30,7 +30,6 @@ from warpriver.raster import Raster
 from warpriver.simulation import Simulation
 from warpriver.studio.author import Author
 from warpriver.studio.frames import State, encode_loops, encode_patch, encode_state
-from warpriver.terrain import Terrain
 
 __all__ = ["KEPT", "RUN", "SAVED", "begin_folder", "work"]
 
@@ -420,8 +419,16 @@ class Worker:
         )
         return encode_state(
             State(
-                self._sequence, self._command, simulation.step_count, simulation.time, self._step_ms, self.playing,
-                network.channel_id, size, network.starts(), network.points() - self._origin,
+                self._sequence,
+                self._command,
+                simulation.step_count,
+                simulation.time,
+                self._step_ms,
+                self.playing,
+                network.channel_id,
+                size,
+                network.starts(),
+                network.points() - self._origin,
             )  # fmt: skip
         )
 
@@ -463,8 +470,9 @@ class Worker:
         return None if field is None else _sum(field)
 
     def _bounds(self) -> tuple[float, float, float, float]:
-        terrain: Terrain | None = self.author.simulation.terrain
-        return self.author.simulation.network.bounds() if terrain is None else terrain.bounds
+        """Bounds of the map: of the ground, or of the rivers as they were at the beginning."""
+        simulation = self.author.simulation
+        return simulation.history.network(0).bounds() if simulation.terrain is None else simulation.terrain.bounds
 
     def _answer(self, number: int, **told: Any) -> None:
         self._tell(type="answer", number=number, **told)
