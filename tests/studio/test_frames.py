@@ -30,7 +30,7 @@ def test_a_state_comes_back_and_lies_as_a_browser_needs_it():
     "change", [lambda f: f[:-1], lambda f: f + b"\0", lambda f: f[:20], lambda f: b"\2" + f[1:], lambda f: b""]
 )
 def test_what_is_no_state_is_refused(change):
-    with pytest.raises(ValueError, match="is no state|shorter than its header"):
+    with pytest.raises(ValueError, match=r"is no state|shorter than its header"):
         decode_state(change(encode_state(state())))
 
 

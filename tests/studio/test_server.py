@@ -1,4 +1,4 @@
-"""The server: who is let in, what is refused, and that a session outlives bad messages, many pages and a dead process."""
+"""The server: who is let in, what is refused, and what a session outlives: bad messages, many pages, a dead process."""
 
 import http.client
 import itertools
@@ -170,7 +170,7 @@ def test_messages_at_random_do_no_harm(served, page):
 def test_binary_and_oversized_messages_close_the_socket(served, page):
     for message in (b"\1\2\3", "x" * (2**20 + 100)):
         talk = page()
-        with pytest.raises(ConnectionClosed):  # noqa: PT012
+        with pytest.raises(ConnectionClosed):
             talk.socket.send(message)
             for _ in range(10_000):
                 talk.socket.recv(timeout=30)

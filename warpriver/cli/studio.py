@@ -21,9 +21,10 @@ def add(commands: Any) -> None:
         "studio",
         _studio,
         help="shape living rivers in the browser",
-        description="Open a page on this machine in which rivers migrate while you drag their bends, draw and erase\n"
-        "channels, raise and lower the ground, and paint where they are drawn to. INPUT is a scene (.toml), a terrain,\n"
-        "river lines, or a stored run at its beginning; without it a basin with its rivers is made.\n"
+        description="Open a page on this machine in which rivers migrate while you drag their bends, draw and\n"
+        "erase channels, raise and lower the ground, and paint where they are drawn to. INPUT is a scene\n"
+        "(.toml), a terrain, river lines, or a stored run at its beginning; without it a basin with its rivers\n"
+        "is made.\n"
         "\n"
         "The page needs the link that is printed: it holds a secret. Only this machine reaches the server, unless\n"
         "--host opens it to others. Ctrl-C ends it.",
@@ -37,7 +38,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--port", type=_port, default=0, metavar="N", help="port (default: a free one)")
     parser.add_argument(
         "--host", default=LOCAL, metavar="ADDRESS",
-        help=f"address to listen on (default {LOCAL}: this machine only); others reach it under any name, with the link",
+        help=f"address to listen on (default {LOCAL}: this machine only); others need the link",
     )  # fmt: skip
     parser.add_argument("--no-browser", action="store_true", help="print the link only")
     parser.add_argument(

@@ -154,7 +154,7 @@ def make_app(
         WebSocketRoute("/live", live),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
-    app: Any = Guard(Starlette(routes=routes, lifespan=lifespan), secret, hosts)  # type: ignore[arg-type]
+    app: Any = Guard(Starlette(routes=routes, lifespan=lifespan), secret, hosts)
     app.token, app.folder, app.session = secret, place, session
     return app
 

@@ -123,7 +123,7 @@ def encode_patch(raster: str, window: Sequence[int], values: npt.NDArray[np.floa
 
 
 def encode_loops(
-    lines: Sequence[npt.NDArray[np.float64]], widths: Sequence[float], kind: int, origin: npt.ArrayLike
+    lines: Sequence[npt.NDArray[np.float64]], widths: Sequence[float], kind: int, origin: npt.NDArray[np.float64]
 ) -> bytes:
     """Return lines that channels left behind as bytes.
 

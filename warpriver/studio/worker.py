@@ -44,7 +44,7 @@ RECORDS = 240
 STATS_SECONDS = 0.5
 # Seconds between two notes of how far a run has come.
 KEEP_SECONDS = 2.0
-CONTROLS = {
+CONTROLS: dict[str, Callable[..., Control]] = {
     "Attractor": Attractor, "Repeller": Repeller, "Guide": Guide,
     "DampingRegion": DampingRegion, "ErodibilityField": ErodibilityField,
 }  # fmt: skip
@@ -272,7 +272,7 @@ class Worker:
             raise InputError(f"there is no export {name!r}; there are {', '.join(exports)}")
         place = self.folder / "exports"
         place.mkdir(exist_ok=True)
-        exports[name](place / name)  # type: ignore[no-untyped-call]
+        exports[name](place / name)
         return {"file": name}
 
     def begin(self, simulation: Simulation) -> None:
@@ -417,20 +417,19 @@ class Worker:
         size = np.stack(
             [network.channel_width, network.channel_depth, network.channel_discharge, self._orders(network)], axis=1
         )
-        return encode_state(
-            State(
-                self._sequence,
-                self._command,
-                simulation.step_count,
-                simulation.time,
-                self._step_ms,
-                self.playing,
-                network.channel_id,
-                size,
-                network.starts(),
-                network.points() - self._origin,
-            )  # fmt: skip
+        state = State(
+            sequence=self._sequence,
+            edits=self._command,
+            step=simulation.step_count,
+            time=simulation.time,
+            step_ms=self._step_ms,
+            playing=self.playing,
+            channel_id=network.channel_id,
+            channel_size=size,
+            channel_start=network.starts(),
+            point_xy=network.points() - self._origin,
         )
+        return encode_state(state)
 
     def _orders(self, network: Any) -> np.ndarray:
         """Strahler orders, which only edits of the graph change."""
@@ -534,8 +533,7 @@ def _control_of(values: Any) -> Control:
     if not isinstance(values, dict) or values.get("kind") not in CONTROLS:
         raise InputError(f"a control needs a kind: {', '.join(CONTROLS)}")
     fields = {key: value for key, value in values.items() if key != "kind"}
-    made: Control = CONTROLS[values["kind"]](**fields)
-    return made
+    return CONTROLS[values["kind"]](**fields)
 
 
 def _described(control: Control) -> dict[str, Any]:
@@ -564,7 +562,7 @@ def work(connection: Connection, folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import warp as wp
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_ERROR
 
     def send(message: bytes) -> None:
         connection.send_bytes(message)
