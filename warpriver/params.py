@@ -392,8 +392,8 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="part of the migration rate with which junctions wander down the channel below them; 0: they stay, as in "
-        "[Paris2023]",
+        doc="fraction of the migration rate with which junctions wander down the channel below them; 0: they stay, as "
+        "in [Paris2023]",
     )
 
     control_steering: str = parameter(
@@ -411,7 +411,7 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="floor: part of the migration rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the migration rate k with which controls steer reaches that do not bend",
     )
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
 
@@ -544,8 +544,8 @@ class PathMeander(Params):
         low=0.0,
         high=2.0,
         source="PathStudy2026",
-        doc="phi: part of the lateral push that is added along the channel, downstream; with little of it bends stand "
-        "still, and ever longer loops carry the belt away",
+        doc="phi: fraction of the lateral push that is added along the channel, downstream; with little of it bends "
+        "stand still, and ever longer loops carry the belt away",
     )
     blur_length: float = parameter(
         1.5,
@@ -598,12 +598,12 @@ class PathMeander(Params):
     junction_reach: float = shared("junction_reach")
     junction_drift: float = shared(
         "junction_drift",
-        doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
+        doc="fraction of the displacement rate with which junctions wander down the channel below them; 0: they stay",
     )
     control_steering: str = shared("control_steering")
     control_floor: float = shared(
         "control_floor",
-        doc="floor: part of the displacement rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the displacement rate k with which controls steer reaches that do not bend",
     )
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
 

@@ -33,7 +33,7 @@ __all__ = ["HISTORY_SUFFIXES", "records_between", "write_history"]
 
 HISTORY_SUFFIXES = (*NEEDS, *JSON)
 # Points of all courses beyond which not every record becomes one, unless it is said which are to.
-MOST_POINTS = 2_000_000
+MAX_POINTS = 2_000_000
 
 
 @public
@@ -102,7 +102,7 @@ def records_between(history: History) -> int:
     if not len(history.times):
         return 1
     points = max(history.networks[k].point_count for k in (0, -1)) * len(history.times)
-    return max(1, -(-points // MOST_POINTS))
+    return max(1, -(-points // MAX_POINTS))
 
 
 def _layer(name: str, features: Features, suffix: str) -> Layer:
