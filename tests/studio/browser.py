@@ -91,7 +91,7 @@ class Browser:
     def wait(self, script, seconds=60.0):
         """Wait until an expression is true."""
         until = time.monotonic() + seconds
-        while not self.run(script):
+        while not self.run(f"Boolean({script})"):
             if time.monotonic() > until:
                 raise TimeoutError(f"not within {seconds} s: {script}; {self.console}")
             time.sleep(0.05)
