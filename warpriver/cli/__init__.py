@@ -21,6 +21,7 @@ from warpriver.cli import (
     render,
     riverscape,
     simulate,
+    studio,
     valley,
 )
 from warpriver.cli.output import complain, forgiving_console
@@ -33,7 +34,8 @@ __all__ = ["main"]
 
 # In the order in which --help lists them.
 COMMANDS = (
-    demo, network, simulate, calibrate, erode, valley, landscape, riverscape, render, convert, metrics, bench, info,
+    demo, network, simulate, calibrate, erode, valley, landscape, riverscape, studio, render, convert, metrics, bench,
+    info,
 )  # fmt: skip
 
 
