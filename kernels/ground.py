@@ -32,7 +32,7 @@ def build(scalar):
     class Steering:
         """The control field c (m) and the factor of the rate on the cells of one raster, and how they are read.
 
-        ``floor``: part of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. An
+        ``floor``: fraction of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. An
         array is missing where nothing pulls, or scales the rate. ``block_mobility`` has, for blocks of cells, the
         greatest factor by which controls let a point move; it is 1 in those that no control reaches, and only there,
         and has a minus sign where the factor of the rate is not 1 everywhere.
@@ -116,7 +116,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def freedom_at(ground: Ground, xy: vec2, limit: scalar, block: scalar) -> scalar:
-        """Part of its rate with which a point moves: g, by the slope of the ground, times the factor of controls.
+        """Fraction of its rate with which a point moves: g, by the slope of the ground, times the factor of controls.
 
         ``block`` is what ``block_at`` says of the point.
         """

@@ -243,7 +243,7 @@ def build(scalar):
     @wp.func(module=name)
     def free_ends(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
         """Ends of a channel that no other goes on from. Where it leaves the map, or enters it, an end is not held."""
-        ends = Ends(ZERO, ZERO, ZERO, ZERO)
+        ends = Ends(ZERO, ZERO, ZERO, ZERO, 0, 0)
         if not line.is_fed(channels, run.channel):
             ends.head_reach = constants.end_damping * run.form.width
         if run.edge == EDGE_NONE:
@@ -264,6 +264,7 @@ def build(scalar):
             ends.above = ends.above + length_of_link(channels, link)
         if line.foot_held(channels, channels.stems.upper[link]):
             ends.head_reach = constants.end_damping * channels.form[link].width
+            ends.head_locked = int(ends.head_reach > ZERO)
         elif link == top and line.is_fed(channels, top):
             ends.head_reach = ZERO
         link = int(run.channel)
@@ -272,6 +273,7 @@ def build(scalar):
             ends.below = ends.below + length_of_link(channels, link)
         if line.foot_held(channels, link):
             ends.foot_reach = constants.end_damping * channels.form[link].width
+            ends.foot_locked = int(ends.foot_reach > ZERO)
         # A link that was not looked at lies farther away than the end is felt.
         return ends
 

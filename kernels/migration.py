@@ -46,6 +46,13 @@ def build(scalar):
         upstream: scalar
         smoothed: vec2
 
+    @wp.struct
+    class Velocities:
+        """Velocities that have still to be smoothed upstream: ``point`` by point, ``tail`` as in ``Memory``."""
+
+        point: wp.array[vec2]
+        tail: wp.array[vec2]
+
     @wp.kernel(module=name, enable_backward=False)
     def measure_rings(
         # network
@@ -241,6 +248,8 @@ def build(scalar):
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
             felt_here = vec2(curvature, felt[0])
             local = terms.local * junction_strength(channels, points, run, j, strength, felt_here, constants)
+            if ends.head_locked + ends.foot_locked != 0:
+                local = local * line.local_weight(j, run, ends, wp.abs(curvature) * section[0])
             push = terms.upstream * line.end_weight(j, run, ends)
             rate = local * felt[0] + push * upstream
             smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed
@@ -445,12 +454,11 @@ def build(scalar):
     def sweep_move(
         channels: Channels,
         points: Points,
-        point_velocity: wp.array[vec2],
+        velocities: Velocities,
         ground: Ground,
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
-        memory: Memory,
         moved_out: Points,
     ) -> scalar:
         """Move the points of a run, sweeping up the channel; return the greatest speed, m/yr."""
@@ -465,18 +473,18 @@ def build(scalar):
         smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
         if run.closed != 0:
-            smoothed = ring_tail(points, point_velocity, run, terms, constants)
+            smoothed = ring_tail(points, velocities.point, run, terms, constants)
         else:
             top = wp.min(run.last, run.stop - 1 + line.recurrence_reach(r))
             if top == run.last and run.lower >= 0:
-                smoothed = memory.tail[run.channel]
+                smoothed = velocities.tail[run.channel]
         for k in range(0, top - run.begin + 1):
             j = top - k
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
+            smoothed = (ONE - r) * velocities.point[j] + r * smoothed
             if j == run.last and run.closed == 0:
-                smoothed = past.foot_velocity(channels, run, point_velocity, smoothed)
+                smoothed = past.foot_velocity(channels, run, velocities.point, smoothed)
             if j < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j <= last):
@@ -499,8 +507,7 @@ def build(scalar):
         constants: MigrationConstants,
         work: Work,
         # in
-        point_velocity: wp.array[vec2],
-        memory: Memory,
+        velocities: Velocities,
         # out
         moved_out: Points,
         channel_max_speed_io: wp.array[bits],
@@ -517,7 +524,7 @@ def build(scalar):
             run = line.next_run(channels, run)
             if run.step > ZERO:
                 terms = past.smoothing_of(channels, points.xy, run, constants)
-                fastest = sweep_move(channels, points, point_velocity, ground, run, terms, constants, memory, moved_out)
+                fastest = sweep_move(channels, points, velocities, ground, run, terms, constants, moved_out)
                 wp.atomic_max(channel_max_speed_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)
@@ -529,6 +536,7 @@ def build(scalar):
         Points=Points,
         MigrationConstants=MigrationConstants,
         Memory=Memory,
+        Velocities=Velocities,
         measure_rings=measure_rings,
         compute_velocity=compute_velocity,
         resolve_rate=resolve_rate,

@@ -19,7 +19,7 @@ from warpriver.meander.controls import (
     Repeller,
 )
 from warpriver.meander.dated import mapped_banks
-from warpriver.meander.junctions import JunctionParams, junction_angles, shape_junctions
+from warpriver.meander.junctions import JunctionParams, arrival_angles, junction_angles, shape_junctions
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
@@ -36,6 +36,7 @@ __all__ = [
     "JunctionParams",
     "Repeller",
     "SetControls",
+    "arrival_angles",
     "junction_angles",
     "mapped_banks",
     "migration_rate",

@@ -158,6 +158,9 @@ class Migrate(Phase):
             ground.banks = self.banks.struct(state.params, state.network.dtype, state.network.origin)
         handed_on = memory.struct() if memory is not None and stems is not None and stems.joined else kernel.Memory()
 
+        velocities = kernel.Velocities()
+        velocities.point, velocities.tail = self.point_velocity, handed_on.tail
+
         def compute(share: Share) -> None:
             launch(
                 kernel.compute_velocity,
@@ -171,7 +174,7 @@ class Migrate(Phase):
             launch(
                 kernel.move_points,
                 dim=share.point_threads,
-                inputs=[channels, points, ground, constants, share.work, self.point_velocity, handed_on],
+                inputs=[channels, points, ground, constants, share.work, velocities],
                 outputs=[moved, state.max_speed_bits],
                 device=state.device,
             )
