@@ -371,7 +371,7 @@ def test_a_record_costs_the_same_however_many_wait(tmp_path, monkeypatch, device
     monkeypatch.setattr(Record, "nbytes", property(lambda self: sized.append(1) or whole(self)))
     monkeypatch.setattr("warpriver.history.SEGMENT_SECONDS", 1e9)
     line = generate.noisy_line(2000.0, 40.0, 10.0, 7)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(), device=device)
     history = sim.run(steps=200, record_every=1, store=tmp_path / "run")
     assert len(history) == 201 and len(sized) <= 200
     assert len(History.load(tmp_path / "run")) == 201

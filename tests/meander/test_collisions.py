@@ -394,7 +394,9 @@ def test_each_channel_may_have_its_own_spacing(tmp_path, device):
     network = random_tree(3, sources=6, size=8000.0, width=12.0)
     with pytest.raises(ValueError, match="or spacing_in_widths=1"):
         Simulation(network, plain_params(spacing_in_widths=0.0))
-    by_default = Simulation(network, device=device).stepper.state.spacing.numpy()[: network.channel_count]
+    by_default = Simulation(network, plain_params(), device=device).stepper.state.spacing.numpy()[
+        : network.channel_count
+    ]
     np.testing.assert_allclose(by_default, np.minimum(50.0, network.channel_width), rtol=0.02)
     params = plain_params(spacing_in_widths=0.8)
     sim = Simulation(network, params, device=device)

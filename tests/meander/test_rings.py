@@ -293,7 +293,11 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
 
 
 def test_a_run_without_rings_has_no_splits(tmp_path, device):
-    sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0), device=device)
+    sim = Simulation(
+        RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0),
+        plain_params(),
+        device=device,
+    )
     assert not sim.history.record(-1).channels.closed.any() and sim.stepper.state.closed is None
     sim.history.save(tmp_path / "run.npz")
     again = wr.history.History.load(tmp_path / "run.npz")
@@ -496,7 +500,7 @@ def test_bad_rings_are_refused(lines, closed, words):
 def test_a_simulation_refuses_what_it_cannot_do_with_rings():
     closed = np.concatenate([RING, RING[:1]])
     with pytest.raises(ValueError, match="make it a ring"):
-        Simulation(RiverNetwork.from_polylines([closed], 50.0))
+        Simulation(RiverNetwork.from_polylines([closed], 50.0), plain_params())
     with pytest.raises(ValueError, match="ring_policy is 'none'; use one of"):
         plain_params(ring_policy="none")
     with pytest.raises(ValueError, match="give a whole number"):

@@ -78,7 +78,7 @@ def test_figure_27_meanders_on_the_plain_and_stays_straight_on_the_front(device)
     """Plain, mountain front and valley in one run of 300 years [Paris2023, Fig. 27]."""
     ground = generate.mountain_front(cell_size=100.0, seed=1, device=device)
     line = generate.mountain_front_line(spacing=50.0, seed=1)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), terrain=ground, device=device)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), plain_params(), terrain=ground, device=device)
     sim.run(years=300)
     now = sim.network.polylines()[0]
     sinuosity = {}

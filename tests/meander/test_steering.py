@@ -87,7 +87,7 @@ def test_shortest_paths_are_steered_by_their_push(device):
     line, printed = added("printed")
     _, found = added("normal")
     xy = line[1:-1]
-    slope = Simulation(river(), controls=CONTROLS, device=device).stepper.state.controls.gradient(xy)
+    slope = Simulation(river(), plain_params(), controls=CONTROLS, device=device).stepper.state.controls.gradient(xy)
     steep = np.hypot(*slope.T) > 0.05
     xy, slope, printed, found = xy[steep], slope[steep], printed[steep], found[steep]
     mu = (printed * slope).sum(axis=1) / (slope * slope).sum(axis=1)
@@ -316,6 +316,7 @@ def test_damped_reaches_stay_straight_while_others_meander():
     front = [(12_000.0, -9000.0), (30_000.0, -9000.0), (30_000.0, 9000.0), (12_000.0, 9000.0)]
     sim = Simulation(
         RiverNetwork.from_polylines([line], width=100.0),
+        plain_params(),
         controls=[DampingRegion(front, 0.02, blend=1000.0)],
         device="cpu",
     )

@@ -55,7 +55,7 @@ def once(rates):
 def velocities_in_a_step(lines, device, threads):
     """Velocities at the points of a river's links in the first sub-step of a simulation, as it is dealt out."""
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH)
-    sim = wr.Simulation(network, device=device, threads=threads)
+    sim = wr.Simulation(network, plain_params(), device=device, threads=threads)
     state, points = sim.stepper.state, np.concatenate(lines) - sim.network.origin
     assert state.network.point_count == len(points)
     state.network.point_xy[: len(points)].assign(points)
@@ -98,7 +98,10 @@ def test_a_river_in_links_moves_as_one_in_one_piece(device):
     runs = []
     for count in (1, 12):
         sim = wr.Simulation(
-            wr.RiverNetwork.from_polylines(pieces(line, count), width=WIDTH), device=device, check=count > 1
+            wr.RiverNetwork.from_polylines(pieces(line, count), width=WIDTH),
+            plain_params(),
+            device=device,
+            check=count > 1,
         )
         sim.run(steps=40, record_every=10_000)
         lines = sim.network.polylines()
@@ -287,7 +290,7 @@ def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(rim, devic
     """Where the data end, if the outermost columns have none."""
     network, ground = river_to_the_edge(rim=rim)
     slid, square = [], []
-    sim = wr.Simulation(network, terrain=ground, device=device, check=True)
+    sim = wr.Simulation(network, plain_params(), terrain=ground, device=device, check=True)
     for _ in range(8):
         sim.run(years=40, record_every=10_000)
         xy = sim.network.polylines()[0]
@@ -305,6 +308,6 @@ def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(rim, devic
 
 def test_a_mouth_within_the_map_is_held(device):
     network, ground = river_to_the_edge(edge=False)
-    sim = wr.Simulation(network, terrain=ground, device=device)
+    sim = wr.Simulation(network, plain_params(), terrain=ground, device=device)
     sim.run(years=80, record_every=10_000)
     np.testing.assert_array_equal(sim.network.polylines()[0][-1], network.polylines()[0][-1])

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
 
 import warpriver as wr
+from browser import CHROMIUM, Browser
 from warpriver import edits
 
 pytest.importorskip("PIL", reason="looking at the page needs pillow")
