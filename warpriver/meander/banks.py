@@ -36,8 +36,9 @@ def bank_table(seed: int) -> NDArray[np.float32]:
     deviation = 0.5 * kernels.CELLS
     f, g = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     field = np.fft.irfft2(white * np.exp(-2.0 * (math.pi * deviation) ** 2 * (f**2 + g**2)), s=(size, size))
-    even: NDArray[np.float32] = ((field - field.mean()) / field.std()).astype(np.float32)
-    return even
+    field = (field - field.mean()) / field.std()
+    table: NDArray[np.float32] = field.astype(np.float32)
+    return table
 
 
 def highest_factor(params: Any) -> float:
