@@ -29,7 +29,7 @@ def build(scalar):
     BANK_SLOPE_, BANK_EASE_ = scalar(BANK_SLOPE), scalar(BANK_EASE)
     TWO_THIRDS = scalar(2.0 / 3.0)
     LAST, LAST_ = ACROSS - 1, scalar(ACROSS - 1)
-    NOWHERE = wp.float64(math.nan)
+    NOWHERE, HIGHEST = wp.float64(math.nan), wp.float64(math.inf)
     ONE64, TWO64, THREE64, FOUR64, FIVE64, HALF64 = (wp.float64(v) for v in (1.0, 2.0, 3.0, 4.0, 5.0, 0.5))
 
     @wp.struct
@@ -165,7 +165,7 @@ def build(scalar):
         """Nearest place on the course whose bed is the lowest at a place; point -1 where no course is near."""
         best, near = Nearest(), Nearest()
         best.point = -1
-        lowest = wp.float64(FAR)
+        lowest = HIGHEST
         column, row = int(at[0] / courses.bucket_size), int(at[1] / courses.bucket_size)
         if at[0] < ZERO or at[1] < ZERO or column >= courses.columns or row >= courses.rows:
             return best

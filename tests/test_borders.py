@@ -72,8 +72,13 @@ def things(tmp_path_factory):
     (bridge,) = (wr.valley.levee(valley),)
     slope = wr.generate.tilted_plain((24, 50), 10.0, 0.02)
     brook = wr.RiverNetwork.from_polylines([line * 0.1 + (60.0, 120.0)], width=4.0, slope=[0.02])
+    reach = wr.riverscape.example("C")
+    river = wr.Riverscape(reach.terrain, reach.courses)
+    river.save(folder / "river.json")
+    wr.riverscape.FlowMap.of(river, (10.0, 4.0, 12.0, 6.0), 0.5).save(folder / "flow.png")
     return {
         "folder": folder,
+        "river": river,
         "line": line,
         "network": network,
         "terrain": terrain,
@@ -465,6 +470,29 @@ CALLS = {
         wr.riverscape.uniform_flow,
         {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},
     ),
+    "blend": lambda t: (wr.riverscape.blend, {"under": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0)}),
+    "example": lambda t: (wr.riverscape.example, {"name": "C", "seed": 0}),
+    "primitives": lambda t: (
+        wr.riverscape.primitives,
+        {"kind": "wave", "center": (0.0, 0.0), "radius": 1.0, "velocity": (1.0, 0.0), "length": 0.5, "seed": 0},
+    ),
+    "read_flow_map": lambda t: (wr.riverscape.read_flow_map, {"path": t["folder"] / "flow.png"}),
+    "read_riverscape": lambda t: (wr.riverscape.read_riverscape, {"path": t["folder"] / "river.json"}),
+    "seed_water": lambda t: (
+        wr.riverscape.seed_water,
+        {"courses": t["river"].courses, "detail": 2.0, "seed": 0, "params": None},
+    ),
+    "write_frames": lambda t: (
+        wr.riverscape.write_frames,
+        {
+            "scene": t["river"],
+            "folder": t["folder"] / "frames",
+            "times": [0.0],
+            "cell_size": 0.5,
+            "bounds": (10.0, 4.0, 12.0, 6.0),
+            "suffix": ".npz",
+        },
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
@@ -487,8 +515,8 @@ CALLS = {
 }
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
-    "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
-    "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
+    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
+    "harmonics_for_covariance", "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

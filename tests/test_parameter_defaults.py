@@ -87,6 +87,14 @@ DEFAULTS = {
         "exponent": (0.5, "-"),
         "reach": (6.0, "widths"),
     },
+    "SeedingParams": {
+        "calm_froude": (0.2, "-"),
+        "ripple_froude": (0.45, "-"),
+        "liveliness": (1.0, "-"),
+        "wind": (0.003, "m"),
+        "foam_reach": (8.0, "falls"),
+        "rough_reach": (6.0, "falls"),
+    },
     "LehenyParams": {
         "flow_bias": (0.05, "1/m"),
         "depth": (10.0, "m"),

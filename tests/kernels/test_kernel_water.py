@@ -90,8 +90,8 @@ def test_programs_of_cells_are_the_recursion_on_a_thousand_random_trees(contrast
     trees, places, expected = [], [], []
     for k in range(500):
         center = np.array([12.0 * (k % 25), 12.0 * (k // 25)])
-        tree = random_tree(rng, center, 4)
-        at = center + rng.uniform(-2.0, 2.0, (3, 2))
+        tree = random_tree(rng, center, 3)
+        at = center + rng.uniform(-1.6, 1.6, (2, 2))
         trees.append(tree)
         places.append(at)
         expected.append(reference.evaluate(tree, at, 1.3, contrast))

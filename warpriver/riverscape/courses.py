@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import launch_kernel, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import courses as kernels
@@ -19,8 +20,6 @@ from warpriver.validate import checked_line, checked_points, floats
 
 __all__ = ["TYPES", "Course", "CourseMap", "Rock", "SurveyedPlaces"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Rosgen's types, by slope and section [Rosgen1994].
 TYPES = ("A+", "A", "B", "C", "D", "DA", "E", "F", "G")
@@ -122,7 +121,7 @@ class Course:
     def discharge(self) -> FloatArray:
         """(n,) mean speed times the section's area, m3/s."""
         area = np.asarray(self.width) * np.asarray(self.depth) * _mean(np.asarray(self.form))
-        return np.asarray(self.speed) * area
+        return np.asarray(np.asarray(self.speed) * area)
 
     @property
     def direction(self) -> FloatArray:
@@ -149,7 +148,7 @@ class Course:
         # Of the linear level between points, by its integral.
         total = np.concatenate([[0.0], np.cumsum(0.5 * (level[1:] + level[:-1]) * np.diff(along))])
         low, high = np.maximum(along - reach, 0.0), np.minimum(along + reach, along[-1])
-        return (np.interp(high, along, total) - np.interp(low, along, total)) / (high - low)
+        return np.asarray((np.interp(high, along, total) - np.interp(low, along, total)) / (high - low))
 
     @property
     def peak_speed(self) -> FloatArray:
@@ -178,7 +177,7 @@ class SurveyedPlaces:
     velocity: FloatArray
     across: FloatArray
     along: FloatArray
-    point: IntArray
+    point: IndexArray
 
 
 class CourseMap:
@@ -206,19 +205,21 @@ class CourseMap:
         self.device = resolve_device(device)
         self._kernels = kernels.build(wp.float64)
         self.start = np.concatenate([[0], np.cumsum([len(np.asarray(c.xy)) for c in self.courses])])
+        self._joined: dict[str, FloatArray] = {}
         joined = {
             name: self.joined(name) for name in ("xy", "level", "width", "depth", "along", "direction", "peak_speed")
         }
-        self._joined = joined
         self._bucket(joined)
         self._on_device(joined)
 
     def joined(self, name: str) -> FloatArray:
         """Values of all courses' points, one course after the other."""
-        return np.concatenate([np.asarray(getattr(course, name)) for course in self.courses])
+        if name not in self._joined:
+            self._joined[name] = np.concatenate([np.asarray(getattr(course, name)) for course in self.courses])
+        return self._joined[name]
 
     @property
-    def course_of_point(self) -> IntArray:
+    def course_of_point(self) -> IndexArray:
         """(n,) number of the course of each point."""
         return np.repeat(np.arange(len(self.courses)), np.diff(self.start))
 
@@ -252,7 +253,7 @@ class CourseMap:
         ):
             setattr(found, name, wp.empty(len(points), dtype=kind, device=self.device))
         if len(points):
-            at: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             launch_kernel(self._kernels.survey_places, len(points), [self._courses, at], [found], device=self.device)
         names = [f.name for f in dataclasses.fields(SurveyedPlaces)]
         return SurveyedPlaces(*(getattr(found, name).numpy() for name in names))
@@ -272,10 +273,10 @@ class CourseMap:
         points = checked_points(xy, "xy")
         bed = wp.empty(len(points), dtype=wp.float64, device=self.device)
         if len(points):
-            at: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             inputs = [self._ground(terrain), self._courses, self._rocks if rocks else self._no_rocks, at]
             launch_kernel(self._kernels.carve_places, len(points), inputs, [bed], device=self.device)
-        return bed.numpy()
+        return np.asarray(bed.numpy())
 
     def _ground(self, terrain: Terrain) -> Any:
         raster = terrain.raster
@@ -310,7 +311,7 @@ class CourseMap:
         self._bucket_segment = self._segment[self._bucket_segment]
         self._rock_start, self._rock_listed = self._listed(rock_xy - radius, rock_xy + radius)
 
-    def _listed(self, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
+    def _listed(self, low: FloatArray, high: FloatArray) -> tuple[IndexArray, IndexArray]:
         """First entry of each bucket, and the boxes in each of them, in their order."""
         first = np.floor((low - self.origin) / self._size).astype(np.int64)
         across, up = (np.floor((high - self.origin) / self._size).astype(np.int64) - first + 1).T
@@ -325,7 +326,7 @@ class CourseMap:
     def _on_device(self, joined: dict[str, FloatArray]) -> None:
         made = self._kernels
 
-        def put(values: NDArray, kind: Any, numpy_type: Any) -> wp.array:
+        def put(values: ArrayLike, kind: Any, numpy_type: Any) -> DeviceArray:
             return wp.array(np.ascontiguousarray(values, numpy_type), dtype=kind, device=self.device)
 
         local = joined["xy"] - self.origin
@@ -359,4 +360,4 @@ class CourseMap:
 
 def _mean(form: FloatArray) -> FloatArray:
     """Mean over the width, by the trapezoidal rule."""
-    return (form[:, :-1] + form[:, 1:]).mean(axis=1) / 2.0
+    return np.asarray((form[:, :-1] + form[:, 1:]).mean(axis=1) / 2.0)

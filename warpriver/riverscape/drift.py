@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import DeviceArray, FlagArray, FloatArray, IndexArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import drift as kernels
 from warpriver.riverscape.seeding import hashed
 from warpriver.riverscape.water import Water, WaterGrid
+from warpriver.validate import floats, shown
 
 __all__ = ["Foam", "LeafFrame", "drift_leaves"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Of a leaf's step in time at most, s, and its way in that in primitives' radii; how often one is set anew at most.
-LONGEST_STEP, FARTHEST = 0.25, 0.25
+LONGEST_STEP, FARTHEST = 0.25, 0.15
 # A leaf that has not moved for so long is set anew, s.
 PATIENCE = 4.0
 # Water that carries a leaf is so deep, m.
@@ -45,11 +45,19 @@ class LeafFrame:
     xy: FloatArray
     elevation: FloatArray
     heading: FloatArray
-    generation: IntArray
+    generation: IndexArray
+
+
+def checked_times(times: ArrayLike) -> list[float]:
+    """Return times in s, all of them finite."""
+    moments = floats(times, "times", "a list of seconds")
+    if moments.ndim != 1 or not np.isfinite(moments).all():
+        raise InputError(f"times is {shown(times)}; give a list of finite seconds")
+    return [float(t) for t in moments]
 
 
 def drift_leaves(
-    water: Water, bed: Callable[[ArrayLike], FloatArray], times: Sequence[float], count: int, seed: int
+    water: Water, bed: Callable[[ArrayLike], FloatArray], times: ArrayLike, count: int, seed: int
 ) -> Iterator[LeafFrame]:
     """Let leaves drift: the middle of each step tells its velocity (second order), and none goes on land.
 
@@ -63,13 +71,13 @@ def drift_leaves(
         count: Of leaves.
         seed: Of where they are set.
     """
-    moments = [float(t) for t in times]
-    if not moments or not all(math.isfinite(t) for t in moments) or any(np.diff(moments) < 0.0):
-        raise InputError("times must be finite seconds that do not fall, one at least")
+    moments = checked_times(times)
+    if not moments or any(np.diff(moments) < 0.0):
+        raise InputError("times must be seconds that do not fall, one at least")
     number = np.arange(count, dtype=np.int64)
     generation = np.zeros(count, np.int64)
     xy = _set_anew(water, bed, number, generation, seed)
-    heading = 2.0 * np.pi * hashed(number, generation, seed + 1) / 2.0**32
+    heading = np.asarray(hashed(number, generation, seed + 1) * (2.0 * np.pi / 2.0**32), np.float64)
     stuck = np.zeros(count)
     now = moments[0]
     for moment in moments:
@@ -92,7 +100,7 @@ def drift_leaves(
 
 def _moved(
     water: Water, bed: Callable[[ArrayLike], FloatArray], xy: FloatArray, step: float, time: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, FlagArray]:
     """Places after a step, angles turned, and which leaves have no water around them at all."""
     first = water.at(xy, time).velocity
     middle = water.at(xy + 0.5 * step * first, time)
@@ -120,7 +128,7 @@ def _moved(
     return there, 0.5 * curl * step, aground
 
 
-def _afloat(water: Water, bed: Callable[[ArrayLike], FloatArray], xy: FloatArray, time: float) -> NDArray[np.bool_]:
+def _afloat(water: Water, bed: Callable[[ArrayLike], FloatArray], xy: FloatArray, time: float) -> FlagArray:
     """Whether the water is deep enough to carry a leaf."""
     found = water.at(xy, time)
     wet = found.weight > 0.0
@@ -129,7 +137,7 @@ def _afloat(water: Water, bed: Callable[[ArrayLike], FloatArray], xy: FloatArray
 
 
 def _set_anew(
-    water: Water, bed: Callable[[ArrayLike], FloatArray], number: IntArray, generation: IntArray, seed: int
+    water: Water, bed: Callable[[ArrayLike], FloatArray], number: IndexArray, generation: IndexArray, seed: int
 ) -> FloatArray:
     """Places in the water where leaves begin, each by its number and how often it has been set."""
     center, radius = water.primitives.center, water.primitives.radius
@@ -171,7 +179,7 @@ class Foam:
         self.cover = wp.zeros(grid.shape, dtype=scalar, device=grid.elevation.device)
         self._other = wp.zeros_like(self.cover)
 
-    def step(self, grid: WaterGrid, seconds: float) -> wp.array:
+    def step(self, grid: WaterGrid, seconds: float) -> DeviceArray:
         """Carry the foam on, and return it.
 
         Args:
@@ -181,7 +189,7 @@ class Foam:
         fastest = float(np.abs(grid.velocity.numpy()).max(initial=0.0))
         parts = max(1, math.ceil(seconds * fastest / (2.0 * self.cell_size)))
         s, device = self._scalar, self.cover.device
-        source: wp.array = wp.array(self.rate * grid.effervescence.numpy(), dtype=s, device=device)
+        source: DeviceArray = wp.array(self.rate * grid.effervescence.numpy(), dtype=s, device=device)
         step = seconds / parts
         for _ in range(parts):
             inputs = [

@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.public import public
 from warpriver.riverscape.courses import Course, CourseMap, Rock
 from warpriver.terrain import Terrain
@@ -15,7 +15,6 @@ from warpriver.validate import one_of, seeded
 
 __all__ = ["Example", "example"]
 
-FloatArray = NDArray[np.float64]
 
 GRAVITY = 9.81
 # Length, slope, discharge (m, m/m, m3/s): of the document the length; the others such that water is as wide as its

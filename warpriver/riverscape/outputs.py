@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FloatArray
 from warpriver.errors import InputError, PathError
 from warpriver.files import beside
 from warpriver.io.raster.terrains import write_raster
@@ -25,7 +26,6 @@ from warpriver.validate import one_of
 
 __all__ = ["FlowMap", "read_flow_map", "write_frames"]
 
-FloatArray = NDArray[np.float64]
 
 # Which way the green channel points in the pictures that a program reads: its texture's v runs down or up.
 PRESETS = {"unreal": "south", "unity": "north"}
@@ -118,17 +118,18 @@ class FlowMap:
         """(rows, columns, 2) decoded velocity to the east and north, m/s."""
         red = self.told["red"]
         value = (self.pixel[..., :2].astype(np.float64) - red["zero"]) / red["steps"] * red["range"]
-        return value * (1.0, -1.0 if self.told["green"]["is"].endswith("south") else 1.0)
+        return np.asarray(value * (1.0, -1.0 if self.told["green"]["is"].endswith("south") else 1.0))
 
     @property
     def foam(self) -> FloatArray:
         """(rows, columns) decoded foam, 0 to 1."""
-        return self.pixel[..., 2] / (2.0 ** self.told["bits"] - 1.0)
+        return np.asarray(self.pixel[..., 2] / (2.0 ** self.told["bits"] - 1.0))
 
     @property
     def depth(self) -> FloatArray:
         """(rows, columns) decoded depth, m."""
-        return self.pixel[..., 3] / (2.0 ** self.told["bits"] - 1.0) * self.told["alpha"]["range"]
+        share = self.pixel[..., 3] / (2.0 ** self.told["bits"] - 1.0)
+        return np.asarray(share * self.told["alpha"]["range"])
 
     @public
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.kernels import flow_tree as kernels
 from warpriver.public import public
+from warpriver.validate import seeded
 
 __all__ = ["KINDS", "Merge", "Node", "Primitives", "Replace", "blend", "primitives"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # The kinds of a primitive by name; the numbers from 7 on are those of a user's own leaves.
 KINDS = {
@@ -58,7 +59,7 @@ class Primitives:
         offset: (n,) whole numbers below 2^32: where in the noise each begins.
     """
 
-    kind: IntArray
+    kind: IndexArray
     center: FloatArray
     radius: FloatArray
     level: FloatArray
@@ -68,15 +69,15 @@ class Primitives:
     wavelength: FloatArray
     effervescence: FloatArray
     shape: FloatArray
-    offset: IntArray
+    offset: IndexArray
 
     def __len__(self) -> int:
         return len(self.radius)
 
-    def __getitem__(self, rows: slice | IntArray | NDArray[np.bool_]) -> Primitives:
+    def __getitem__(self, rows: slice | IndexArray | FlagArray) -> Primitives:
         return Primitives(*(getattr(self, f.name)[rows] for f in dataclasses.fields(self)))
 
-    def replace(self, **changes: NDArray) -> Primitives:
+    def replace(self, **changes: NDArray[Any]) -> Primitives:
         """Return a copy with some arrays changed."""
         return dataclasses.replace(self, **changes)
 
@@ -217,7 +218,7 @@ def primitives(
         form[:, column] = rows[name]
     for name in named:
         del rows[name]
-    generator = np.random.default_rng(seed)
+    generator = seeded(seed)
     found = Primitives(
         kind=np.full(count, number, np.int64),
         shape=form,
@@ -248,7 +249,7 @@ def check_primitives(rows: Primitives) -> None:
 
 def _kind_number(kind: str | int) -> int:
     if isinstance(kind, str) and kind in KINDS:
-        return KINDS[kind]
+        return int(KINDS[kind])
     if isinstance(kind, int) and kernels.OWN <= kind < 2**15:
         return kind
     raise InputError(

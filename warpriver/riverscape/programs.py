@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.kernels import flow_tree as kernels
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
@@ -17,8 +18,6 @@ __all__ = ["Programs", "write_programs"]
 CELLS_ACROSS = 64
 # Cells of all wet tiles at most.
 MOST_CELLS = 2**27
-
-Ints = NDArray[np.int64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,36 +40,36 @@ class Programs:
     origin: tuple[float, float]
     cell_size: float
     tile_shape: tuple[int, int]
-    tile_first: Ints
-    tile_datum: NDArray[np.float64]
-    row_tile: Ints
-    cell_start: Ints
-    code: Ints
+    tile_first: IndexArray
+    tile_datum: FloatArray
+    row_tile: IndexArray
+    cell_start: IndexArray
+    code: IndexArray
 
 
 @dataclasses.dataclass
 class _Tree:
     """Inner nodes and blocks of leaves as a table; the root is node 0, parents come before their children."""
 
-    parent: Ints
-    depth: Ints
+    parent: IndexArray
+    depth: IndexArray
     # Which child of its parent: of a replacement 0 is what is replaced.
-    place: Ints
+    place: IndexArray
     # "b"lock, "m"erge or "r"eplace.
     sort: NDArray[np.str_]
-    fresh: NDArray[np.bool_]
+    fresh: FlagArray
     block_rows: list[Primitives]
-    block_node: Ints
+    block_node: IndexArray
 
 
 @dataclasses.dataclass
 class _Entries:
     """Nodes at one depth of the tree in the cells that they reach, sorted by cell and node."""
 
-    cell: Ints
-    node: Ints
-    length: Ints
-    start: Ints
+    cell: IndexArray
+    node: IndexArray
+    length: IndexArray
+    start: IndexArray
 
 
 def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
@@ -88,7 +87,7 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
     """
     table = _tabulate(tree)
     rows = Primitives.concatenate(table.block_rows)
-    size = float(np.quantile(rows.radius, 0.1)) if cell_size is None else cell_size
+    size = float(np.quantile(rows.radius, 0.1, method="lower")) if cell_size is None else cell_size
     counts = [len(block) for block in table.block_rows]
     row_node = np.repeat(table.block_node, counts)
     pair_row, column, line = _reached_cells(rows, size)
@@ -158,7 +157,7 @@ def _tabulate(tree: Node) -> _Tree:
     )  # fmt: skip
 
 
-def _reached_cells(rows: Primitives, size: float) -> tuple[Ints, Ints, Ints]:
+def _reached_cells(rows: Primitives, size: float) -> tuple[IndexArray, IndexArray, IndexArray]:
     """Pairs of a leaf and a cell that its disc reaches: row, column and line of the cell, row by row."""
     low = np.floor((rows.center - rows.radius[:, None]) / size).astype(np.int64)
     high = np.floor((rows.center + rows.radius[:, None]) / size).astype(np.int64)
@@ -168,16 +167,23 @@ def _reached_cells(rows: Primitives, size: float) -> tuple[Ints, Ints, Ints]:
         raise InputError(f"the water's primitives reach {count.sum():.3g} cells of {size:g} m; use larger cells")
     row = np.repeat(np.arange(len(rows)), count)
     k = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    column, line = low[row, 0] + k % across[row], low[row, 1] + k // across[row]
-    # Distance from the centre to the nearest place of the cell.
-    x, y = rows.center[row].T
-    off_x = np.maximum(np.maximum(column * size - x, x - (column + 1) * size), 0.0)
-    off_y = np.maximum(np.maximum(line * size - y, y - (line + 1) * size), 0.0)
-    near = off_x * off_x + off_y * off_y < rows.radius[row] ** 2
-    return row[near], column[near], line[near]
+    k_line = k // across[row]
+    k -= k_line * across[row]
+    # Distance from the centre to the nearest place of the cell, by the distance from the corner of its box.
+    inside = rows.center - low * size
+    x, y = inside[row, 0] - k * size, inside[row, 1] - k_line * size
+    x -= np.clip(x, 0.0, size)
+    y -= np.clip(y, 0.0, size)
+    near = np.flatnonzero(x * x + y * y < rows.radius[row] ** 2)
+    row, column, line = row[near], k[near], k_line[near]
+    column += low[row, 0]
+    line += low[row, 1]
+    return row, column, line
 
 
-def _emit(tree: _Tree, cell: Ints, node: Ints, row: Ints, cells: int) -> tuple[Ints, Ints]:
+def _emit(
+    tree: _Tree, cell: IndexArray, node: IndexArray, row: IndexArray, cells: int
+) -> tuple[IndexArray, IndexArray]:
     """Write the programs: lengths from the leaves up, places from the root down, each depth of the tree at once.
 
     Returns:
@@ -213,7 +219,7 @@ def _emit(tree: _Tree, cell: Ints, node: Ints, row: Ints, cells: int) -> tuple[I
     return cell_start, code
 
 
-def _parents(tree: _Tree, children: _Entries, nodes: int) -> tuple[Ints, Ints, Ints]:
+def _parents(tree: _Tree, children: _Entries, nodes: int) -> tuple[IndexArray, IndexArray, IndexArray]:
     """Cell, node and length of the inner nodes whose children reach cells; replace(0, B) = 0 drops B."""
     if not len(children.cell):
         return children.cell, children.node, children.length
@@ -233,7 +239,7 @@ def _parents(tree: _Tree, children: _Entries, nodes: int) -> tuple[Ints, Ints, I
     return cell[kept], node[kept], length[kept]
 
 
-def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, code: Ints) -> None:
+def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, code: IndexArray) -> None:
     """Say where the programs of nodes begin, from where their parents' begin, and write the parents' codes."""
     parent_key = below.cell * nodes + tree.parent[below.node]
     above_key = above.cell * nodes + above.node
@@ -259,7 +265,13 @@ def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, c
 
 
 def _write_leaves(
-    levels: list[_Entries], blocks: _Entries, depth_of: Ints, row: Ints, count: Ints, code: Ints, nodes: int
+    levels: list[_Entries],
+    blocks: _Entries,
+    depth_of: IndexArray,
+    row: IndexArray,
+    count: IndexArray,
+    code: IndexArray,
+    nodes: int,
 ) -> None:
     """Write the numbers of the leaves of each block, in the order of the rows."""
     start = np.full(len(blocks.cell), -1)
@@ -272,7 +284,7 @@ def _write_leaves(
     code[into[alive]] = row[alive]
 
 
-def _check_depth(code: Ints) -> None:
+def _check_depth(code: IndexArray) -> None:
     """No program may set more aside than the stack holds."""
     step = np.where(code == kernels.OPEN, 1, np.where((code == kernels.MERGE) | (code == kernels.REPLACE), -1, 0))
     # A program ends at the depth that it began at, so that one running sum serves all.

@@ -23,7 +23,7 @@ from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.riverscape.beds import Bed, Beds
 from warpriver.riverscape.courses import Course, CourseMap, Rock
-from warpriver.riverscape.drift import LeafFrame, drift_leaves
+from warpriver.riverscape.drift import LeafFrame, checked_times, drift_leaves
 from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
 from warpriver.riverscape.profiles import ProfileParams
@@ -190,7 +190,7 @@ class Riverscape:
     def water_surface(self) -> Water:
         """The blend-flow tree of the water."""
         made = seed_water(self.courses, self.detail, self.seed, self.params) if self._tree is None else self._tree
-        return Water(made, cell_size=0.5 * self.detail, device=self.device)
+        return Water(made, device=self.device)
 
     @public
     def water(self, xy: ArrayLike, t: float = 0.0) -> WaterSample:
@@ -292,9 +292,7 @@ class Riverscape:
             ValueError: No such grid, too many cells, or times that are not finite.
         """
         origin, shape = self._grid(bounds, cell_size)
-        moments = [float(t) for t in times]
-        if not all(math.isfinite(t) for t in moments):
-            raise InputError("times holds one that is not finite; give seconds")
+        moments = checked_times(times)
         period = None if loop is None else positive(loop, "loop", "s")
         return self._frames(origin, cell_size, shape, moments, period)
 
@@ -326,7 +324,7 @@ class Riverscape:
             ValueError: Times that fall or are not finite, or no water that could carry a leaf.
         """
         count = whole(leaves, "leaves", 1)
-        return drift_leaves(self.water_surface, self.bed, [float(t) for t in times], count, self.seed)
+        return drift_leaves(self.water_surface, self.bed, times, count, self.seed)
 
     @public
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -396,7 +394,7 @@ class Riverscape:
         key = (*origin, cell_size, shape)
         if self._bed is None or self._bed[0] != key:
             if self.rivers is not None:
-                bed = self.rivers.beds.raster(cell_size, *origin, shape)
+                bed: DeviceArray = self.rivers.beds.raster(cell_size, *origin, shape)
             else:
                 x = origin[0] + cell_size * (np.arange(shape[1]) + 0.5)
                 y = origin[1] - cell_size * (np.arange(shape[0]) + 0.5)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.kernels import flow_tree as kernels
 from warpriver.params import Params, parameter
+from warpriver.public import public
 from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
-from warpriver.riverscape.primitives import Merge, Node, Primitives, blend
+from warpriver.riverscape.primitives import Node, Primitives, blend
+from warpriver.validate import positive, whole
 
 __all__ = ["SeedingParams", "seed_water"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 GRAVITY = 9.81
 # Spacings of the lattice: half the detail, and its double, four and eight times that.
@@ -56,14 +56,15 @@ class _Sites:
 
     xy: FloatArray
     spacing: FloatArray
-    bits: IntArray
+    bits: IndexArray
     survey: SurveyedPlaces
 
-    def __getitem__(self, rows: IntArray | NDArray[np.bool_]) -> _Sites:
+    def __getitem__(self, rows: IndexArray | FlagArray) -> _Sites:
         survey = SurveyedPlaces(*(getattr(self.survey, f.name)[rows] for f in dataclasses.fields(SurveyedPlaces)))
         return _Sites(self.xy[rows], self.spacing[rows], self.bits[rows], survey)
 
 
+@public
 def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingParams | None = None) -> Node:
     """Return the blend-flow tree of the water of courses.
 
@@ -76,16 +77,21 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
         seed: Of what is drawn.
         params: How they are chosen.
 
+    Raises:
+        ValueError: A detail or a seed that is out of range.
+
     Source:
         [Peytavie2019], Sec. 5.3.
     """
+    positive(detail, "detail", "m")
+    whole(seed, "seed", most=2**31 - 1)
     params = SeedingParams() if params is None else params
     known = _PointTable(courses)
     layers = [_body(courses, known, detail, seed, params)]
     waves = _standing_waves(courses, known, detail, seed, params)
     if len(waves):
         layers.append(waves)
-    wakes = _wakes(courses, detail, seed, params)
+    wakes = _wakes(courses, known, seed, params)
     return blend(layers[0], *layers[1:], *wakes)
 
 
@@ -122,7 +128,7 @@ class _PointTable:
         known = (last >= 0) & (far < 0.5 * self.apart)
         return np.where(known, far, np.inf), self.fall_height[np.maximum(last, 0)]
 
-    def near_fall(self, survey: SurveyedPlaces) -> tuple[IntArray, FloatArray]:
+    def near_fall(self, survey: SurveyedPlaces) -> tuple[IndexArray, FloatArray]:
         """The nearest fall of the course, and how far down the stream it is, m; infinite where there is none."""
         if not len(self.fall):
             return np.zeros(len(survey.along), np.int64), np.full(len(survey.along), np.inf)
@@ -136,7 +142,7 @@ class _PointTable:
         return sides[nearest, rows], np.where(np.abs(found) < 0.5 * self.apart, found, np.inf)
 
 
-def hashed(i: IntArray, j: IntArray, salt: int) -> IntArray:
+def hashed(i: IndexArray, j: IndexArray, salt: int) -> IndexArray:
     """Random bits of lattice places, below 2^32 [Perlin2002]: of the place and a salt alone."""
     mask = np.uint64(0xFFFFFFFFFFFFFFFF)
     with np.errstate(over="ignore"):
@@ -148,7 +154,7 @@ def hashed(i: IntArray, j: IntArray, salt: int) -> IntArray:
     return ((x ^ (x >> np.uint64(31))) & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
 
-def _share(bits: IntArray, salt: int) -> FloatArray:
+def _share(bits: IndexArray, salt: int) -> FloatArray:
     """Numbers in [0, 1) from random bits."""
     return hashed(bits, np.zeros_like(bits), salt) / 2.0**32
 
@@ -159,7 +165,7 @@ def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int) -
     side = finest * 2.0 ** (LEVELS - 1)
     xy, half = courses.joined("xy"), 0.5 * known.width
     squares = _near_squares(xy, half, side)
-    corners: list[tuple[IntArray, float]] = []
+    corners: list[tuple[IndexArray, float]] = []
     for level in range(LEVELS - 1, -1, -1):
         side = finest * 2.0**level
         found = courses.survey((squares + 0.5) * side)
@@ -187,17 +193,17 @@ def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int) -
     return _Sites(places, spacing, bits, found)[kept]
 
 
-def _unique(pairs: IntArray) -> IntArray:
+def _unique(pairs: IndexArray) -> IndexArray:
     """Different pairs of whole numbers, sorted."""
     if not len(pairs):
         return pairs
     low = pairs.min(axis=0)
     wide = int(pairs[:, 0].max() - low[0]) + 1
     key = np.unique((pairs[:, 1] - low[1]) * wide + pairs[:, 0] - low[0])
-    return np.column_stack([key % wide, key // wide]) + low
+    return np.asarray(np.column_stack([key % wide, key // wide]) + low)
 
 
-def _near_squares(xy: FloatArray, half: FloatArray, side: float) -> IntArray:
+def _near_squares(xy: FloatArray, half: FloatArray, side: float) -> IndexArray:
     """Squares of a side that the boxes around points of courses touch."""
     low = np.floor((xy - half[:, None]) / side).astype(np.int64) - 1
     high = np.floor((xy + half[:, None]) / side).astype(np.int64) + 1
@@ -309,7 +315,7 @@ def _standing_waves(
     return found[wet]
 
 
-def _wakes(courses: CourseMap, detail: float, seed: int, params: SeedingParams) -> list[Node]:
+def _wakes(courses: CourseMap, known: _PointTable, seed: int, params: SeedingParams) -> list[Node]:
     """Behind each rock in the water rough water, and a pair of vortices of 1.2 diameters, beta = +-u/R, upon it."""
     if not courses.rocks:
         return []
@@ -327,20 +333,19 @@ def _wakes(courses: CourseMap, detail: float, seed: int, params: SeedingParams) 
     head = speed**2 / (2.0 * GRAVITY)
     height = params.liveliness * np.minimum(1.2 * head + params.wind, 0.3 * depth)
 
-    def water_at(place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def rows(kind: int, along: float, aside: float, radius: FloatArray, **rest: FloatArray) -> Primitives:
+        place = center + (along * size)[:, None] * toward + (aside * size)[:, None] * left
         found = courses.survey(place)
         dry = ~(found.depth > 0.0)
         level = np.where(dry, here.level[wet], found.level)
         velocity = np.where(dry[:, None], here.velocity[wet], found.velocity)
-        return level, np.where(dry[:, None], 0.0, found.gradient), velocity
-
-    def rows(kind: int, along: float, aside: float, radius: FloatArray, **rest: FloatArray) -> Primitives:
-        place = center + (along * size)[:, None] * toward + (aside * size)[:, None] * left
-        level, gradient, velocity = water_at(place)
-        return Primitives(
+        gradient = np.where(dry[:, None], 0.0, found.gradient)
+        made = Primitives(
             kind=np.full(len(size), kind), center=place, radius=radius, level=level, gradient=gradient,
             velocity=0.6 * velocity, offset=hashed(bits, bits, int(97 * along + 31 * aside)), **rest,
         )  # fmt: skip
+        # A wake ends where the water falls.
+        return made[(found.point >= 0) & ~(np.abs(known.near_fall(found)[1]) < radius)]
 
     def vortex(side: float, along: float) -> Primitives:
         radius = 1.2 * size
@@ -359,4 +364,5 @@ def _wakes(courses: CourseMap, detail: float, seed: int, params: SeedingParams) 
         for along, wide, share in ((0.7, 1.0, 1.0), (1.6, 1.2, 0.7), (2.8, 1.5, 0.4))
     ]  # fmt: skip
     pairs = [vortex(side, along) for side, along in ((1.0, 1.1), (-1.0, 1.3))]
-    return [Merge(tuple(rough)), Merge(tuple(pairs))] if len(size) else []
+    merged = [Primitives.concatenate(each) for each in (rough, pairs)]
+    return [each for each in merged if len(each)]

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import PRECISIONS, launch_kernel, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import flow_tree
@@ -22,7 +23,6 @@ from warpriver.validate import finite_numbers, positive, real
 
 __all__ = ["Water", "WaterGrid", "WaterSample"]
 
-FloatArray = NDArray[np.float64]
 
 # Longest time that is accepted, s: 30,000 years. Shortest loop, s.
 LONGEST, SHORTEST_LOOP = 1e12, 1.0
@@ -61,11 +61,11 @@ class WaterGrid:
         cell_size: m.
     """
 
-    elevation: wp.array
-    still: wp.array
-    velocity: wp.array
-    effervescence: wp.array
-    weight: wp.array
+    elevation: DeviceArray
+    still: DeviceArray
+    velocity: DeviceArray
+    effervescence: DeviceArray
+    weight: DeviceArray
     origin: tuple[float, float]
     cell_size: float
 
@@ -159,7 +159,7 @@ class Water:
         self._set_time(time)
         surface = self._surface(len(points))
         if len(points):
-            local: wp.array = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            local: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
             inputs = [self._rows, self._noise, self._cells, self._kernels.Grid(), local]
             launch_kernel(self._evaluate, len(points), inputs, [surface], device=self.device)
         return WaterSample(
@@ -254,7 +254,7 @@ class Water:
         # A vortex turns: what lies half way to its rim moves by so much.
         speed[vortex] = 2.0 * np.abs(np.sin(0.5 * p.shape[vortex, 1] * period)) * 0.5 * p.radius[vortex] / period
         lag, value = _noise_correlation()
-        return np.interp(speed * period / p.wavelength, lag, value)
+        return np.asarray(np.interp(speed * period / p.wavelength, lag, value))
 
     def _scaled_grid(self, gain: FloatArray, *where: Any) -> WaterGrid:
         """Evaluate a grid with the waves of each primitive scaled."""
@@ -325,7 +325,7 @@ class Water:
         form[vortex, 0] /= p.radius[vortex]
         rows = made.Primitives()
 
-        def put(values: NDArray, kind: Any, real_type: Any) -> wp.array:
+        def put(values: ArrayLike, kind: Any, real_type: Any) -> DeviceArray:
             return wp.array(np.ascontiguousarray(values, real_type), dtype=kind, device=self.device)
 
         rows.place = put(place, made.vec4, self._real)
@@ -359,7 +359,7 @@ class Water:
 
 
 @functools.cache
-def _noise_table(scalar: Any, alias: str) -> wp.array:
+def _noise_table(scalar: Any, alias: str) -> DeviceArray:
     """Coefficients of the periodic quadratic B-splines through the noise at the texels, for a device."""
     size, made = flow_tree.TEXELS, kernels.build(scalar)
     value = wp.empty((flow_tree.TABLES, size, size), dtype=wp.float64, device=alias)

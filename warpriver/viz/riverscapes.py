@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.arrays import ByteArray, DeviceArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.kernels import shading as kernels
@@ -25,8 +26,6 @@ from warpriver.viz.sheet import replacing
 
 __all__ = ["Camera", "draw_riverscape", "riverscape_movie"]
 
-FloatArray = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 # What imageio calls kinds of files.
 FORMATS = {".png": "PNG-PIL", ".jpg": "JPEG-PIL", ".gif": "GIF-PIL", ".mp4": "FFMPEG"}
@@ -201,7 +200,9 @@ class _Picture:
             raise InputError(f"Camera.target {camera.target} shows nothing of the terrain; it lies within {ground}")
         return west, south, east, north
 
-    def shots(self, moments: FloatArray, leaves: int, loop: float | None, skip: int | None = None) -> Iterator[Bytes]:
+    def shots(
+        self, moments: FloatArray, leaves: int, loop: float | None, skip: int | None = None
+    ) -> Iterator[ByteArray]:
         """Pictures at moments; the first ``skip`` (all but the last by default) only let the foam gather."""
         not_negative(leaves, "leaves")
         skipped = len(moments) - 1 if skip is None else skip
@@ -278,8 +279,8 @@ class _Picture:
         return made
 
     def _shot(
-        self, frame: Frame, made: Any, view: Any, foam: tuple[WaterGrid, wp.array], leaves: LeafFrame | None
-    ) -> Bytes:
+        self, frame: Frame, made: Any, view: Any, foam: tuple[WaterGrid, DeviceArray], leaves: LeafFrame | None
+    ) -> ByteArray:
         water = (frame.water.elevation.numpy() - self._datum).astype(np.float32)
         # Below dry ground the water's surface goes on as it does beside it, so that its edge is smooth.
         water = np.where(np.isnan(water), self._float_bed - 0.05, water)
@@ -337,12 +338,12 @@ class _Picture:
         picture[i[seen], j[seen]] = LEAF_COLORS[leaf[seen] % len(LEAF_COLORS)]
 
 
-def _step(low: float, high: float, x: NDArray) -> NDArray:
+def _step(low: float, high: float, x: NDArray[Any]) -> NDArray[Any]:
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-def _displayed(picture: FloatArray) -> Bytes:
+def _displayed(picture: FloatArray) -> ByteArray:
     """From linear light to the bytes of a screen: bright places are rolled off, then sRGB."""
     light = np.maximum(picture, 0.0) * 1.15
     light = light * (1.0 + light / 9.0) / (1.0 + 0.45 * light)
