@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import (
+        calibration,
         edits,
         erosion,
         generate,
         history,
         hydrology,
         io,
+        landscape,
         meander,
         metrics,
         riverscape,
@@ -50,6 +52,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "calibration",
     "edits",
     "erode",
     "erosion",
@@ -59,6 +62,7 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
@@ -96,10 +100,14 @@ _HOMES = {
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
     "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "hindcast": "warpriver.calibration",  # listed by its room
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -112,12 +120,14 @@ _HOMES = {
     "write_terrain": "warpriver.io.raster.terrains",
 }
 _ROOMS = (
+    "calibration",
     "edits",
     "erosion",
     "generate",
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "riverscape",

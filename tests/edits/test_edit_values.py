@@ -18,6 +18,8 @@ ALL = [
     edits.AvulseChannel(3, 99.5),
     edits.DivertChannel(3, (5.0, 6.0), to=4),
     edits.DivertChannel(3, 99.5),
+    edits.DivertChannel(3, 99.5, to="outlet"),
+    edits.DeferJunction(3),
     wr.meander.SetControls([wr.Attractor((1.0, 2.0), 300.0), wr.DampingRegion(LINE, 0.25), {"kept": 4}]),
     edits.PaintControl(2, (5, 6, 1, 2), [0.5, -3.0]),
     edits.UnlockPoint(3, (1.0, 2.0)),

@@ -74,7 +74,7 @@ def test_nothing_is_raised_and_ground_away_from_rivers_stays(scenes, name):
 
 @pytest.mark.parametrize("name", ["C", "D", "junction"])
 def test_banks_are_no_steeper_than_35_degrees(scenes, name):
-    """By steps of 2 cm; beside the faces of steps of the water banks have faces as well, on a few places in a thousand."""
+    """By steps of 2 cm; beside steps of the water banks have faces as well, at a few places in a thousand."""
     scene = scenes[name]
     xy, step = places(scene, 30000, 3), 0.02
     located = scene.rivers.beds.locate(xy)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import resolve_device
@@ -129,7 +129,7 @@ class Riverscape:
         device: wp.DeviceLike = None,
     ) -> None:
         self.terrain = terrain if device is None else terrain.to(resolve_device(device))
-        self.detail, self.seed = positive(detail, "detail", "m"), whole(seed, "seed", most=2**31 - 1)
+        self.detail, self.seed = positive(detail, "detail", "m"), whole(seed, "seed", maximum=2**31 - 1)
         seeded(seed)
         self.params = SeedingParams() if params is None else params
         self.rivers: Rivers | None = None
@@ -338,7 +338,7 @@ class Riverscape:
             OSError: The files cannot be written.
         """
         target = pathlib.Path(path)
-        arrays: dict[str, Any] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         raster = self.terrain.raster
         arrays["terrain"] = raster.values.numpy()
         courses = []
@@ -369,7 +369,7 @@ class Riverscape:
             )
         with beside(target, (".npz",)) as temporary:
             temporary.write_text(json.dumps(told, indent=1) + "\n")
-            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)
+            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)  # type: ignore[arg-type]
 
     def _grid(
         self, bounds: Sequence[float] | FloatArray | None, cell_size: float
@@ -414,7 +414,7 @@ class Riverscape:
         )
 
 
-def _listed(node: Node, arrays: dict[str, Any]) -> dict[str, object]:
+def _listed(node: Node, arrays: dict[str, NDArray[Any]]) -> dict[str, object]:
     """A tree as what JSON holds; its arrays go into the other file."""
     if isinstance(node, Primitives):
         name = f"primitives{sum(key.endswith('_radius') for key in arrays)}"
@@ -426,7 +426,7 @@ def _listed(node: Node, arrays: dict[str, Any]) -> dict[str, object]:
     return {"replace": [_listed(node.under, arrays), _listed(node.over, arrays)]}
 
 
-def _tree_of(told: dict[str, object], arrays: dict[str, Any]) -> Node:
+def _tree_of(told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> Node:
     if "primitives" in told:
         return Primitives(*(arrays[f"{told['primitives']}_{field.name}"] for field in dataclasses.fields(Primitives)))
     if "merge" in told:

@@ -2,7 +2,9 @@
 
 from warpriver.viz import gl
 from warpriver.viz.belt import draw_before_after, draw_belt
+from warpriver.viz.calibration import draw_fit, draw_fit_map, draw_hindcast
 from warpriver.viz.erosion import draw_drainage, draw_elevation, draw_ordered_network, erosion_movie
+from warpriver.viz.landscape import draw_landscape
 from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
@@ -18,6 +20,10 @@ __all__ = [
     "draw_belt",
     "draw_drainage",
     "draw_elevation",
+    "draw_fit",
+    "draw_fit_map",
+    "draw_hindcast",
+    "draw_landscape",
     "draw_network",
     "draw_ordered_network",
     "draw_river_types",
