@@ -11,7 +11,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from warpriver import edits, erosion, generate, history, hydrology, io, meander, metrics, scenes, valley, viz
+    from warpriver import (
+        calibration,
+        edits,
+        erosion,
+        generate,
+        history,
+        hydrology,
+        io,
+        landscape,
+        meander,
+        metrics,
+        riverscape,
+        scenes,
+        valley,
+        viz,
+    )
     from warpriver.erosion.leheny import erode
     from warpriver.errors import WarpriverError
     from warpriver.history import Every, History, read_history
@@ -37,6 +52,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "calibration",
     "edits",
     "erode",
     "erosion",
@@ -46,11 +62,13 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
     "synthetic_valley",
     "to_xarray",
@@ -77,13 +95,19 @@ _HOMES = {
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
+    "Riverscape": "warpriver.riverscape.scene",  # listed by its room
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "hindcast": "warpriver.calibration",  # listed by its room
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -95,7 +119,22 @@ _HOMES = {
     "write_network": "warpriver.io.vector.networks",
     "write_terrain": "warpriver.io.raster.terrains",
 }
-_ROOMS = ("edits", "erosion", "generate", "history", "hydrology", "io", "meander", "metrics", "scenes", "valley", "viz")
+_ROOMS = (
+    "calibration",
+    "edits",
+    "erosion",
+    "generate",
+    "history",
+    "hydrology",
+    "io",
+    "landscape",
+    "meander",
+    "metrics",
+    "riverscape",
+    "scenes",
+    "valley",
+    "viz",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -564,8 +564,8 @@ def _distance_to(network: RiverNetwork, point: int, place: np.ndarray) -> float:
     return nearest
 
 
-def _check_rise(line: np.ndarray, terrain: Terrain | None, most: float) -> None:
-    """Raise ``ValueError`` where the ground under a line rises by more than ``most`` m over a point upstream."""
+def _check_rise(line: np.ndarray, terrain: Terrain | None, limit: float) -> None:
+    """Raise ``ValueError`` where the ground under a line rises by more than ``limit`` m over a point upstream."""
     if terrain is None:
         raise InputError("max_rise is given, but the run lies on a plain; leave it out, or run it over a terrain")
     height = terrain.sample(line)
@@ -573,11 +573,11 @@ def _check_rise(line: np.ndarray, terrain: Terrain | None, most: float) -> None:
         x, y = line[int(np.isnan(height).argmax())]
         raise InputError(f"the line runs over ({x:.6g}, {y:.6g}), where the terrain has no data; draw it elsewhere")
     rise = height - np.minimum.accumulate(height)
-    if rise.max() > most:
+    if rise.max() > limit:
         x, y = line[int(rise.argmax())]
         raise InputError(
             f"the ground rises by {rise.max():.4g} m along the line, up to ({x:.6g}, {y:.6g}), more than max_rise "
-            f"{most:g} m; draw it round the ridge, or lower the ground first"
+            f"{limit:g} m; draw it round the ridge, or lower the ground first"
         )
 
 

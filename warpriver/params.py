@@ -409,6 +409,28 @@ class MeanderParams(Params):
         doc="what a channel feels of the curvature upstream of its head: that of the larger tributary, with which it "
         "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
     )
+    inlet: str = parameter(
+        "none",
+        "-",
+        choices=("edge", "all", "none"),
+        source="warpriver",
+        doc="which heads feel bends beyond them, as those of rivers that enter the map do: heads at its edge, or all "
+        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none)",
+    )
+    inlet_wavelength: float = parameter(
+        15.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="mean wavelength of the bends beyond an inlet",
+    )
+    inlet_curvature: float = parameter(
+        0.1,
+        "-",
+        low=0.0,
+        source="Weiss2022",
+        doc="width times curvature of the bends beyond an inlet, as its head feels it, root mean square",
+    )
     sinuosity_scaling: str = parameter(
         "upstream",
         "-",
@@ -491,10 +513,26 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="part of the migration rate with which junctions wander along the river, to where the tributary lies on "
+        doc="fraction of the migration rate with which junctions wander along the river, to where the tributary lies on "
         "the outer bank and its last reach does not run along the river; 0: they stay, as in [Paris2023]",
     )
 
+    bank_spread: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=2.0,
+        source="Guneralp2011",
+        doc="standard deviation of the logarithm of a factor of the rate, a random field of mean 1: some banks are "
+        "stronger than others; 0: all are alike",
+    )
+    bank_correlation: float = parameter(
+        3.0,
+        "widths",
+        low=0.1,
+        source="warpriver",
+        doc="distance over which the strength of banks differs",
+    )
     control_steering: str = parameter(
         "normal",
         "-",
@@ -510,7 +548,7 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="floor: part of the migration rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the migration rate k with which controls steer reaches that do not bend",
     )
     junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
@@ -647,8 +685,8 @@ class PathMeander(Params):
         low=0.0,
         high=2.0,
         source="PathStudy2026",
-        doc="phi: part of the lateral push that is added along the channel, downstream; with little of it bends stand "
-        "still, and ever longer loops carry the belt away",
+        doc="phi: fraction of the lateral push that is added along the channel, downstream; with little of it bends "
+        "stand still, and ever longer loops carry the belt away",
     )
     blur_length: float = parameter(
         1.5,
@@ -702,13 +740,13 @@ class PathMeander(Params):
     junction_drift: float = shared(
         "junction_drift",
         default=0.0,
-        doc="part of the displacement rate with which junctions wander along the river, to where the tributary lies on "
+        doc="fraction of the displacement rate with which junctions wander along the river, to where the tributary lies on "
         "the outer bank; 0: they stay",
     )
     control_steering: str = shared("control_steering")
     control_floor: float = shared(
         "control_floor",
-        doc="floor: part of the displacement rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the displacement rate k with which controls steer reaches that do not bend",
     )
     junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)

@@ -76,7 +76,7 @@ def test_what_lies_under_rivers_has_flags_of_its_own():
         assert in_flags("pass crs=") == "pass --crs"
 
 
-@pytest.mark.parametrize("command", ["network", "simulate", "render", "info", "erode"])
+@pytest.mark.parametrize("command", ["network", "simulate", "landscape", "render", "info", "erode"])
 def test_every_argument_of_a_reader_is_a_flag_of_the_commands_that_read(capsys, command):
     """A message may name any of them."""
     import argparse
@@ -89,7 +89,7 @@ def test_every_argument_of_a_reader_is_a_flag_of_the_commands_that_read(capsys, 
     lines = {"width", "missing_width", "layer", "crs", "to_crs", "repeated", "short", "topology", "reverse", "closed"}
     if command != "info":
         assert heights <= set(flags)
-    if command in ("simulate", "render", "info"):
+    if command in ("simulate", "landscape", "render", "info"):
         assert lines <= set(flags)
 
 

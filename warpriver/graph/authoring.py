@@ -23,7 +23,7 @@ from warpriver.network import RiverNetwork
 __all__ = ["Reworking", "nearest_point", "river_of", "smooth_line"]
 
 # A network given with less flow downstream of a junction than above it must still not run dry.
-LEAST_FLOW = 1e-6
+MIN_FLOW = 1e-6
 
 
 def river_of(network: RiverNetwork, channel: int) -> list[int]:
@@ -402,7 +402,7 @@ class Reworking:
         while (below := self.leaving(node)) and below[0] not in seen:
             c = below[0]
             seen.add(c)
-            self._regain(c, max(self._flow[c] + more, LEAST_FLOW * self._flow[c]))
+            self._regain(c, max(self._flow[c] + more, MIN_FLOW * self._flow[c]))
             node = self._foot(c)
 
     def _regain(self, c: int, flow: float) -> None:
@@ -445,7 +445,7 @@ class Reworking:
         above = self.arriving(self._head(c))
         supply = self._flow[c] - sum(self._flow[a] for a in above)
         kept = (point - first) / (stop - 1 - first) if above else 1.0
-        upper = self.split(c, point, JOINT_NONE, max(self._flow[c] - (1.0 - kept) * supply, LEAST_FLOW * self._flow[c]))
+        upper = self.split(c, point, JOINT_NONE, max(self._flow[c] - (1.0 - kept) * supply, MIN_FLOW * self._flow[c]))
         return self._courses[upper].foot
 
     def add(self, xy: np.ndarray, node: int | None, columns: dict[str, Any], model: int) -> int:

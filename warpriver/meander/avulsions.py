@@ -383,8 +383,22 @@ def avulsion_of(state: State, time: float, new: NewCourse | Diversion, line: Flo
         new: The course.
         line: (n, 2) m, the course as it became where that ends in a junction.
     """
-    bed, identity = _bed_of(state, new.course), int(state.network.channel_id[new.channel])
-    return Avulsion(time, identity, new.width, new.old_xy, new.course.xy if line is None else line, bed)
+    network = state.network
+    section = None
+    if network.point_section is not None:
+        old = network.point_section[new.first : new.first + len(new.old_xy)]
+        section = np.asarray(old.numpy(), np.float64)
+    return Avulsion(
+        time,
+        int(network.channel_id[new.channel]),
+        new.width,
+        new.old_xy,
+        new.course.xy if line is None else line,
+        _bed_of(state, new.course),
+        _depth_at(state, new.channel, new.first),
+        float(network.channel_discharge[new.channel]),
+        section,
+    )
 
 
 def _bed_of(state: State, course: Course) -> FloatArray:

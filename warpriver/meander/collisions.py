@@ -331,17 +331,31 @@ def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[
     order = np.argsort(network.channel_id)
     minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
     events: list[Event] = []
-    for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
+    for edit, channel in zip(done, minor.tolist(), strict=True):
         ranges = [(first, stop) for first, stop, _ in edit.abandoned]
         pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
+        width, depth, flow = (
+            float(values[channel])
+            for values in (network.channel_width, network.channel_depth, network.channel_discharge)
+        )
+        sections = None
+        if network.point_section is not None:
+            sections = [network.point_section[a:b].numpy().astype(np.float64) for a, b in ranges]
         if edit.kind == "cutoff":
             # A piece begins where the one before it ends.
-            loop = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
-            events.append(Cutoff(time, edit.minor, width, loop))
+            loop, along = (None if part is None else _one_line(part) for part in (pieces, sections))
+            events.append(Cutoff(time, edit.minor, width, loop, depth, flow, along))  # type: ignore[arg-type]
             continue
         start = np.cumsum([0] + [len(p) for p in pieces])
-        events.append(Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start))
+        along = None if sections is None else np.concatenate(sections)
+        line = np.concatenate(pieces)
+        events.append(Collision(time, edit.kind, edit.minor, edit.main, width, line, start, depth, flow, along))
     return events
+
+
+def _one_line(pieces: list[np.ndarray]) -> np.ndarray:
+    """Join pieces each of which begins where the one before it ends."""
+    return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
 
 
 def join_channels(

@@ -28,13 +28,13 @@ __all__ = ["Diversion", "divert", "find_way", "upstream_of"]
 
 
 # Cells of the ground that are looked at, a side; larger windows are looked at more coarsely.
-MOST_CELLS = 300
+MAX_CELLS = 300
 # A rise costs as much as a way so many times as long as one that climbs it as steeply as is carved.
 DEAR = 10.0
 # Every so many cells of the cheapest way a point of the course, which is smooth in between.
 THINNED = 3
 # Where no rise is carved at all, one costs as if it were this slope that is.
-LEAST_SLOPE = 1e-6
+MIN_SLOPE = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,7 +173,7 @@ class _Cells:
         x, y = center.tolist()
         near = terrain.raster.window(x - reach, y - reach, x + reach, y + reach)
         row, column, rows, columns = near if near is not None else (0, 0, 2, 2)
-        self._step = max(1, math.ceil(max(rows, columns) / MOST_CELLS))
+        self._step = max(1, math.ceil(max(rows, columns) / MAX_CELLS))
         self.size = terrain.cell_size * self._step
         west, north = terrain.origin
         self._west, self._north = west + column * terrain.cell_size, north - row * terrain.cell_size
@@ -210,7 +210,7 @@ class _Cells:
         free.ravel()[wall] = False
         steep = np.hypot(*np.gradient(self.height, self.size)) > steepest
         price = np.where(grey_dilation(steep.astype(np.uint8), (3, 3)) > 0, DEAR, 1.0).ravel()
-        dear = DEAR / max(steepest, LEAST_SLOPE)
+        dear = DEAR / max(steepest, MIN_SLOPE)
         number = np.arange(free.size).reshape(self.shape)
         rows, columns, costs = [], [], []
         for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):

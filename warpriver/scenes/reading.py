@@ -53,7 +53,7 @@ from warpriver.scenes.parts import (
     terrain_generators,
 )
 from warpriver.scenes.scene import Scene, first_step
-from warpriver.validate import MOST_SEED, checked_line, finite, finite_numbers, not_negative, one_of, positive, whole
+from warpriver.validate import MAX_SEED, checked_line, finite, finite_numbers, not_negative, one_of, positive, whole
 
 __all__ = ["CONTROLS", "PLAN", "TABLES", "edit_names", "file_arguments", "read_scene"]
 
@@ -564,7 +564,7 @@ def _plan(file: _File, table: Mapping[str, Any], time_step: float, session: Any)
     check = table.get("check", False)
     if not isinstance(check, bool):
         raise file.refusal("run.check", check, "give true or false")
-    seed = whole(table.get("seed", session.seed if session is not None else 0), f"{where}.seed", most=MOST_SEED)
+    seed = whole(table.get("seed", session.seed if session is not None else 0), f"{where}.seed", maximum=MAX_SEED)
     threads = whole(table["threads"], f"{where}.threads", 1) if "threads" in table else None
     dtype = one_of(table.get("dtype", "float64"), f"{where}.dtype", ("float64", "float32"))
     return RunPlan(steps, every, seed, threads, dtype, check)
