@@ -40,7 +40,7 @@ LEVELS = [
     {"history"},
     {"graph"},
     {"engine"},
-    {"erosion", "generate", "hydrology", "meander", "metrics", "riverscape", "shortest_path", "valley"},
+    {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
     {"io"},
     {"riverscape"},
     {"editing", "models"},
@@ -50,6 +50,7 @@ LEVELS = [
     {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},
+    {"studio"},
     {"cli", "__main__"},
 ]
 HEAVY = (

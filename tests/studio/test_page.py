@@ -1,4 +1,4 @@
-"""The page in a headless Chromium: each tool is used by pointer and keys; what the session holds and the pixels tell."""
+"""The page in a headless Chromium: tools are used by pointer and keys; what the session holds and the pixels tell."""
 
 import json
 import os
@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, Browser
 
 import warpriver as wr
-from browser import CHROMIUM, Browser
 from warpriver import edits
 
 pytest.importorskip("PIL", reason="looking at the page needs pillow")
@@ -22,6 +22,8 @@ const i = Math.round(s.start[c] + part * (s.start[c + 1] - 1 - s.start[c]));
 studio.view.update(); const p = studio.view.project(s.xy[2 * i], s.xy[2 * i + 1]);
 const box = document.getElementById("view3d").getBoundingClientRect();
 return [p[0] + box.left, p[1] + box.top, s.id[c]]; })"""
+AXE = """axe.run().then((found) => found.violations.filter((v) => ["serious", "critical"].includes(v.impact))
+.map((v) => [v.id, v.nodes.map((n) => n.html.slice(0, 100))]))"""
 WATER = np.array([23, 102, 178])  # of rivers, on a screen
 
 
@@ -221,11 +223,7 @@ def test_axe_finds_no_serious_fault(browser):
         pytest.skip("AXE_JS is not set: the path of axe.min.js, from npm's axe-core")
     browser.run(Path(path).read_text() + ";0")
     for theme in ("light", "dark"):
-        browser.run(
-            f"document.documentElement.dataset.theme = '{theme}'; document.querySelectorAll('details').forEach((d) => d.open = true)"
-        )
-        faults = browser.run(
-            "axe.run().then((r) => r.violations.filter((v) => ['serious', 'critical'].includes(v.impact)).map((v) => [v.id, v.nodes.map((n) => n.html.slice(0, 100))]))"
-        )
-        assert faults == []
+        browser.run(f"document.documentElement.dataset.theme = '{theme}'")
+        browser.run("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+        assert browser.run(AXE) == []
     browser.run("document.documentElement.dataset.theme = 'auto'")

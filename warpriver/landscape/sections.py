@@ -78,7 +78,7 @@ class SectionTable:
             row: (P,) form of each point of the network.
             places: Number of places across.
         """
-        y = np.linspace(0.0, 1.0, whole(places, "places", 3, most=10_000))
+        y = np.linspace(0.0, 1.0, whole(places, "places", 3, maximum=10_000))
         wrong = next((form for form in forms if not callable(form)), None)
         if wrong is not None:
             raise InputError(f"forms holds {shown(wrong)}, which is no function; give functions of Y")

@@ -129,7 +129,7 @@ class Riverscape:
         device: wp.DeviceLike = None,
     ) -> None:
         self.terrain = terrain if device is None else terrain.to(resolve_device(device))
-        self.detail, self.seed = positive(detail, "detail", "m"), whole(seed, "seed", most=2**31 - 1)
+        self.detail, self.seed = positive(detail, "detail", "m"), whole(seed, "seed", maximum=2**31 - 1)
         seeded(seed)
         self.params = SeedingParams() if params is None else params
         self.rivers: Rivers | None = None
@@ -369,7 +369,7 @@ class Riverscape:
             )
         with beside(target, (".npz",)) as temporary:
             temporary.write_text(json.dumps(told, indent=1) + "\n")
-            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)
+            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)  # type: ignore[arg-type]
 
     def _grid(
         self, bounds: Sequence[float] | FloatArray | None, cell_size: float

@@ -14,6 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from warpriver.errors import InputError
+
 __all__ = [
     "LOOPS",
     "PATCH",
@@ -90,10 +92,10 @@ def decode_state(frame: bytes) -> State:
         ValueError: They hold none, or are cut short.
     """
     if len(frame) < _STATE.size:
-        raise ValueError(f"a state of {len(frame)} bytes is shorter than its header")
+        raise InputError(f"a state of {len(frame)} bytes is shorter than its header")
     kind, sequence, edits, flags, channels, points, step, time, step_ms = _STATE.unpack_from(frame)
     if kind != STATE or len(frame) != _STATE.size + channels * 24 + (channels + 1) * 4 + points * 8:
-        raise ValueError(f"a frame of kind {kind} and {len(frame)} bytes is no state")
+        raise InputError(f"a frame of kind {kind} and {len(frame)} bytes is no state")
     at = _STATE.size
 
     def taken(kind: str, *shape: int) -> np.ndarray:

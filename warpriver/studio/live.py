@@ -12,6 +12,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from warpriver.errors import InputError
 from warpriver.studio.frames import STATE
 from warpriver.studio.worker import KEPT, SAVED, work
 
@@ -251,7 +252,7 @@ class LiveSession:
         """Go on with a session that was kept."""
         place = self.folder / SAVED / str(saved)
         if not isinstance(saved, str) or not saved.isalnum() or not place.is_dir():
-            raise ValueError(f"no session {str(saved)[:40]!r} was saved here")
+            raise InputError(f"no session {str(saved)[:40]!r} was saved here")
         self.replace(place)
         return {"saved": saved}
 

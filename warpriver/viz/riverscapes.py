@@ -171,7 +171,7 @@ class _Picture:
     def __init__(
         self, scene: Riverscape, camera: Camera | None, size: tuple[int, int], cell_size: float | None
     ) -> None:
-        self.width, self.height = (whole(v, "size", 16, most=16384) for v in size)
+        self.width, self.height = (whole(v, "size", 16, maximum=16384) for v in size)
         west, south, east, north = scene.courses.bounds
         if camera is None:
             across = max(east - west, (north - south) * 1.8)
