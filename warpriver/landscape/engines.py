@@ -276,6 +276,12 @@ def _write_masks(
             write(f"mask_{name}.png", weight[..., k])
             told[name] = {"file": f"mask_{name}.png"}
     for name, raster in maps.items():
+        if raster.is_integer:
+            # Kinds, of which there is nothing in between.
+            at = [np.rint(np.linspace(0, n - 1, m)).astype(int) for n, m in zip(raster.shape, shape, strict=True)]
+            write(f"map_{name}.png", raster.numpy()[np.ix_(*at)].astype(np.uint8))
+            told[name] = {"file": f"map_{name}.png", "values": "as they are"}
+            continue
         values = without_gaps(raster.numpy().astype(np.float64))
         low, high = float(values.min()), float(values.max())
         part = (values - low) / (high - low if high > low else 1.0)
