@@ -153,7 +153,9 @@ def _landscape(options: argparse.Namespace) -> int:
             from warpriver import viz
 
             if maps and history is not None:
-                viz.draw_landscape(history, folder / PICTURE, terrain=carved.terrain)
+                # A plain that was made has no relief, and its water no valleys.
+                made = history.last_ground is None and options.terrain is None
+                viz.draw_landscape(history, folder / PICTURE, terrain=None if made else ground)
             else:
                 viz.draw_network(carved.network, folder / PICTURE, terrain=carved.terrain)
             told.append(f"  map      {folder / PICTURE}")
