@@ -110,7 +110,7 @@ def test_bad_input_is_one_line(files, tmp_path, capsys, arguments, words):
 
 def test_every_constant_is_a_flag(files, tmp_path, capsys):
     flags = (
-        "--section trapezoid --side-part 0.3 --bank-reach 2 --repose-angle 20 --max-cut 70 --fill-part 0.5 "
+        "--section trapezoid --side-fraction 0.3 --bank-reach 2 --repose-angle 20 --max-cut 70 --fill-fraction 0.5 "
         "--smoothing 3 --lake-time 20 --plug-length 1 --keep-junctions --export mesh"
     ).split()
     code, _, err = run(
