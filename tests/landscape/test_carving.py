@@ -212,7 +212,8 @@ def test_there_are_no_seams_at_junctions_and_inside_of_bends():
     assert steepest < 4.0 * 2.0 / 12.0 + 0.05
     level = carved.water.numpy()
     step = np.concatenate([np.abs(np.diff(level, axis=axis)).ravel() for axis in (0, 1)])
-    assert np.nanmax(step) < 0.02
+    # The plain falls by 4 mm a cell; where two limbs lie side by side their levels differ by some cells.
+    assert np.nanmax(step) < 0.03
 
 
 def test_a_ring_is_level():

@@ -260,19 +260,18 @@ class _Carving:
             setattr(segments, name, wp.array(values, dtype=kind, device=device))
         for name in ("number", "start", "segment"):
             setattr(held, name, wp.array(tiles[name].astype(np.int32), dtype=wp.int32, device=device))
-        held.columns = tiles["columns"]
+        held.columns, held.raster = tiles["columns"], wp.vec2i(*self._base.shape)
         dim = (count, kernels.TILE**2)
         level, cut = (wp.empty(dim, dtype=wp.float64, device=device) for _ in range(2))
         shape = wp.empty(dim, dtype=wp.vec3d, device=device)
-        rows, columns = self._base.shape
-        inputs = [segments, held, rows, columns, self._base.grid(), self._section]
+        inputs = [segments, held, self._base.grid(), self._section]
         launch_kernel(made.find_water, dim, inputs, [level, cut, shape], device=device)
         _let_fall(level, shape, body, graph, tiles, self._base)
         before = wp.clone(self.height)
         outputs = [self.height, self.water, self.depth, self.support]
         launch_kernel(made.carve_cells, dim, [held, level, cut, shape], outputs, device=device)
-        slope = math.tan(math.radians(params.repose_angle))
-        inputs = [held, 1.0 / size, slope, shape, self.height, before]
+        per_repose = 1.0 / (size * math.tan(math.radians(params.repose_angle)))
+        inputs = [held, per_repose, shape, self.height, before]
         launch_kernel(made.weigh_materials, dim, inputs, list(self.materials.values()), device=device)
 
     def settle_lakes(self, lake_water: FloatArray) -> None:
