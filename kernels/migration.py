@@ -210,8 +210,7 @@ def build(scalar):
         here = line.extended_point(points.xy, sweep.warm, run)
         after = line.extended_point(points.xy, sweep.warm + 1, run)
         a = before - line.extended_point(points.xy, sweep.warm - 2, run)
-        b = here - before
-        c = after - here
+        b, c = here - before, after - here
         lb = wp.length(b)
         lc = wp.length(c)
         k0 = line.circle_curvature(a, b, wp.length(a), lb)

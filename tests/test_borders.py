@@ -74,8 +74,15 @@ def things(tmp_path_factory):
     meander = wr.RiverNetwork.from_polylines([bends], width=40.0)
     grown = wr.Simulation(meander, threads=1)
     grown.step(3)
+    slope = wr.generate.tilted_plain((24, 50), 10.0, 0.02)
+    brook = wr.RiverNetwork.from_polylines([line * 0.1 + (60.0, 120.0)], width=4.0, slope=[0.02])
+    reach = wr.riverscape.example("C")
+    river = wr.Riverscape(reach.terrain, reach.courses)
+    river.save(folder / "river.json")
+    wr.riverscape.FlowMap.of(river, (10.0, 4.0, 12.0, 6.0), 0.5).save(folder / "flow.png")
     return {
         "folder": folder,
+        "river": river,
         "line": line,
         "network": network,
         "terrain": terrain,
@@ -84,6 +91,7 @@ def things(tmp_path_factory):
         "valley": valley,
         "valley_params": params,
         "eroded": eroded,
+        "riverscape": wr.Riverscape(slope, brook, wr.classify_rivers(brook, slope, flow=1.0), flow=1.0, detail=2.0),
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
@@ -522,6 +530,68 @@ CALLS = {
     "compare": lambda t: (wr.metrics.compare, {"a": t["network"], "b": t["history"]}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "classify_rivers": lambda t: (
+        wr.riverscape.classify_rivers,
+        {
+            "network": t["network"],
+            "terrain": None,
+            "values": {"slope": 0.01},
+            "flow": 3.0,
+            "grain_size": 20.0,
+            "shows": "water",
+            "params": None,
+        },
+    ),
+    "classify_values": lambda t: (
+        wr.riverscape.classify_values,
+        {
+            "entrenchment": [3.0],
+            "width_to_depth": [20.0],
+            "sinuosity": [1.4],
+            "slope": [0.01],
+            "flow": 3.0,
+            "order": 2.0,
+            "grain_size": 20.0,
+            "params": None,
+        },
+    ),
+    "entrenchment_ratio": lambda t: (
+        wr.riverscape.entrenchment_ratio,
+        {"network": t["network"], "terrain": t["terrain"], "shows": "bed", "params": None},
+    ),
+    "label_channels": lambda t: (
+        wr.riverscape.label_channels,
+        {"network": t["network"], "terrain": None, "flow": [1.0, 2.0, 3.0]},
+    ),
+    "river_mask": lambda t: (wr.riverscape.river_mask, {"terrain": t["terrain"], "min_drainage_area": 1e5}),
+    "unit_sections": lambda t: (wr.riverscape.unit_sections, {}),
+    "uniform_flow": lambda t: (
+        wr.riverscape.uniform_flow,
+        {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},
+    ),
+    "blend": lambda t: (wr.riverscape.blend, {"under": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0)}),
+    "example": lambda t: (wr.riverscape.example, {"name": "C", "seed": 0}),
+    "primitives": lambda t: (
+        wr.riverscape.primitives,
+        {"kind": "wave", "center": (0.0, 0.0), "radius": 1.0, "velocity": (1.0, 0.0), "length": 0.5, "seed": 0},
+    ),
+    "read_flow_map": lambda t: (wr.riverscape.read_flow_map, {"path": t["folder"] / "flow.png"}),
+    "read_riverscape": lambda t: (wr.riverscape.read_riverscape, {"path": t["folder"] / "river.json"}),
+    "seed_water": lambda t: (
+        wr.riverscape.seed_water,
+        {"courses": t["river"].courses, "detail": 2.0, "seed": 0, "params": None},
+    ),
+    "write_frames": lambda t: (
+        wr.riverscape.write_frames,
+        {
+            "scene": t["river"],
+            "folder": t["folder"] / "frames",
+            "times": [0.0],
+            "cell_size": 0.5,
+            "bounds": (10.0, 4.0, 12.0, 6.0),
+            "suffix": ".npz",
+        },
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
@@ -544,6 +614,14 @@ CALLS = {
         wr.calibration.write_fit,
         {"fit": t["fit"], "folder": t["folder"] / "fit", "network": t["grown"], "years": 3.0},
     ),
+    "draw_bed": lambda t: (
+        wr.viz.draw_bed,
+        {"scene": t["riverscape"], "path": t["folder"] / "a.png", "bounds": (60.0, 0.0, 400.0, 240.0), "water": True},
+    ),
+    "draw_river_types": lambda t: (
+        wr.viz.draw_river_types,
+        {"types": t["riverscape"].types, "network": t["riverscape"].network, "path": t["folder"] / "a.png"},
+    ),
     "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
     "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
@@ -555,9 +633,9 @@ CALLS = {
 }
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
-    "draw_ordered_network", "erosion_movie", "movie", "render_scene", "harmonics_for_covariance",
-    "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast", "line_formats", "posterior",
-    "write_hindcast", "mountain_front_zones", "scene_schema",
+    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
+    "harmonics_for_covariance", "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast",
+    "line_formats", "posterior", "write_hindcast", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

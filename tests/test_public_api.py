@@ -42,6 +42,7 @@ LEVELS = [
     {"engine"},
     {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
     {"io"},
+    {"riverscape"},
     {"editing", "models"},
     {"resume"},
     {"simulation"},
@@ -49,6 +50,7 @@ LEVELS = [
     {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},
+    {"studio"},
     {"cli", "__main__"},
 ]
 HEAVY = (

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         landscape,
         meander,
         metrics,
+        riverscape,
         scenes,
         valley,
         viz,
@@ -67,6 +68,7 @@ __all__ = [
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
     "synthetic_valley",
     "to_xarray",
@@ -93,12 +95,14 @@ _HOMES = {
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
+    "Riverscape": "warpriver.riverscape.scene",  # listed by its room
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
     "calibrate": "warpriver.calibration",  # listed by its room
     "carve": "warpriver.landscape.carving",  # listed by its room
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
@@ -126,6 +130,7 @@ _ROOMS = (
     "landscape",
     "meander",
     "metrics",
+    "riverscape",
     "scenes",
     "valley",
     "viz",

@@ -513,8 +513,8 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="fraction of the migration rate with which junctions wander along the river, to where the tributary lies on "
-        "the outer bank and its last reach does not run along the river; 0: they stay, as in [Paris2023]",
+        doc="fraction of the migration rate with which junctions wander along the river, to where the tributary lies "
+        "on the outer bank and its last reach does not run along the river; 0: they stay, as in [Paris2023]",
     )
 
     bank_spread: float = parameter(
@@ -740,8 +740,8 @@ class PathMeander(Params):
     junction_drift: float = shared(
         "junction_drift",
         default=0.0,
-        doc="fraction of the displacement rate with which junctions wander along the river, to where the tributary lies on "
-        "the outer bank; 0: they stay",
+        doc="fraction of the displacement rate with which junctions wander along the river, to where the tributary "
+        "lies on the outer bank; 0: they stay",
     )
     control_steering: str = shared("control_steering")
     control_floor: float = shared(

@@ -19,7 +19,9 @@ from warpriver.cli import (
     metrics,
     network,
     render,
+    riverscape,
     simulate,
+    studio,
     valley,
 )
 from warpriver.cli.output import complain, forgiving_console
@@ -31,7 +33,10 @@ from warpriver.errors import WarpriverError
 __all__ = ["main"]
 
 # In the order in which --help lists them.
-COMMANDS = (demo, network, simulate, calibrate, erode, valley, landscape, render, convert, metrics, bench, info)
+COMMANDS = (
+    demo, network, simulate, calibrate, erode, valley, landscape, riverscape, studio, render, convert, metrics, bench,
+    info,
+)  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

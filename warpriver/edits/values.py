@@ -8,6 +8,7 @@ and tuples of these, however nested; ``check`` makes them of what a user gives.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -52,8 +53,9 @@ Place = float | tuple[float, float]
 # Lines are tuples of points, so that edits are equal where they say the same.
 Line = tuple[tuple[float, float], ...]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
-# Classes by name.
+# Classes by name, and the rooms of those that are not here, which know them once they are imported.
 _CLASSES: dict[str, type[Edit]] = {}
+_ROOMS = {"SetControls": "warpriver.meander"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +106,8 @@ def edit_of(values: Any) -> Edit:
         raise InputError(f"{shown(values)} is no edit; it needs the key 'edit' with the name of its kind")
     fields = dict(values)
     name = fields.pop("edit")
+    if name in _ROOMS:
+        importlib.import_module(_ROOMS[name])
     cls = _CLASSES.get(name)
     if cls is None:
         raise InputError(f"there is no edit {name!r}; there are {', '.join(sorted(_CLASSES))}")

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.kernels import banks as kernels
 from warpriver.params import MeanderParams
@@ -36,7 +37,8 @@ def bank_table(seed: int) -> NDArray[np.float32]:
     f, g = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     field = np.fft.irfft2(white * np.exp(-2.0 * (math.pi * deviation) ** 2 * (f**2 + g**2)), s=(size, size))
     field = (field - field.mean()) / field.std()
-    return field.astype(np.float32)
+    table: NDArray[np.float32] = field.astype(np.float32)
+    return table
 
 
 def highest_factor(params: Any) -> float:
@@ -50,7 +52,7 @@ class BankField:
 
     def __init__(self, seed: int, device: Any):
         """Make the table of a seed."""
-        self._table: wp.array = wp.array(bank_table(seed), dtype=wp.float32, device=device)
+        self._table: DeviceArray = wp.array(bank_table(seed), dtype=wp.float32, device=device)
 
     def struct(self, params: MeanderParams, dtype: str, origin: np.ndarray) -> Any:
         """Return the field as kernels take it, for positions about an origin."""

@@ -81,8 +81,8 @@ def mapped_banks(
             factors.append(found)
     if not places:
         raise InputError("no point of the channels before was found after; are these the same channels, in one CRS?")
-    width = float(np.median(before.channel_width))
-    return ErodibilityField(_as_map(np.concatenate(places), np.concatenate(factors), width, before.crs))
+    middle = float(np.median(before.channel_width))
+    return ErodibilityField(_as_map(np.concatenate(places), np.concatenate(factors), middle, before.crs))
 
 
 def _factors(old: FloatArray, new: FloatArray, rate: FloatArray, width: float, scale: float) -> FloatArray | None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import FlagArray
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.engine.stems import data_bounds
@@ -20,7 +21,7 @@ from warpriver.terrain import Terrain
 __all__ = ["Inlets", "find_inlets", "inlet_periods"]
 
 
-def find_inlets(network: RiverNetwork, terrain: Terrain | None, rule: str) -> np.ndarray:
+def find_inlets(network: RiverNetwork, terrain: Terrain | None, rule: str) -> FlagArray:
     """Return which channels begin at an inlet, (C,) bool.
 
     Args:
@@ -31,7 +32,7 @@ def find_inlets(network: RiverNetwork, terrain: Terrain | None, rule: str) -> np
     """
     if rule == "none":
         return np.zeros(network.channel_count, bool)
-    fed = np.isin(network.channel_from, network.channel_to, invert=True) & ~network.channel_closed
+    fed: FlagArray = np.isin(network.channel_from, network.channel_to, invert=True) & ~network.channel_closed
     if rule == "edge" and terrain is not None:
         west, south, east, north = data_bounds(terrain)
         x, y = network.node_xy[network.channel_from].T
