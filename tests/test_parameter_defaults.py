@@ -202,7 +202,7 @@ DEFAULTS = {
         "freeboard": (0.25, "mean depths"),
         "smoothing": (10.0, "widths"),
         "grade": (3.0, "-"),
-        "steepening": (0.05, "m/m"),
+        "steepening": (0.3, "m/m"),
         "step_coefficient": (8.25, "widths"),
         "step_exponent": (0.98, "-"),
         "closest": (1.0, "widths"),
