@@ -92,11 +92,11 @@ DEFAULTS = {
     },
     "CarveParams": {
         "section": ("parabola", "-"),
-        "side_part": (0.2, "-"),
+        "side_fraction": (0.2, "-"),
         "bank_reach": (1.0, "widths"),
         "repose_angle": (35.0, "deg"),
         "max_cut": (60.0, "m"),
-        "fill_part": (0.0, "-"),
+        "fill_fraction": (0.0, "-"),
         "smoothing": (6.0, "widths"),
         "junctions": (True, None),
         "lake_time": (50.0, "yr"),
