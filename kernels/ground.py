@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import raster
+from warpriver.kernels import banks, raster
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -23,7 +23,8 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.ground_{scalar.__name__}"
-    cells = raster.build(scalar)
+    cells, bank = raster.build(scalar), banks.build(scalar)
+    Banks = bank.Banks
     vec2, RasterGrid = cells.vec2, cells.RasterGrid
     ZERO, ONE, TWO, THREE = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0))
 
@@ -53,6 +54,7 @@ def build(scalar):
         height: wp.array2d[wp.float64]
         grid: RasterGrid
         steering: Steering
+        banks: Banks
 
     @wp.func(module=name)
     def slope_weight(ground: Ground, xy: vec2, limit: scalar) -> scalar:
@@ -148,6 +150,10 @@ def build(scalar):
         vec2=vec2,
         RasterGrid=RasterGrid,
         Steering=Steering,
+        Banks=Banks,
+        BankScale=bank.BankScale,
+        bank_scale=bank.bank_scale,
+        bank_factor=bank.bank_factor,
         Ground=Ground,
         control_gradient=control_gradient,
         rate_factor=rate_factor,

@@ -20,16 +20,21 @@ INTEGERS = tuple(f"wp.array[{kind}]" for kind in ("int", "wp.int32", "wp.int64",
 # What every file takes, and what gives a kernel that a factory makes its name.
 VARIANTS = ("from warpriver.kernels.variants import once", "from warpriver.kernels.variants import named, once")
 # Files without device code of their own, and so without a ``build``.
-WITHOUT_BUILD = ("__init__", "links", "status", "variants")
+WITHOUT_BUILD = ("__init__", "covers", "flow_tree", "links", "status", "variants")
 # Which modules of ``warpriver`` launch the kernels of a file, or take its structs; files without kernels are for all.
 LAUNCHERS = {
     "avulsions": ["meander/avulsions.py", "meander/courses.py"],
+    "beds": ["riverscape/beds.py"],
+    "carving": ["landscape/carving.py"],
     "cells": ["hydrology/cells.py"],
     "collisions": ["meander/collisions.py"],
     "controls": ["meander/control_map.py"],
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],
+    "courses": ["riverscape/courses.py"],
     "depressions": ["hydrology/depressions.py"],
+    "drift": ["riverscape/drift.py"],
     "flats": ["hydrology/lakes.py"],
+    "inlets": ["meander/inlets.py"],
     "junctions": ["meander/junctions.py", "meander/smoothing.py"],
     "leheny": ["erosion/leheny.py"],
     "memory": ["meander/memory.py"],
@@ -44,12 +49,15 @@ LAUNCHERS = {
     "scans": ["engine/scans.py"],
     "schedule": ["engine/state.py", "engine/substeps.py"],
     "sensitivities": ["calibration/courses.py"],
+    "shading": ["viz/riverscapes.py"],
     "shortcuts": ["shortest_path/shortcuts.py"],
     "smoothing": ["meander/smoothing.py"],
+    "splat": ["landscape/splatting.py"],
     "stamps": ["valley/stamps.py", "valley/valley.py"],
     "terrain": ["terrain.py"],
     "terrains": ["generate/terrains.py"],
     "valley": ["valley/valley.py"],
+    "water": ["riverscape/water.py"],
 }
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 

@@ -42,12 +42,15 @@ LEVELS = [
     {"engine"},
     {"erosion", "generate", "hydrology", "meander", "metrics", "shortest_path", "valley"},
     {"io"},
+    {"riverscape"},
     {"editing", "models"},
     {"resume"},
     {"simulation"},
+    {"landscape"},
     {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},
+    {"studio"},
     {"cli", "__main__"},
 ]
 HEAVY = (

@@ -19,9 +19,12 @@ if TYPE_CHECKING:
         history,
         hydrology,
         io,
+        landscape,
         meander,
         metrics,
+        riverscape,
         scenes,
+        studio,
         valley,
         viz,
     )
@@ -60,12 +63,15 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
+    "studio",
     "synthetic_valley",
     "to_xarray",
     "valley",
@@ -91,15 +97,19 @@ _HOMES = {
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
+    "Riverscape": "warpriver.riverscape.scene",  # listed by its room
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
     "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
     "hindcast": "warpriver.calibration",  # listed by its room
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -119,9 +129,12 @@ _ROOMS = (
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
+    "riverscape",
     "scenes",
+    "studio",
     "valley",
     "viz",
 )

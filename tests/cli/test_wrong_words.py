@@ -37,6 +37,7 @@ COMMANDS = {
     "calibrate": ("bends.csv grown.csv --years 0.9 --fit migration_rate -o", "out"),
     "erode": ("--size 12x10 --events 5 --no-progress -o", "out"),
     "valley": ("S1 --set length=40 -o", "out.npz"),
+    "landscape": ("line.csv --resolution 40 --export mesh -o", "out"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
     "metrics": ("line.csv run -o", "out.csv"),

@@ -72,6 +72,7 @@ def device_constants(kernel, law):
     """The struct that the kernels read."""
     members = dataclasses.asdict(law)
     del members["time_step"]  # each channel has its own
+    members["freest"] = 1.0
     return struct_of(kernel.MigrationConstants, **members)
 
 

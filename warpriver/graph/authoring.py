@@ -384,8 +384,13 @@ class Reworking:
 
     def _dissolve(self, upper: int, lower: int) -> None:
         """Join two where a junction was; width and depth follow from the one whose flow was nearest to that now."""
-        now, above, before = self._flow[lower], self._flow[upper], float(self.network.channel_flow()[lower])
+        source = self._course(lower).source
+        now, above, before = self._flow[lower], self._flow[upper], float(self.network.channel_flow()[source])
+        identity = self._value(upper, "id")
         self.join(upper, lower)
+        if lower >= self.network.channel_count:
+            # A part that was cut off in the same edit has an identity that nobody knows yet.
+            self._course(lower).columns["id"] = identity
         if abs(math.log(now / above)) < abs(math.log(now / before)):
             widen = (now / above) ** WIDTH_BY_FLOW
             width, depth = float(self._value(upper, "width")), float(self._value(upper, "depth"))
@@ -468,6 +473,12 @@ class Reworking:
         self._courses[c] = _Course(model, [self._draw(xy, section)], head, node, {**kept, **columns}, changed=True)
         self.add_flow(node, self._flow[c])
         return c
+
+    def outlet(self, xy: np.ndarray) -> int:
+        """Return a new node at a place, m, from which nothing flows on."""
+        node, self._node_count = self._node_count, self._node_count + 1
+        self._node_xy[node] = np.asarray(xy, np.float64)
+        return node
 
     def node_place(self, node: int) -> np.ndarray:
         """Position of a node, m."""

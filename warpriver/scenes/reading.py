@@ -39,7 +39,7 @@ from warpriver.meander.controls import (
     Guide,
     Repeller,
 )
-from warpriver.params import SOLVER_PARAMS, AvulsionParams, MeanderParams, PathMeander
+from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 from warpriver.public import public
 from warpriver.scenes.output_tables import read_outputs
 from warpriver.scenes.parts import (
@@ -365,8 +365,10 @@ def _params(file: _File, table: Mapping[str, Any]) -> MeanderParams | PathMeande
     kind = SOLVER_PARAMS[solver]
     fields = {key: value for key, value in table.items() if key not in ("solver", "preset")}
     check_keys(fields, [f.name for f in dataclasses.fields(kind)], file.at("params"))
-    if "avulsions" in fields:
-        fields["avulsions"] = made(AvulsionParams, fields["avulsions"], file.at("params.avulsions"))
+    for field in dataclasses.fields(kind):
+        part, given = field.metadata.get("kind"), fields.get(field.name)
+        if part is not None and field.name in fields and given is not False:
+            fields[field.name] = made(part, given, file.at(f"params.{field.name}"))
     begin: MeanderParams | PathMeander = MeanderParams.paper() if preset == "paper" else kind()
     return raising(file.at("params"), lambda: begin.replace(**fields), {f"{kind.__name__}.": "."})
 

@@ -29,7 +29,7 @@ from warpriver.io.vector.networks import write_network
 from warpriver.public import public
 from warpriver.validate import one_of
 
-__all__ = ["HISTORY_SUFFIXES", "records_between", "write_history"]
+__all__ = ["HISTORY_SUFFIXES", "history_layers", "records_between", "write_history"]
 
 HISTORY_SUFFIXES = (*NEEDS, *JSON)
 # Points of all courses beyond which not every record becomes one, unless it is said which are to.
@@ -95,6 +95,12 @@ def write_history(
             else:
                 write_layer(layer, temporary, file, history.crs)
     return [path, *(file for name, file in files.items() if len(made[name].owner))]
+
+
+def history_layers(history: History) -> list[Layer]:
+    """Return courses, oxbow lakes and abandoned courses of a run as the layers of a GeoPackage."""
+    step = records_between(history)
+    return [_layer(name, features_of(history, name, step), GEOPACKAGE) for name in FEATURES]
 
 
 def records_between(history: History) -> int:
