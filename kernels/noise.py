@@ -55,4 +55,20 @@ def build(scalar):
         slope += vec2(du * (b - a + v * mixed), dv * (c - a + u * mixed))
         return REACH * vec3(value, slope[0], slope[1])
 
-    return SimpleNamespace(vec2=vec2, vec3=vec3, lattice_hash=lattice_hash, gradient_noise=gradient_noise)
+    @wp.func(module=name)
+    def periodic_noise(seed: int, xy: vec2, period: int) -> scalar:
+        """Value of ``gradient_noise`` that repeats itself after ``period``, a power of 2 [Perlin2002]."""
+        i, j = int(wp.floor(xy[0])), int(wp.floor(xy[1]))
+        x, y = xy[0] - scalar(i), xy[1] - scalar(j)
+        mask = period - 1
+        west, east, south, north = i & mask, (i + 1) & mask, j & mask, (j + 1) & mask
+        ga, gb = lattice_gradient(seed, west, south), lattice_gradient(seed, east, south)
+        gc, gd = lattice_gradient(seed, west, north), lattice_gradient(seed, east, north)
+        a, b = ga[0] * x + ga[1] * y, gb[0] * (x - ONE) + gb[1] * y
+        c, d = gc[0] * x + gc[1] * (y - ONE), gd[0] * (x - ONE) + gd[1] * (y - ONE)
+        u, v = x * x * x * (x * (x * SIX - FIFTEEN) + TEN), y * y * y * (y * (y * SIX - FIFTEEN) + TEN)
+        return REACH * (a + u * (b - a) + v * (c - a) + u * v * (a - b - c + d))
+
+    return SimpleNamespace(
+        vec2=vec2, vec3=vec3, lattice_hash=lattice_hash, gradient_noise=gradient_noise, periodic_noise=periodic_noise
+    )

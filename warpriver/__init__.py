@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import (
+        calibration,
         edits,
         erosion,
         generate,
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
         landscape,
         meander,
         metrics,
+        riverscape,
         scenes,
+        studio,
         valley,
         viz,
     )
@@ -50,6 +53,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "calibration",
     "edits",
     "erode",
     "erosion",
@@ -65,7 +69,9 @@ __all__ = [
     "read_history",
     "read_network",
     "read_terrain",
+    "riverscape",
     "scenes",
+    "studio",
     "synthetic_valley",
     "to_xarray",
     "valley",
@@ -91,13 +97,18 @@ _HOMES = {
     "MeanderParams": "warpriver.params",
     "PathMeander": "warpriver.params",
     "Repeller": "warpriver.meander.controls",
+    "Riverscape": "warpriver.riverscape.scene",  # listed by its room
     "RiverNetwork": "warpriver.network",
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "hindcast": "warpriver.calibration",  # listed by its room
     "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
@@ -111,6 +122,7 @@ _HOMES = {
     "write_terrain": "warpriver.io.raster.terrains",
 }
 _ROOMS = (
+    "calibration",
     "edits",
     "erosion",
     "generate",
@@ -120,7 +132,9 @@ _ROOMS = (
     "landscape",
     "meander",
     "metrics",
+    "riverscape",
     "scenes",
+    "studio",
     "valley",
     "viz",
 )

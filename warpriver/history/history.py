@@ -259,7 +259,7 @@ class History:
             raise MissingRecordError(
                 f"the history{where} holds no record: its run was stopped before the first one; run it again"
             )
-        index, count = whole(index, "index of a record", least=-(2**63)), len(self._records)
+        index, count = whole(index, "index of a record", minimum=-(2**63)), len(self._records)
         if not -count <= index < count:
             raise MissingRecordError(f"there is no record {index}; the history has {count}, from 0 to {count - 1}")
         held = self._records[index]

@@ -245,7 +245,7 @@ def _checked_record(history: History, until: int | None) -> int:
     count = len(history.times)
     if count == 0:
         raise InputError("the history holds no record; run the simulation first")
-    record = count - 1 if until is None else whole(until, "until", least=-(2**63))
+    record = count - 1 if until is None else whole(until, "until", minimum=-(2**63))
     if not -count <= record < count:
         raise InputError(f"until is {until}, but the history holds records 0 to {count - 1}")
     return record % count
