@@ -18,6 +18,7 @@ SUITE = {
     "erosion": ("--quick", ""),
     "hydrology": ("--quick", ""),
     "riverscape": ("--quick", ""),
+    "carving": ("--quick", ""),
 }
 # Routing runs on one core of the host, and the file of its figures is named without a device.
 HOST_ONLY = ("hydrology",)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-MOST_LINES = 30
+MAX_LINES = 30
 # Kernels and layouts that the table names for each precision; the files have all.
-MOST_KERNELS, MOST_LAYOUTS = 5, 3
+MAX_KERNELS, MAX_LAYOUTS = 5, 3
 # Failures that it names of each section.
-MOST_FAILURES = 2
+MAX_FAILURES = 2
 WIDTH = 130
 
 
@@ -17,7 +17,7 @@ def outcome(record: dict[str, Any]) -> str:
     reason = record["error"] or ""
     count = len(record["failures"])
     if count:
-        reason = "; ".join(record["failures"][:MOST_FAILURES]) + (f"; {count} in all" if count > MOST_FAILURES else "")
+        reason = "; ".join(record["failures"][:MAX_FAILURES]) + (f"; {count} in all" if count > MAX_FAILURES else "")
     return f"{record['state']} in {record['seconds']:.0f} s" + (f": {reason}" if reason else "")
 
 
@@ -27,8 +27,8 @@ def table(records: list[dict[str, Any]]) -> str:
     for record in records:
         lines += FIGURES[record["section"]](record["facts"]) if record["section"] in FIGURES else []
     lines = [line if len(line) <= WIDTH else line[: WIDTH - 4] + " ..." for line in lines]
-    if len(lines) > MOST_LINES:
-        lines = [*lines[: MOST_LINES - 1], f"... and {len(lines) - MOST_LINES + 1} more lines in the files"]
+    if len(lines) > MAX_LINES:
+        lines = [*lines[: MAX_LINES - 1], f"... and {len(lines) - MAX_LINES + 1} more lines in the files"]
     return "\n".join(lines) + "\n"
 
 
@@ -76,12 +76,12 @@ def _speed(facts: dict[str, Any]) -> list[str]:
         lines.append(f"{scene}, {rows[0]['points']} points: {'; '.join(cells)}")
     for dtype in dict.fromkeys(row["dtype"] for row in facts.get("kernels", [])):
         rows = [row for row in facts["kernels"] if row["dtype"] == dtype]
-        named = [f"{row['kernel']} {row['us']:.3g}" for row in rows[:MOST_KERNELS]]
+        named = [f"{row['kernel']} {row['us']:.3g}" for row in rows[:MAX_KERNELS]]
         total = sum(row["us"] for row in rows)
         lines.append(f"kernels {dtype}, us a step: all {total:.4g}, {', '.join(named)}")
     for dtype in dict.fromkeys(row["dtype"] for row in facts.get("layouts", [])):
         rows = sorted((r for r in facts["layouts"] if r["dtype"] == dtype), key=lambda r: r["ns_per_point"])
-        named = [f"{r['chunk']} x {r['block_dim']} {r['ns_per_point']:.3g}" for r in rows[:MOST_LAYOUTS]]
+        named = [f"{r['chunk']} x {r['block_dim']} {r['ns_per_point']:.3g}" for r in rows[:MAX_LAYOUTS]]
         lines.append(f"chunk x block {dtype}, ns/point, best of {len(rows)}: {', '.join(named)}")
     return lines
 

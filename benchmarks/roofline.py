@@ -124,8 +124,8 @@ STEP = (
     )),
     Launch("migrate", "migration", "move_points", (
         *CHANNELS, *_read("channels.area", per="ring"),
-        *_read("points.xy", "point_velocity"), *_read("points.section", per="section"),
-        *_read("memory.tail", per="link"),
+        *_read("points.xy", "velocities.point"), *_read("points.section", per="section"),
+        *_read("velocities.tail", per="link"),
         Moved("ground.height", read=4.0, per="terrain"),
         # Of the blocks of controls one a point; what they hold where a block has any.
         *_read("ground.steering.block_mobility", per="controls"), *_read("ground.steering.highest", per="event"),

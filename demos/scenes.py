@@ -111,12 +111,19 @@ def junctions(scene, sim, folder) -> str:
 
 
 def basin(scene, sim, folder) -> str:
-    """Fig. 23: rivers meander in the plain, and stay as they were on steep ground."""
+    """Fig. 23: rivers meander in the plain, and stay as they were on steep ground; mouths arrive as in Fig. 21."""
     slope = np.array([np.hypot(*sim.terrain.gradient(xy).T).mean() for xy in sim.network.polylines()])
     long = sim.network.channel_lengths() > 20.0 * sim.network.channel_width
     plain, steep = (sinuosities(sim.network)[long & part] for part in (slope < 0.005, slope > 0.1))
     assert len(plain) > 5 and len(steep) > 5 and np.median(plain) > 1.5 and np.median(steep) < 1.15
-    return f"median sinuosity {np.median(plain):.2f} in the plain, {np.median(steep):.2f} where it is steep"
+    found, template = (np.degrees(f(sim.network)) for f in (wr.meander.arrival_angles, wr.meander.junction_angles))
+    lesser = template > 27.0
+    off = np.abs(found - template)[lesser].mean()
+    assert off < 5.0 and found[lesser].min() > 25.0 and 75.0 < np.median(found[lesser]) < 95.0
+    return (
+        f"median sinuosity {np.median(plain):.2f} in the plain, {np.median(steep):.2f} where it is steep; tributaries "
+        f"arrive at {np.median(found[lesser]):.0f} degrees, {off:.1f} off their templates"
+    )
 
 
 def session(scene, sim, folder) -> str:

@@ -29,10 +29,10 @@ def build(scalar):
     vec2, RasterGrid = cells.vec2, cells.RasterGrid
     Channels, Points, Run = line.Channels, line.Points, line.Run
     ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
-    # Part of an integer of 32 bits, by which chances are compared.
+    # Fraction of an integer of 32 bits, by which chances are compared.
     ALL_BITS = wp.float64(2.0**-32)
     ZERO_64, ONE_64 = wp.float64(0.0), wp.float64(1.0)
-    LEAST, MOST = wp.float32(-1.0), wp.float32(1.0)
+    LOW, HIGH = wp.float32(-1.0), wp.float32(1.0)
     FAR = scalar(2.0**100)
 
     @wp.struct
@@ -44,8 +44,16 @@ def build(scalar):
         steepest: scalar
 
     @wp.struct
+    class Courses:
+        """Courses to walk: from ends[k, 0] to ends[k, 1], first along the unit vector ``direction``, with seeds."""
+
+        ends: wp.array2d[vec2]
+        direction: wp.array[vec2]
+        seed: wp.array[wp.uint32]
+
+    @wp.struct
     class Breaking:
-        """When banks break: least |w C|, hazard (1/(m yr)) or chance by the point, chance of an avulsion, step (yr).
+        """When banks break: minimum |w C|, hazard (1/(m yr)) or chance by the point, chance of an avulsion, step (yr).
 
         ``by_point`` is 1 for a chance by the point and the step, 0 for a hazard by the bend.
         """
@@ -195,25 +203,23 @@ def build(scalar):
         # params
         walk: Walk,
         # in
-        course_end: wp.array2d[vec2],
-        course_direction: wp.array[vec2],
-        course_seed: wp.array[wp.uint32],
+        courses: Courses,
         # out
         course_xy_out: wp.array2d[vec2],
         course_height_out: wp.array2d[wp.float64],
         course_state_out: wp.array2d[int],
     ):
-        """Walk from a = course_end[k, 0] to within a step of b = course_end[k, 1], in steps of one spacing.
+        """Walk from a to within a step of b, the ends of the course k, in steps of one spacing.
 
         d = t u + (1 - t) d0, with u the direction to b, d0 the first direction and t = min(walked / |a - b|, 1), turned
         by chance [Paris2023, 5.2]. ``course_state_out`` gets how the walk ended, its points, the last of which is
         where it was refused. Without a terrain nothing is.
         """
         k = wp.tid()
-        random = course_seed[k]
-        place = course_end[k, 0]
-        target = course_end[k, 1]
-        first = course_direction[k]
+        random = courses.seed[k]
+        place = courses.ends[k, 0]
+        target = courses.ends[k, 1]
+        first = courses.direction[k]
         whole = wp.length(target - place)
         height = wp.float64(0.0)
         if cell_height:
@@ -234,7 +240,7 @@ def build(scalar):
             else:
                 t = wp.min(scalar(count - 1) * walk.spacing / whole, ONE)
                 ahead = wp.normalize(t * (off / left) + (ONE - t) * first)
-                chance = scalar(wp.randf(random, LEAST, MOST))
+                chance = scalar(wp.randf(random, LOW, HIGH))
                 place = place + walk.spacing * turned(ahead, walk.jitter * chance)
             after = wp.float64(0.0)
             if cell_height:
@@ -291,6 +297,7 @@ def build(scalar):
     return SimpleNamespace(
         vec2=vec2,
         Walk=Walk,
+        Courses=Courses,
         RasterGrid=RasterGrid,
         Breaking=Breaking,
         measure_bends=measure_bends,

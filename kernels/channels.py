@@ -75,7 +75,8 @@ def build(scalar):
         ``start`` has their offsets and the number of points. ``spacing`` is that of the points in m, ``step`` the time
         step in yr, 0 for a channel that is inactive. ``closed`` is 1 for a ring, and ``area`` what it encloses (see
         ``measure_rings``); both are missing where a network has no rings. ``edge`` tells of the edge of the map along
-        which the foot of a channel slides, and is missing where none does.
+        which the foot of a channel slides, and is missing where none does. ``fed`` is 1 for a channel whose head feels
+        bends beyond it, and ``inlet`` what it feels of them, 1/m; both are missing where none does.
         """
 
         start: wp.array[int]
@@ -85,6 +86,8 @@ def build(scalar):
         closed: wp.array[int]
         area: wp.array[wp.int64]
         edge: wp.array[int]
+        fed: wp.array[int]
+        inlet: wp.array[scalar]
         stems: Stems
 
     @wp.struct
@@ -196,6 +199,13 @@ def build(scalar):
         return False
 
     @wp.func(module=name)
+    def is_fed(channels: Channels, channel: int) -> bool:
+        """Tell whether the head of a channel feels bends beyond it."""
+        if channels.fed:
+            return channels.fed[channel] != 0
+        return False
+
+    @wp.func(module=name)
     def next_run(channels: Channels, run: Run) -> Run:
         """The run after another one: of the next channel."""
         after = whole_run(channels, run.channel + 1)
@@ -240,6 +250,7 @@ def build(scalar):
         next_run=next_run,
         whole_run=whole_run,
         foot_held=foot_held,
+        is_fed=is_fed,
         channel_range=channel_range,
         section_at=section_at,
         round_index=round_index,

@@ -17,11 +17,16 @@ SLACK_SPACINGS = 1.5
 
 @wp.struct
 class BlockIndex:
-    """Blocks by the grid cell of their middle: the next one in the cell's list, whose it is, and the cells' buckets."""
+    """Blocks by the grid cell of their middle: the next one in the cell's list, whose it is, and the cells' buckets.
+
+    ``channel_river`` labels the rivers that channels are parts of, where only parts of one river touch; else it is
+    missing.
+    """
 
     point_next: wp.array[int]
     point_owner: wp.array[int]
     bucket: wp.array[int]
+    channel_river: wp.array[int]
 
 
 @wp.struct
@@ -267,6 +272,8 @@ def build(scalar):
             d = index.point_owner[other] >> LEVEL_BITS
             # Cells of other levels may share the bucket.
             sought = d > lowest and (index.point_owner[other] & LEVEL_MASK) == level
+            if sought and index.channel_river:
+                sought = index.channel_river[d] == index.channel_river[block.channel]
             if sought and (moves or channels.step[d] > ZERO):
                 far = block_at(points.xy, channels, constants, d, other)
                 reach = own_reach + reach_of(constants, channels.form[d])

@@ -29,7 +29,7 @@ def build(scalar):
     # Of a block without controls, and more than the rounding of one with them.
     NONE, ROUNDED_UP = wp.float32(1.0), wp.float64(1.0 + 2.0**-22)
     # Stands for 0, which has no sign to tell of.
-    LEAST = wp.float32(2.0**-120)
+    SMALLEST = wp.float32(2.0**-120)
 
     @wp.struct
     class Bump:
@@ -170,7 +170,7 @@ def build(scalar):
                 greatest = wp.max(greatest, factor * (ONE_64 + slope))
         bound = NONE
         if scaled:
-            bound = -wp.max(wp.float32(greatest * ROUNDED_UP), LEAST)
+            bound = -wp.max(wp.float32(greatest * ROUNDED_UP), SMALLEST)
         elif touched:
             bound = wp.float32(greatest * ROUNDED_UP)
         block_mobility_out[window[0] + i, window[1] + j] = bound

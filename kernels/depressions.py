@@ -29,7 +29,7 @@ def build(scalar):
     FALL = scalar(8.0 * HALF_STEP)
     # What a cell's length of course costs, in m of cutting: it decides between courses that cut the same.
     LENGTH_COST = scalar(2.0**-20)
-    # What the array of counts holds: the rims in the heap, those in closed buckets, and the bucket opened last.
+    # What the counts of rims are: those in the heap, those in closed buckets, and the bucket opened last.
     IN_HEAP, IN_BUCKETS, OPEN_BUCKET = 0, 1, 2
     # What is known of a cell without a lower neighbour: if water leaves its flat, or if a course was searched from it.
     NO_PIT, UNKNOWN, DRAINED, SHUT_IN, SEARCHED = 0, 1, 2, 3, 4
@@ -46,6 +46,20 @@ def build(scalar):
         epsilon: int
         lowest: scalar
         buckets_per_meter: scalar
+
+    @wp.struct
+    class Rims:
+        """Rims that wait for their height: lists in buckets, linked by cell, and a heap of those of the open bucket.
+
+        ``bucket`` is the first cell of each list, -1 for none, and ``next`` the one after a cell. ``count`` has three
+        numbers (see ``IN_HEAP``).
+        """
+
+        next: wp.array[int]
+        bucket: wp.array[int]
+        count: wp.array[int]
+        heap_key: wp.array[scalar]
+        heap_cell: wp.array[int]
 
     @wp.struct
     class Carving:
@@ -121,58 +135,42 @@ def build(scalar):
         return False
 
     @wp.func(module=name)
-    def clear_rims(bucket_out: wp.array[int], rims_out: wp.array[int]):
+    def clear_rims(rims_out: Rims):
         """Make the heap and all buckets empty, and open none."""
-        for i in range(bucket_out.shape[0]):
-            bucket_out[i] = -1
-        rims_out[IN_HEAP] = 0
-        rims_out[IN_BUCKETS] = 0
-        rims_out[OPEN_BUCKET] = -1
+        for i in range(rims_out.bucket.shape[0]):
+            rims_out.bucket[i] = -1
+        rims_out.count[IN_HEAP] = 0
+        rims_out.count[IN_BUCKETS] = 0
+        rims_out.count[OPEN_BUCKET] = -1
 
     @wp.func(module=name)
-    def queue_rim(
-        flood: Flood,
-        cell: int,
-        level: scalar,
-        rim_next_out: wp.array[int],
-        bucket_io: wp.array[int],
-        rims_io: wp.array[int],
-        heap_key_out: wp.array[scalar],
-        heap_cell_out: wp.array[int],
-    ):
+    def queue_rim(flood: Flood, cell: int, level: scalar, rims_io: Rims):
         """Keep a rim until its height comes: in the list of its bucket, or in the heap if that is open already."""
         bucket = int(wp.min((level - flood.lowest) * flood.buckets_per_meter, MAX_BUCKETS))
-        bucket = wp.min(bucket, bucket_io.shape[0] - 1)
-        if bucket <= rims_io[OPEN_BUCKET]:
-            push_rim(rims_io[IN_HEAP], level, cell, heap_key_out, heap_cell_out)
-            rims_io[IN_HEAP] = rims_io[IN_HEAP] + 1
+        bucket = wp.min(bucket, rims_io.bucket.shape[0] - 1)
+        if bucket <= rims_io.count[OPEN_BUCKET]:
+            push_rim(rims_io.count[IN_HEAP], level, cell, rims_io.heap_key, rims_io.heap_cell)
+            rims_io.count[IN_HEAP] = rims_io.count[IN_HEAP] + 1
         else:
-            rim_next_out[cell] = bucket_io[bucket]
-            bucket_io[bucket] = cell
-            rims_io[IN_BUCKETS] = rims_io[IN_BUCKETS] + 1
+            rims_io.next[cell] = rims_io.bucket[bucket]
+            rims_io.bucket[bucket] = cell
+            rims_io.count[IN_BUCKETS] = rims_io.count[IN_BUCKETS] + 1
 
     @wp.func(module=name)
-    def open_bucket(
-        cell_level: wp.array[scalar],
-        rim_next: wp.array[int],
-        bucket: wp.array[int],
-        rims_io: wp.array[int],
-        heap_key_out: wp.array[scalar],
-        heap_cell_out: wp.array[int],
-    ):
+    def open_bucket(cell_level: wp.array[scalar], rims_io: Rims):
         """Move the rims of the next bucket that has some into the heap, which is empty."""
-        index = rims_io[OPEN_BUCKET] + 1
-        while bucket[index] < 0:
+        index = rims_io.count[OPEN_BUCKET] + 1
+        while rims_io.bucket[index] < 0:
             index += 1
-        cell = bucket[index]
+        cell = rims_io.bucket[index]
         size = int(0)
         while cell >= 0:
-            push_rim(size, cell_level[cell], cell, heap_key_out, heap_cell_out)
+            push_rim(size, cell_level[cell], cell, rims_io.heap_key, rims_io.heap_cell)
             size += 1
-            cell = rim_next[cell]
-        rims_io[OPEN_BUCKET] = index
-        rims_io[IN_HEAP] = size
-        rims_io[IN_BUCKETS] = rims_io[IN_BUCKETS] - size
+            cell = rims_io.next[cell]
+        rims_io.count[OPEN_BUCKET] = index
+        rims_io.count[IN_HEAP] = size
+        rims_io.count[IN_BUCKETS] = rims_io.count[IN_BUCKETS] - size
 
     @wp.func(module=name)
     def stack_outlets(end: int, cell_state_io: wp.array[wp.uint8], queue_out: wp.array[int]) -> int:
@@ -192,11 +190,7 @@ def build(scalar):
         cell_level: wp.array[scalar],
         cell_state_io: wp.array[wp.uint8],
         queue_io: wp.array[int],
-        rim_next_out: wp.array[int],
-        bucket_out: wp.array[int],
-        rims_io: wp.array[int],
-        heap_key_out: wp.array[scalar],
-        heap_cell_io: wp.array[int],
+        rims_io: Rims,
     ):
         """Reach all that lies uphill of the stacked cells, and queue the rims among it.
 
@@ -204,7 +198,7 @@ def build(scalar):
         open neighbour below it is a rim that may spill into it; most are not any more when the climb has ended.
         """
         stack = int(stacked)
-        found = rims_io[IN_HEAP]
+        found = rims_io.count[IN_HEAP]
         while stack > 0:
             stack -= 1
             cell = queue_io[stack]
@@ -225,14 +219,14 @@ def build(scalar):
                         spills = 1
             if spills == 1:
                 # Behind the heap, until they are looked at again; it has the capacity, since no cell comes here twice.
-                heap_cell_io[found] = cell
+                rims_io.heap_cell[found] = cell
                 found += 1
-        i = rims_io[IN_HEAP]
+        i = rims_io.count[IN_HEAP]
         while i < found:
-            cell = heap_cell_io[i]
+            cell = rims_io.heap_cell[i]
             if borders_open(cell, flood.rows, flood.stride, cell_state_io):
                 level = cell_level[cell]
-                queue_rim(flood, cell, level, rim_next_out, bucket_out, rims_io, heap_key_out, heap_cell_io)
+                queue_rim(flood, cell, level, rims_io)
             i += 1
 
     @wp.kernel(module=name, enable_backward=False)
@@ -241,14 +235,10 @@ def build(scalar):
         flood: Flood,
         # out
         raised_out: wp.array[int],
-        rim_next_io: wp.array[int],
-        bucket_io: wp.array[int],
         cell_level_io: wp.array[scalar],
         cell_state_io: wp.array[wp.uint8],
         queue_io: wp.array[int],
-        rims_io: wp.array[int],
-        heap_key_io: wp.array[scalar],
-        heap_cell_io: wp.array[int],
+        rims_io: Rims,
     ):
         """Raise every cell to W = max(z, step above the lowest W around it), outlets excepted [Barnes2014].
 
@@ -258,29 +248,26 @@ def build(scalar):
         end and the raised cells from its far end; as no cell is of both kinds, they never meet.
         """
         end = (flood.rows + 2) * flood.stride
-        clear_rims(bucket_io, rims_io)
+        clear_rims(rims_io)
         stack = stack_outlets(end, cell_state_io, queue_io)
         first = end - 1
         last = end - 1
-        while stack > 0 or first > last or rims_io[IN_HEAP] + rims_io[IN_BUCKETS] > 0:
+        while stack > 0 or first > last or rims_io.count[IN_HEAP] + rims_io.count[IN_BUCKETS] > 0:
             if stack > 0:
-                climb_from(
-                    flood, stack, cell_level_io, cell_state_io, queue_io,
-                    rim_next_io, bucket_io, rims_io, heap_key_io, heap_cell_io,
-                )  # fmt: skip
-            if rims_io[IN_HEAP] == 0 and rims_io[IN_BUCKETS] > 0:
-                open_bucket(cell_level_io, rim_next_io, bucket_io, rims_io, heap_key_io, heap_cell_io)
+                climb_from(flood, stack, cell_level_io, cell_state_io, queue_io, rims_io)
+            if rims_io.count[IN_HEAP] == 0 and rims_io.count[IN_BUCKETS] > 0:
+                open_bucket(cell_level_io, rims_io)
             stack = 0
             cell = int(-1)
             level = scalar(0.0)
             if first > last:
                 cell = queue_io[first]
                 level = cell_level_io[cell]
-            if rims_io[IN_HEAP] > 0 and (first == last or heap_key_io[0] < level):
-                cell = heap_cell_io[0]
-                level = heap_key_io[0]
-                pop_rim(rims_io[IN_HEAP], heap_key_io, heap_cell_io)
-                rims_io[IN_HEAP] = rims_io[IN_HEAP] - 1
+            if rims_io.count[IN_HEAP] > 0 and (first == last or rims_io.heap_key[0] < level):
+                cell = rims_io.heap_cell[0]
+                level = rims_io.heap_key[0]
+                pop_rim(rims_io.count[IN_HEAP], rims_io.heap_key, rims_io.heap_cell)
+                rims_io.count[IN_HEAP] = rims_io.count[IN_HEAP] - 1
             elif first > last:
                 first -= 1
             if cell >= 0:
@@ -502,5 +489,5 @@ def build(scalar):
         carved_out[0] = carved
 
     return SimpleNamespace(
-        Flood=Flood, Carving=Carving, flood_cells=flood_cells, find_pits=find_pits, carve_pits=carve_pits
+        Flood=Flood, Rims=Rims, Carving=Carving, flood_cells=flood_cells, find_pits=find_pits, carve_pits=carve_pits
     )

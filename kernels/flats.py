@@ -58,51 +58,43 @@ def build(scalar):
 
     @wp.kernel(module=name, enable_backward=False)
     def list_flats(
-        # terrain
-        rows: int,
-        stride: int,
         # in
-        cell_height: wp.array[scalar],
-        cell_state: wp.array[wp.uint8],
         cell_pit: wp.array[wp.uint8],
         # out
+        flats_io: Flats,
         count_out: wp.array[int],
-        flat_start_out: wp.array[int],
-        flat_inner_out: wp.array[int],
-        member_cell_io: wp.array[int],
-        cell_member_io: wp.array[int],
     ):
         """List the members of all flats, and count the members and the flats; on one thread.
 
-        ``cell_pit`` is not 0 in the cells that are no outlets and have no lower neighbour; ``cell_member_io`` starts
-        at -1.
+        ``cell_pit`` is not 0 in the cells that are no outlets and have no lower neighbour; ``cell_member`` starts at
+        -1.
         """
         size = int(0)
         flats = int(0)
-        flat_start_out[0] = 0
+        flats_io.start[0] = 0
         for start in range(cell_pit.shape[0]):
-            if cell_pit[start] != wp.uint8(0) and cell_member_io[start] < 0:
+            if cell_pit[start] != wp.uint8(0) and flats_io.cell_member[start] < 0:
                 first = int(size)
                 inner = int(0)
-                level = cell_height[start]
-                cell_member_io[start] = size
-                member_cell_io[size] = start
+                level = flats_io.height[start]
+                flats_io.cell_member[start] = size
+                flats_io.member_cell[size] = start
                 size += 1
                 while first < size:
-                    cell = member_cell_io[first]
+                    cell = flats_io.member_cell[first]
                     first += 1
                     for k in range(8):
-                        n = own_cell(neighbor(cell, stride, k), rows, stride, cell_state)
-                        if cell_state[n] == IS_OPEN and cell_height[n] == level:
+                        n = own_cell(neighbor(cell, flats_io.stride, k), flats_io.rows, flats_io.stride, flats_io.state)
+                        if flats_io.state[n] == IS_OPEN and flats_io.height[n] == level:
                             if cell_pit[n] == wp.uint8(0):
                                 inner = 1
-                            elif cell_member_io[n] < 0:
-                                cell_member_io[n] = size
-                                member_cell_io[size] = n
+                            elif flats_io.cell_member[n] < 0:
+                                flats_io.cell_member[n] = size
+                                flats_io.member_cell[size] = n
                                 size += 1
-                flat_inner_out[flats] = inner
+                flats_io.inner[flats] = inner
                 flats += 1
-                flat_start_out[flats] = size
+                flats_io.start[flats] = size
         count_out[0] = size
         count_out[1] = flats
 

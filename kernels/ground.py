@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import raster
+from warpriver.kernels import banks, raster
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -23,7 +23,8 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.ground_{scalar.__name__}"
-    cells = raster.build(scalar)
+    cells, bank = raster.build(scalar), banks.build(scalar)
+    Banks = bank.Banks
     vec2, RasterGrid = cells.vec2, cells.RasterGrid
     ZERO, ONE, TWO, THREE = (scalar(v) for v in (0.0, 1.0, 2.0, 3.0))
 
@@ -31,7 +32,7 @@ def build(scalar):
     class Steering:
         """The control field c (m) and the factor of the rate on the cells of one raster, and how they are read.
 
-        ``floor``: part of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. An
+        ``floor``: fraction of the rate k that a straight reach is steered with. ``mode``: NORMAL, VECTOR or PRINTED. An
         array is missing where nothing pulls, or scales the rate. ``block_mobility`` has, for blocks of cells, the
         greatest factor by which controls let a point move; it is 1 in those that no control reaches, and only there,
         and has a minus sign where the factor of the rate is not 1 everywhere.
@@ -53,6 +54,7 @@ def build(scalar):
         height: wp.array2d[wp.float64]
         grid: RasterGrid
         steering: Steering
+        banks: Banks
 
     @wp.func(module=name)
     def slope_weight(ground: Ground, xy: vec2, limit: scalar) -> scalar:
@@ -114,7 +116,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def freedom_at(ground: Ground, xy: vec2, limit: scalar, block: scalar) -> scalar:
-        """Part of its rate with which a point moves: g, by the slope of the ground, times the factor of controls.
+        """Fraction of its rate with which a point moves: g, by the slope of the ground, times the factor of controls.
 
         ``block`` is what ``block_at`` says of the point.
         """
@@ -148,6 +150,10 @@ def build(scalar):
         vec2=vec2,
         RasterGrid=RasterGrid,
         Steering=Steering,
+        Banks=Banks,
+        BankScale=bank.BankScale,
+        bank_scale=bank.bank_scale,
+        bank_factor=bank.bank_factor,
         Ground=Ground,
         control_gradient=control_gradient,
         rate_factor=rate_factor,

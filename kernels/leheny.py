@@ -10,6 +10,33 @@ from warpriver.kernels.variants import once
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Events:
+    """The events first .. first + count - 1 of each grid, which draws its numbers by its ``seed``."""
+
+    first: int
+    count: int
+    seed: wp.array[int]
+
+
+@wp.struct
+class Walks:
+    """A batch of events: the first one, the seed of the places that rain falls on, and that of the ways it takes."""
+
+    first: int
+    seed: int
+    turn_seed: int
+
+
+@wp.struct
+class Pairs:
+    """Pairs of cells and their neighbours k, of one colour; ``chunk``, cells of a thread in a word, divides 64."""
+
+    k: int
+    color: int
+    chunk: int
+
+
 @once
 def build(scalar):
     """Make the kernels of Leheny's model for one precision of the heights.
@@ -168,10 +195,8 @@ def build(scalar):
     def erode_serially(
         # params
         constants: Constants,
-        first: int,
-        count: int,
+        events: Events,
         # in
-        grid_seed: wp.array[int],
         ground: wp.array[int],
         cell_state: wp.array[wp.uint8],
         # out
@@ -180,7 +205,7 @@ def build(scalar):
         cell_waiting_out: wp.array[wp.uint8],
         grid_tally_io: wp.array[wp.int64],
     ):
-        """Do the events first .. first + count - 1 of one grid, one after another [Leheny1995].
+        """Do events of one grid, one after another [Leheny1995].
 
         Rain falls on a random cell, walks down to an outlet, lowers each cell of its way by D, but none below the base
         level and none to the height of the next one or below it; then slides come to rest. The numbers of an event are
@@ -192,8 +217,8 @@ def build(scalar):
         visits = wp.int64(0)
         slides = wp.int64(0)
         stuck = wp.int64(0)
-        for event in range(first, first + count):
-            random = wp.rand_init(grid_seed[grid], event)
+        for event in range(events.first, events.first + events.count):
+            random = wp.rand_init(events.seed[grid], event)
             cell = ground[wp.randi(random, 0, ground.shape[0])]
             size = int(0)
             k = int(0)
@@ -226,9 +251,7 @@ def build(scalar):
     def walk_together(
         # params
         constants: Constants,
-        seed: int,
-        turn_seed: int,
-        first: int,
+        walks: Walks,
         # in
         ground: wp.array[int],
         cell_state: wp.array[wp.uint8],
@@ -238,14 +261,14 @@ def build(scalar):
         cell_visits_io: wp.array[int],
         tally_io: wp.array[wp.int64],
     ):
-        """Walk of the event first + tid over heights that stay as they are; counts the visits of each cell.
+        """Walk of the event walks.first + tid over heights that stay as they are; counts the visits of each cell.
 
         All walks of a batch leave a cell by the same neighbour: its random number belongs to batch and cell. So no
         cell loses more than the one that its water goes to, and no pit can come up. What a cell's first visitor has
         worked out is kept for the others; any of them would write the same. ``cell_next_io`` is ``UNKNOWN`` before.
         """
-        event = first + wp.tid()
-        random = wp.rand_init(seed, event)
+        event = walks.first + wp.tid()
+        random = wp.rand_init(walks.seed, event)
         cell = ground[wp.randi(random, 0, ground.shape[0])]
         size = int(0)
         while cell >= 0:
@@ -255,7 +278,7 @@ def build(scalar):
             if cell_state[cell] != OUTLET:
                 below = cell_next_io[cell]
                 if below == UNKNOWN:
-                    turn = wp.rand_init(turn_seed, cell)
+                    turn = wp.rand_init(walks.turn_seed, cell)
                     k = lower_neighbor(constants, 0, cell, scalar(wp.randf(turn)), cell_height)
                     if k == NONE:
                         wp.atomic_add(tally_io, 2, wp.int64(1))
@@ -449,9 +472,7 @@ def build(scalar):
     def slide_pairs(
         # params
         constants: Constants,
-        k: int,
-        color: int,
-        chunk: int,
+        pairs: Pairs,
         # in
         listed: wp.array[int],
         word_steep: wp.array2d[wp.uint64],
@@ -460,14 +481,14 @@ def build(scalar):
         word_marks_io: wp.array[wp.uint64],
         tally_io: wp.array[wp.int64],
     ):
-        """Bring those of the marked pairs to rest that have one colour, of cells and their neighbours k, 2 to 5.
+        """Bring those of the marked pairs to rest that have one colour, of cells and one of their neighbours k, 2 to 5.
 
         Pairs are coloured by the parity of the column (k = 2) or row that they begin in; where that wraps around and is
         odd in number, the last one has colour 2. No cell is in two pairs of a k and colour: the order does not matter.
-        Only listed words are looked at; cells that were lowered are marked. ``chunk``, the length of a thread's part of
-        a word, divides 64.
+        Only listed words are looked at; cells that were lowered are marked.
         """
         place, part = wp.tid()
+        k, color, chunk = pairs.k, pairs.color, pairs.chunk
         word = listed[place]
         rest = word_steep[k - 2, word] >> wp.uint64(part * chunk)
         if rest == NO_BITS:
@@ -495,14 +516,14 @@ def build(scalar):
     def raise_courses(
         # params
         constants: Constants,
-        least: scalar,
+        min_fall: scalar,
         # in
         cell_below: wp.array[int],
         order: wp.array[int],
         # out
         cell_height_io: wp.array[scalar],
     ):
-        """Raise cells until each lies ``least`` or more above the one below it on its course; on one thread.
+        """Raise cells until each lies ``min_fall`` or more above the one below it on its course; on one thread.
 
         ``order`` has each cell after the one below it, which is -1 at outlets.
         """
@@ -510,12 +531,15 @@ def build(scalar):
             cell = order[i]
             below = cell_below[cell]
             if below >= 0:
-                floor = cell_height_io[below] + least
+                floor = cell_height_io[below] + min_fall
                 if cell_height_io[cell] < floor:
                     cell_height_io[cell] = floor
 
     return SimpleNamespace(
         Constants=Constants,
+        Events=Events,
+        Walks=Walks,
+        Pairs=Pairs,
         erode_serially=erode_serially,
         begin_grading=begin_grading,
         double_grading=double_grading,

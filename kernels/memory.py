@@ -47,8 +47,8 @@ def build(scalar):
     class MigrationConstants:
         """Constants of a simulation, from ``MeanderParams``; lengths in m, times in yr.
 
-        ``memory_length`` is 0 where friction and depth tell how far bends are felt, ``curvature_saturation`` where
-        nothing saturates.
+        ``freest`` is the greatest factor of the rate that banks have. ``memory_length`` is 0 where friction and depth
+        tell how far bends are felt, ``curvature_saturation`` where nothing saturates.
         """
 
         migration_rate: scalar
@@ -62,6 +62,7 @@ def build(scalar):
         scale_upstream: int
         end_damping: scalar
         slope_threshold: scalar
+        freest: scalar
 
     @wp.struct
     class Terms:
@@ -162,7 +163,7 @@ def build(scalar):
         grid is 1 - (16/3) b / (1 + 4 c); c = 8/9 b - 1/4 is the smallest implicit fraction with which it keeps above
         -1/2, so that a kink rings for a few steps at most.
         """
-        diffusivity = -constants.local_weight * strength_of(width, constants)
+        diffusivity = -constants.local_weight * strength_of(width, constants) * constants.freest
         if constants.scale_local != 0:
             diffusivity = diffusivity * sinuosity
         c = EIGHT_NINTHS * diffusivity * run.step / (run.spacing * run.spacing) - QUARTER
@@ -240,20 +241,22 @@ def build(scalar):
         return run.lower >= 0 and channels.step[wp.max(run.lower, 0)] > ZERO
 
     @wp.func(module=name)
-    def free_ends(run: Run, constants: MigrationConstants) -> Ends:
-        """Ends of a channel that no other goes on from. Where it leaves the map its foot is not held."""
-        reach = constants.end_damping * run.form.width
-        if run.edge != EDGE_NONE:
-            return Ends(ZERO, reach, ZERO, ZERO)
-        return Ends(ZERO, reach, ZERO, reach)
+    def free_ends(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
+        """Ends of a channel that no other goes on from. Where it leaves the map, or enters it, an end is not held."""
+        ends = Ends(ZERO, ZERO, ZERO, ZERO, 0, 0)
+        if not line.is_fed(channels, run.channel):
+            ends.head_reach = constants.end_damping * run.form.width
+        if run.edge == EDGE_NONE:
+            ends.foot_reach = constants.end_damping * run.form.width
+        return ends
 
     @wp.func(module=name)
     def ends_of(channels: Channels, run: Run, constants: MigrationConstants) -> Ends:
         """How far the ends of its river, or the locked points in it, are from a channel, as far as they are felt."""
         if run.upper < 0 and run.lower < 0:
-            return free_ends(run, constants)
+            return free_ends(channels, run, constants)
         top, bottom = channels.stems.top[run.channel], channels.stems.bottom[run.channel]
-        ends = free_ends(line.whole_run(channels, bottom), constants)
+        ends = free_ends(channels, line.whole_run(channels, bottom), constants)
         ends.head_reach = constants.end_damping * channels.form[top].width
         link = int(run.channel)
         while link != top and ends.above < ends.head_reach and not line.foot_held(channels, channels.stems.upper[link]):
@@ -261,12 +264,16 @@ def build(scalar):
             ends.above = ends.above + length_of_link(channels, link)
         if line.foot_held(channels, channels.stems.upper[link]):
             ends.head_reach = constants.end_damping * channels.form[link].width
+            ends.head_locked = int(ends.head_reach > ZERO)
+        elif link == top and line.is_fed(channels, top):
+            ends.head_reach = ZERO
         link = int(run.channel)
         while link != bottom and ends.below < ends.foot_reach and not line.foot_held(channels, link):
             link = channels.stems.lower[link]
             ends.below = ends.below + length_of_link(channels, link)
         if line.foot_held(channels, link):
             ends.foot_reach = constants.end_damping * channels.form[link].width
+            ends.foot_locked = int(ends.foot_reach > ZERO)
         # A link that was not looked at lies farther away than the end is felt.
         return ends
 

@@ -22,12 +22,14 @@ def build(scalar):
     name = f"warpriver.kernels.migration_{scalar.__name__}"
     line, land, past = polyline.build(scalar), grounds.build(scalar), memory.build(scalar)
     vec2, vec3, bits = line.vec2, line.vec3, line.bits
-    Channels, Points, Run, Ground = line.Channels, line.Points, line.Run, land.Ground
+    Channels, Points, Run, Ground, BankScale = line.Channels, line.Points, line.Run, land.Ground, land.BankScale
     MigrationConstants, Terms, Memory, Ends = past.MigrationConstants, past.Terms, past.Memory, line.Ends
     decay_weights, segment_depth, smoothing_root = past.decay_weights, past.segment_depth, past.smoothing_root
     strength_of, felt_curvature, decay_of = past.strength_of, past.felt_curvature, past.decay_of
     ZERO, QUARTER, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.25, 0.5, 1.0, 2.0))
     SIXTH, TWELFTH, THIRD, PART = (scalar(v) for v in (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0, 1.0 / 36.0))
+    # Widths below an inlet over which banks come to differ in strength.
+    INLET_REACH = scalar(20.0)
     REACH, AREA_PARTS, HALF_64 = line.REACH, past.AREA_PARTS, wp.float64(0.5)
 
     @wp.struct
@@ -43,6 +45,13 @@ def build(scalar):
         stop: int
         upstream: scalar
         smoothed: vec2
+
+    @wp.struct
+    class Velocities:
+        """Velocities that have still to be smoothed upstream: ``point`` by point, ``tail`` as in ``Memory``."""
+
+        point: wp.array[vec2]
+        tail: wp.array[vec2]
 
     @wp.kernel(module=name, enable_backward=False)
     def measure_rings(
@@ -201,8 +210,7 @@ def build(scalar):
         here = line.extended_point(points.xy, sweep.warm, run)
         after = line.extended_point(points.xy, sweep.warm + 1, run)
         a = before - line.extended_point(points.xy, sweep.warm - 2, run)
-        b = here - before
-        c = after - here
+        b, c = here - before, after - here
         lb = wp.length(b)
         lc = wp.length(c)
         k0 = line.circle_curvature(a, b, wp.length(a), lb)
@@ -239,6 +247,8 @@ def build(scalar):
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
             felt_here = vec2(curvature, felt[0])
             local = terms.local * junction_strength(channels, points, run, j, strength, felt_here, constants)
+            if ends.head_locked + ends.foot_locked != 0:
+                local = local * line.local_weight(j, run, ends, wp.abs(curvature) * section[0])
             push = terms.upstream * line.end_weight(j, run, ends)
             rate = local * felt[0] + push * upstream
             smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed
@@ -286,11 +296,14 @@ def build(scalar):
         return Sweep(run.begin, run.begin, run.begin, run.stop, start[0], smoothed)
 
     @wp.func(module=name)
-    def line_sweep(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
+    def line_sweep(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
         """Sweep over a run of a line, from where what lies farther upstream is lost in rounding."""
         warm = warmup_start(points, run, constants)
         warm = wp.max(run.first, warm - terms.reach)
-        return Sweep(warm, run.first, run.begin, run.stop, ZERO, vec2(ZERO, ZERO))
+        upstream = scalar(0.0)
+        if run.upper < 0 and line.is_fed(channels, run.channel):
+            upstream = strength_of(line.section_at(points, run.first, run)[0], constants) * channels.inlet[run.channel]
+        return Sweep(warm, run.first, run.begin, run.stop, upstream, vec2(ZERO, ZERO))
 
     @wp.kernel(module=name, enable_backward=False)
     def compute_velocity(
@@ -307,9 +320,10 @@ def build(scalar):
         """Velocity n mu in m/yr, n to the right of the flow, smoothed downstream where the step asks for it.
 
         mu = omega mu0 + e sigma^(-2/3) gamma int mu0(u - z) e^(-alpha z) dz / int e^(-alpha z) dz, mu0 = k w C or
-        k c0 tanh(w C / c0), alpha = 2 f / d or 1 / (L w). e fades to 0 at both ends of a river, so that bends
-        only straighten there, and is 1 on a ring. The reach above a channel's head counts as straight [Paris2023, Eq.
-        2-5], that above the first point of a ring is the ring itself, round and round. Inactive channels are skipped.
+        k c0 tanh(w C / c0), alpha = 2 f / d or 1 / (L w). e fades to 0 at both ends of a river, so that bends only
+        straighten there, and is 1 on a ring. The reach above a channel's head counts as straight [Paris2023, Eq. 2-5],
+        unless it is fed, that above the first point of a ring is the ring itself, round and round. Inactive channels
+        are skipped.
 
         A link begins here as if nothing came from the link upstream, and notes what it hands on to the one downstream.
         """
@@ -323,7 +337,7 @@ def build(scalar):
                 if run.closed != 0:
                     sweep = ring_sweep(channels, points, run, terms, constants, ends, point_velocity_out)
                 else:
-                    sweep = line_sweep(points, run, terms, constants)
+                    sweep = line_sweep(channels, points, run, terms, constants)
                 state = sweep_velocity(channels, points, run, terms, constants, ends, sweep, point_velocity_out)
                 if run.upper >= 0 and run.stop == run.last + 1:
                     memory_out.terms[run.channel] = terms
@@ -406,6 +420,7 @@ def build(scalar):
         ground: Ground,
         run: Run,
         constants: MigrationConstants,
+        scale: BankScale,
         j: int,
         velocity: vec2,
     ) -> vec2:
@@ -417,22 +432,32 @@ def build(scalar):
             pull = pull_at(points, ground, run, constants, j, normal, wp.dot(normal, velocity))
             drawn = velocity + line.end_weight(j, run, past.ends_of(channels, run, constants)) * pull
         free = land.freedom_at(ground, points.xy[j], constants.slope_threshold, block)
+        if ground.banks.cell_noise:
+            factor = land.bank_factor(ground.banks, scale, points.xy[j])
+            if run.upper < 0 and line.is_fed(channels, run.channel):
+                # Else a head in strong banks would keep out what enters there.
+                t = wp.min(scalar(j - run.first) * run.spacing / (INLET_REACH * run.form.width), ONE)
+                factor = ONE + t * (factor - ONE)
+            free = factor * free
         drawn = free * drawn
-        if free < ONE and block == ONE and j > run.first and j < run.last:
-            # Else bends that are pushed against a slope would be folded there.
-            drawn = drawn + (ONE - free) * eased(points, run, constants, j)
+        kept = free
+        if constants.curvature_saturation > ZERO:
+            # The local term that would straighten the tightest bends has saturated.
+            kept = ZERO
+        if kept < ONE and block == ONE and j > run.first and j < run.last:
+            # Else bends that are pushed against a slope, or strong banks, would be folded there.
+            drawn = drawn + (ONE - kept) * eased(points, run, constants, j)
         return drawn
 
     @wp.func(module=name)
     def sweep_move(
         channels: Channels,
         points: Points,
-        point_velocity: wp.array[vec2],
+        velocities: Velocities,
         ground: Ground,
         run: Run,
         terms: Terms,
         constants: MigrationConstants,
-        memory: Memory,
         moved_out: Points,
     ) -> scalar:
         """Move the points of a run, sweeping up the channel; return the greatest speed, m/yr."""
@@ -442,26 +467,27 @@ def build(scalar):
         last = int(run.last)
         if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
+        scale = land.bank_scale(ground.banks, run.form.width)
         fastest = scalar(0.0)
         smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
         if run.closed != 0:
-            smoothed = ring_tail(points, point_velocity, run, terms, constants)
+            smoothed = ring_tail(points, velocities.point, run, terms, constants)
         else:
             top = wp.min(run.last, run.stop - 1 + line.recurrence_reach(r))
             if top == run.last and run.lower >= 0:
-                smoothed = memory.tail[run.channel]
+                smoothed = velocities.tail[run.channel]
         for k in range(0, top - run.begin + 1):
             j = top - k
             if points.section:
                 r = smoothing_root(points.section[j][0], run, terms.sinuosity, constants)
-            smoothed = (ONE - r) * point_velocity[j] + r * smoothed
+            smoothed = (ONE - r) * velocities.point[j] + r * smoothed
             if j == run.last and run.closed == 0:
-                smoothed = past.foot_velocity(channels, run, point_velocity, smoothed)
+                smoothed = past.foot_velocity(channels, run, velocities.point, smoothed)
             if j < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j <= last):
-                    velocity = steered(channels, points, ground, run, constants, j, smoothed)
+                    velocity = steered(channels, points, ground, run, constants, scale, j, smoothed)
                     fastest = wp.max(fastest, wp.length(velocity))
                     moved = moved + run.step * velocity
                 moved_out.xy[j] = moved
@@ -480,8 +506,7 @@ def build(scalar):
         constants: MigrationConstants,
         work: Work,
         # in
-        point_velocity: wp.array[vec2],
-        memory: Memory,
+        velocities: Velocities,
         # out
         moved_out: Points,
         channel_max_speed_io: wp.array[bits],
@@ -498,7 +523,7 @@ def build(scalar):
             run = line.next_run(channels, run)
             if run.step > ZERO:
                 terms = past.smoothing_of(channels, points.xy, run, constants)
-                fastest = sweep_move(channels, points, point_velocity, ground, run, terms, constants, memory, moved_out)
+                fastest = sweep_move(channels, points, velocities, ground, run, terms, constants, moved_out)
                 wp.atomic_max(channel_max_speed_io, run.channel, wp.cast(fastest, bits))
             else:
                 line.copy_run(points, run, moved_out)
@@ -510,6 +535,7 @@ def build(scalar):
         Points=Points,
         MigrationConstants=MigrationConstants,
         Memory=Memory,
+        Velocities=Velocities,
         measure_rings=measure_rings,
         compute_velocity=compute_velocity,
         resolve_rate=resolve_rate,

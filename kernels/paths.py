@@ -180,7 +180,7 @@ def build(scalar):
         """
         farthest = scalar(0.0)
         reach = constants.end_damping * run.form.width
-        ends = line.Ends(ZERO, reach, ZERO, reach)
+        ends = line.Ends(ZERO, reach, ZERO, reach, 0, 0)
         r_blur = blur_root(run.form.widest, run, constants)
         r_pull = line.recurrence_root(diffusion_number(run.form.widest, run, constants))
         top = run.stop - 1 + warmup_points(run, constants)

@@ -46,12 +46,17 @@ def build(scalar):
 
     @wp.struct
     class Ends:
-        """Distance along the river from a channel to its first and its last point, and how far each end is felt, m."""
+        """Distance along the river from a channel to its first and its last point, and how far each end is felt, m.
+
+        An end may be a locked point, 1 for ``head_locked`` and ``foot_locked``.
+        """
 
         above: scalar
         head_reach: scalar
         below: scalar
         foot_reach: scalar
+        head_locked: int
+        foot_locked: int
 
     # The integers whose order is that of real numbers from 0 on, bit for bit.
     bits = wp.int64 if scalar is wp.float64 else wp.int32
@@ -200,6 +205,22 @@ def build(scalar):
         return t * t * (THREE - TWO * t)
 
     @wp.func(module=name)
+    def local_weight(i: int, run: Run, ends: Ends, tightness: scalar) -> scalar:
+        """Share of its own curvature that a point near a locked one feels, 1 from the reach of that on.
+
+        It falls as by ``end_weight``, so that the river keeps its form there and no corner arises at the lock; but a
+        bend tighter than its width, of a ``tightness`` |C| w from 1/2 on, straightens all the same.
+        """
+        t = scalar(1.0)
+        if ends.head_locked != 0:
+            t = wp.min(t, (ends.above + scalar(i - run.first) * run.spacing) / ends.head_reach)
+        if ends.foot_locked != 0:
+            t = wp.min(t, (ends.below + scalar(run.last - i) * run.spacing) / ends.foot_reach)
+        if t >= ONE:
+            return ONE
+        return wp.max(t * t * (THREE - TWO * t), wp.clamp(TWO * tightness - ONE, ZERO, ONE))
+
+    @wp.func(module=name)
     def copy_run(points: Points, run: Run, points_out: Points):
         """Copy the points of a run, with their widths and depths where these vary along the channel."""
         for j in range(run.begin, run.stop):
@@ -256,6 +277,7 @@ def build(scalar):
         recurrence_root=recurrence_root,
         recurrence_reach=recurrence_reach,
         end_weight=end_weight,
+        local_weight=local_weight,
         right_normal=right_normal,
         segment_length=segment_length,
         normal_at=normal_at,

@@ -27,7 +27,7 @@ def build(scalar):
     vec2 = wp.types.vector(2, scalar)
     HALF, ONE = scalar(0.5), scalar(1.0)
     ZERO_64, HALF_64, ONE_64, NAN_64 = (wp.float64(v) for v in (0.0, 0.5, 1.0, math.nan))
-    # Part of a cell by which a point on the outer edge may miss it through rounding.
+    # Fraction of a cell by which a point on the outer edge may miss it through rounding.
     SLACK = scalar(1.0e-6 if scalar is wp.float64 else 1.0e-3)
 
     @wp.struct

@@ -42,7 +42,7 @@ def build(scalar):
     # Any other than none.
     ANY = scalar(1.0e-30)
     # Rounding of a step that divides evenly must not add a sub-step; far too many still fit an integer.
-    SLACK, MOST = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
+    SLACK, MAX_SUBSTEPS = scalar(1.0 - (1.0e-12 if scalar is wp.float64 else 1.0e-6)), scalar(1.0e6)
 
     @wp.struct
     class Limits:
@@ -171,7 +171,7 @@ def build(scalar):
         if mobility > ZERO and limits.width > ZERO:
             travel = wp.min(mobility / limits.travel, TWO * channel_max_speed[channel] / limits.width)
             needed = time_step * wp.max(mobility / limits.growth, travel) * SLACK
-            substeps = wp.max(1, int(wp.ceil(wp.min(needed, MOST))))
+            substeps = wp.max(1, int(wp.ceil(wp.min(needed, MAX_SUBSTEPS))))
         channel_substeps_out[channel] = substeps
         wp.atomic_max(max_substeps_io, 0, substeps)
 

@@ -139,7 +139,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def nearest_station(surface: Surface, xy: vec2, begin: int, first: int, last: int) -> int:
-        """Station first .. last of least gap that is reached downhill from ``begin``: leaps along the line, then steps.
+        """Station first .. last of the smallest gap, reached downhill from ``begin``: leaps along the line, then steps.
 
         Each leap goes as far as the place lies ahead of the station, as on a straight line.
         """
@@ -340,7 +340,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def searched_station(surface: Surface, lattice: Lattice, xy: vec2, channel: int) -> int:
-        """Station of a channel of least gap to a place: the best that is found from the nodes around it.
+        """Station of a channel with the smallest gap to a place: the best that is found from the nodes around it.
 
         Sixteen of them, unless they agree: four would miss a bend that is nearest only between them, and leave a step
         in the ground there.

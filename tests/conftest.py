@@ -3,6 +3,7 @@ what another does.
 """
 
 import os
+import pickle
 
 import pytest
 import warp as wp
@@ -66,6 +67,30 @@ def kernels_are_compiled_once(tmp_path_factory):
             fcntl.flock(lock, fcntl.LOCK_EX)
             for device in wp.get_devices():
                 kernel_module(stem, SCALARS[dtype]).load(device)
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory):
+    """Return what a function makes; of several processes the first that asks makes it, and the others read it.
+
+    ``made_once(name, make)`` keeps it under a name; what is made must pickle.
+    """
+    import fcntl
+
+    folder, made = tmp_path_factory.getbasetemp(), {}
+    folder = folder.parent if WORKER else folder  # that of all processes
+
+    def ask(name, make):
+        if name not in made:
+            path = folder / f"made {name}.pickle"
+            with open(path.with_suffix(".lock"), "w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                if not path.exists():
+                    path.write_bytes(pickle.dumps(make()))
+            made[name] = pickle.loads(path.read_bytes())
+        return made[name]
+
+    return ask
 
 
 @pytest.fixture

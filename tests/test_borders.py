@@ -70,8 +70,14 @@ def things(tmp_path_factory):
     history.save(folder / "run.npz")
     wr.edits.write_edits(folder / "a.json", [(1, wr.edits.RemoveChannel(0))])
     (bridge,) = (wr.valley.levee(valley),)
-    brook = wr.riverscape.example("C")
-    river = wr.Riverscape(brook.terrain, brook.courses)
+    bends = wr.generate.sine_generated(600.0, 0.9, 8, 20.0)
+    meander = wr.RiverNetwork.from_polylines([bends], width=40.0)
+    grown = wr.Simulation(meander, threads=1)
+    grown.step(3)
+    slope = wr.generate.tilted_plain((24, 50), 10.0, 0.02)
+    brook = wr.RiverNetwork.from_polylines([line * 0.1 + (60.0, 120.0)], width=4.0, slope=[0.02])
+    reach = wr.riverscape.example("C")
+    river = wr.Riverscape(reach.terrain, reach.courses)
     river.save(folder / "river.json")
     wr.riverscape.FlowMap.of(river, (10.0, 4.0, 12.0, 6.0), 0.5).save(folder / "flow.png")
     return {
@@ -85,9 +91,15 @@ def things(tmp_path_factory):
         "valley": valley,
         "valley_params": params,
         "eroded": eroded,
+        "riverscape": wr.Riverscape(slope, brook, wr.classify_rivers(brook, slope, flow=1.0), flow=1.0, detail=2.0),
         "stamp": bridge,
         "simulation": wr.Simulation(network, threads=1),
         "grid": valley.grid(),
+        "meander": meander,
+        "grown": grown.network,
+        "fit": wr.calibrate(meander, grown.network, grown.time, fit=["migration_rate"]),
+        "carved": wr.landscape.carve(wr.landscape.plain_under(network, 60.0), network),
+        "wide": wr.Terrain(np.add.outer(np.zeros(80), 0.02 * np.arange(80.0)[::-1]), 50.0, (-2000.0, 2000.0)),
     }
 
 
@@ -389,6 +401,102 @@ CALLS = {
     "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
     "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
     "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "make_app": lambda t: (
+        wr.studio.make_app,
+        {
+            "start": t["network"],
+            "token": "a secret",
+            "terrain": None,
+            "folder": t["folder"] / f"studio-{len(list(t['folder'].iterdir()))}",
+            "hosts": ("localhost",),
+        },
+    ),
+    "arrival_angles": lambda t: (wr.meander.arrival_angles, {"network": t["network"], "reach": 1.5}),
+    "to_xarray_history": lambda t: (t["history"].to_xarray, {"every": 1}),
+    "to_zarr": lambda t: (t["history"].to_zarr, {"path": t["folder"] / f"{len(list(t['folder'].iterdir()))}.zarr"}),
+    "erodibility": lambda t: (
+        wr.landscape.erodibility,
+        {
+            "maps": wr.landscape_maps(t["history"], None, 80.0, bounds=(-500.0, -500.0, 500.0, 500.0)),
+            "strength": 0.5,
+            "reach": 100.0,
+        },
+    ),
+    "simulate_with_plants": lambda t: (
+        wr.landscape.simulate_with_plants,
+        {
+            "simulation": wr.Simulation(t["network"], threads=1),
+            "years": 0.5,
+            "bounds": (-500.0, -500.0, 500.0, 500.0),
+            "every": 0.3,
+            "strength": 0.5,
+            "cell_size": 100.0,
+            "record_every": 1,
+        },
+    ),
+    "landscape_maps": lambda t: (
+        wr.landscape_maps,
+        {
+            "history": t["history"],
+            "terrain": None,
+            "cell_size": 40.0,
+            "params": wr.landscape.LandscapeParams(),
+            "bounds": (-500.0, -500.0, 500.0, 500.0),
+            "until": -1,
+            "window": 2,
+            "moisture_falloff": wr.landscape.moisture_falloff,
+            "sediment_falloff": wr.landscape.sediment_falloff,
+            "device": "cpu",
+            "threads": 1,
+        },
+    ),
+    "moisture_falloff": lambda t: (wr.landscape.moisture_falloff, {"widths": [0.0, 1.0]}),
+    "sediment_falloff": lambda t: (wr.landscape.sediment_falloff, {"widths": [0.0, 1.0]}),
+    "SectionTable": lambda t: (wr.landscape.SectionTable, {"depth": [[0.0, 1.0, 0.0]], "row": [0, 0]}),
+    "SectionTable.of": lambda t: (
+        wr.landscape.SectionTable.of,
+        {"forms": [lambda y: y * (1.0 - y)], "row": None, "places": 9},
+    ),
+    "carve": lambda t: (
+        wr.landscape.carve,
+        {
+            "terrain": t["wide"],
+            "network": t["network"],
+            "params": None,
+            "sections": None,
+            "deposits": None,
+            "history": t["history"],
+        },
+    ),
+    "plain_under": lambda t: (
+        wr.landscape.plain_under,
+        {"network": t["network"], "cell_size": 50.0, "slope": 1e-3, "margin": 100.0, "history": None},
+    ),
+    "ground_of_run": lambda t: (wr.landscape.ground_of_run, {"history": t["history"], "terrain": None}),
+    "channel_ribbons": lambda t: (wr.landscape.channel_ribbons, {"network": t["network"]}),
+    "channel_splines": lambda t: (wr.landscape.channel_splines, {"network": t["network"]}),
+    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "most_points": 1000}),
+    "write_surfaces": lambda t: (
+        wr.landscape.write_surfaces,
+        {
+            "surfaces": wr.landscape.landscape_surfaces(t["carved"]),
+            "path": t["folder"] / "a.glb",
+            "origin": (0.0, 0.0),
+            "y_up": False,
+        },
+    ),
+    "export_landscape": lambda t: (
+        wr.landscape.export_landscape,
+        {
+            "carved": t["carved"],
+            "folder": t["folder"] / "land",
+            "targets": ["mesh"],
+            "history": t["history"],
+            "maps": None,
+            "size": None,
+            "every": None,
+        },
+    ),
     "junction_angles": lambda t: (wr.meander.junction_angles, {"network": t["network"], "params": None}),
     "shape_junctions": lambda t: (wr.meander.shape_junctions, {"network": t["network"], "params": None}),
     "migration_rate": lambda t: (
@@ -397,6 +505,10 @@ CALLS = {
     ),
     "stable_dt": lambda t: (wr.meander.stable_dt, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
     "step_limits": lambda t: (wr.meander.step_limits, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
+    "mapped_banks": lambda t: (
+        wr.meander.mapped_banks,
+        {"before": t["network"], "after": t["network"], "params": None, "smoothing": 3.0},
+    ),
     "taubin_smooth": lambda t: (
         wr.meander.taubin_smooth,
         {"channels": t["line"], "passes": 3, "strength": 0.5, "pass_band": None, "closed": False},
@@ -428,6 +540,45 @@ CALLS = {
     "compare": lambda t: (wr.metrics.compare, {"a": t["network"], "b": t["history"]}),
     "sinuosity_window": lambda t: (wr.metrics.sinuosity_window, {"xy": t["line"], "window": 300.0}),
     "wavelength_range": lambda t: (wr.metrics.wavelength_range, {"width": 20.0}),
+    "classify_rivers": lambda t: (
+        wr.riverscape.classify_rivers,
+        {
+            "network": t["network"],
+            "terrain": None,
+            "values": {"slope": 0.01},
+            "flow": 3.0,
+            "grain_size": 20.0,
+            "shows": "water",
+            "params": None,
+        },
+    ),
+    "classify_values": lambda t: (
+        wr.riverscape.classify_values,
+        {
+            "entrenchment": [3.0],
+            "width_to_depth": [20.0],
+            "sinuosity": [1.4],
+            "slope": [0.01],
+            "flow": 3.0,
+            "order": 2.0,
+            "grain_size": 20.0,
+            "params": None,
+        },
+    ),
+    "entrenchment_ratio": lambda t: (
+        wr.riverscape.entrenchment_ratio,
+        {"network": t["network"], "terrain": t["terrain"], "shows": "bed", "params": None},
+    ),
+    "label_channels": lambda t: (
+        wr.riverscape.label_channels,
+        {"network": t["network"], "terrain": None, "flow": [1.0, 2.0, 3.0]},
+    ),
+    "river_mask": lambda t: (wr.riverscape.river_mask, {"terrain": t["terrain"], "min_drainage_area": 1e5}),
+    "unit_sections": lambda t: (wr.riverscape.unit_sections, {}),
+    "uniform_flow": lambda t: (
+        wr.riverscape.uniform_flow,
+        {"flow": [2.0], "slope": [0.01], "width_to_depth": [20.0], "params": None},
+    ),
     "blend": lambda t: (wr.riverscape.blend, {"under": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0)}),
     "example": lambda t: (wr.riverscape.example, {"name": "C", "seed": 0}),
     "primitives": lambda t: (
@@ -455,10 +606,37 @@ CALLS = {
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
     ),
+    "calibrate": lambda t: (
+        wr.calibration.calibrate,
+        {
+            "before": t["meander"],
+            "after": t["grown"],
+            "years": 5.0,
+            "params": None,
+            "fit": ["migration_rate"],
+            "vary": [],
+            "length": 50.0,
+            "smoothing": 0.5,
+            "offset": True,
+        },
+    ),
+    "write_fit": lambda t: (
+        wr.calibration.write_fit,
+        {"fit": t["fit"], "folder": t["folder"] / "fit", "network": t["grown"], "years": 3.0},
+    ),
+    "draw_bed": lambda t: (
+        wr.viz.draw_bed,
+        {"scene": t["riverscape"], "path": t["folder"] / "a.png", "bounds": (60.0, 0.0, 400.0, 240.0), "water": True},
+    ),
+    "draw_river_types": lambda t: (
+        wr.viz.draw_river_types,
+        {"types": t["riverscape"].types, "network": t["riverscape"].network, "path": t["folder"] / "a.png"},
+    ),
     "draw_belt": drawn(wr.viz.draw_belt, ("history", "history")),
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
     "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
     "draw_elevation": drawn(wr.viz.draw_elevation, ("terrain", "terrain")),
+    "draw_landscape": drawn(wr.viz.draw_landscape, ("history", "history")),
     "draw_network": drawn(wr.viz.draw_network, ("network", "network")),
     "draw_valley": drawn(wr.viz.draw_valley, ("valley", "valley")),
     "draw_valley_sections": drawn(wr.viz.draw_valley_sections, ("valley", "valley")),
@@ -466,7 +644,8 @@ CALLS = {
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
     "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
-    "harmonics_for_covariance", "harmonics_for_covariances", "line_formats", "mountain_front_zones", "scene_schema",
+    "harmonics_for_covariance", "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast",
+    "line_formats", "posterior", "write_hindcast", "mountain_front_zones", "scene_schema",
 }  # fmt: skip
 
 

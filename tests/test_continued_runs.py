@@ -265,7 +265,7 @@ def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path, dev
     [
         (PathMeander(), "goes by MeanderParams and cannot go on by PathMeander"),
         (MeanderParams(time_step=1.0), "time_step is 1 yr"),
-        (MeanderParams(collision_distance=0.0), "add or remove collide"),
+        (MeanderParams(collision_distance=0.0, cutoff_distance=0.0), "add or remove collide"),
         (MeanderParams(spacing=500.0, spacing_in_widths=0.0), "coarser than channel 0 is wide"),
     ],
     ids=["solver", "time step", "collisions", "spacing"],

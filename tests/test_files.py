@@ -1,6 +1,7 @@
 """Every writer on a full disk: the file in place is the old one or the new one, and a failure is told."""
 
 import contextlib
+import functools
 import importlib.util
 import os
 import signal
@@ -18,10 +19,12 @@ HEIGHTS = np.random.default_rng(0).normal(100.0, 30.0, (2, 90, 70))
 CRS = "EPSG:32619" if importlib.util.find_spec("pyproj") else None
 
 
+@functools.cache
 def terrain(k):
     return wr.Terrain(HEIGHTS[k], 10.0, (5e5, 5e6), crs=CRS)
 
 
+@functools.cache
 def network(k):
     """Two long lines and many short ones, so that either the lines or the table of a shapefile is the larger."""
     lines = [wr.generate.noisy_line(9000.0, 20.0, 50.0, seed=k + j) + [5e5, 5e6 + 4000.0 * j] for j in range(2)]
@@ -29,10 +32,12 @@ def network(k):
     return wr.RiverNetwork.from_polylines(lines, width=30.0, crs=CRS)
 
 
+@functools.cache
 def grid(k):
     return wr.synthetic_valley("S3", length=200.0 * (1 + k)).grid(1.0)
 
 
+@functools.cache
 def history(k):
     line = wr.generate.noisy_line(4000.0, 40.0, 50.0, seed=k)
     return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=50.0)).run(steps=4, record_every=2)

@@ -1,4 +1,5 @@
 import ast
+import functools
 import importlib
 import inspect
 import pkgutil
@@ -45,9 +46,11 @@ LEVELS = [
     {"editing", "models"},
     {"resume"},
     {"simulation"},
-    {"bench", "estimate"},
+    {"landscape"},
+    {"bench", "calibration", "estimate"},
     {"viz"},
     {"scenes"},
+    {"studio"},
     {"cli", "__main__"},
 ]
 HEAVY = (
@@ -84,10 +87,15 @@ def level(name):
     return next((k for k, rooms in enumerate(LEVELS) if room(name) in rooms), None)
 
 
+@functools.cache
+def nodes_of(path):
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def imports_of(path, package):
     """Every warpriver module that a file imports, at the top or inside a function."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -115,6 +123,9 @@ def test_imports_go_one_way():
     assert not wrong, wrong
 
 
+PRIVATE = re.compile("_(?!_)")
+
+
 def foreign_private_names(source):
     """What a module takes from others although one underscore marks it as theirs, in the order of the lines.
 
@@ -134,17 +145,21 @@ def foreign_private_names(source):
         own |= {
             node.attr
             for node in ast.walk(kind)
-            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self"
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and is_name(node.value, "self")
         }
     found = [(node.lineno, alias.name) for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names]
     for node in nodes:
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value) not in ("self", "cls", "super()"):
+        if isinstance(node, ast.Attribute) and PRIVATE.match(node.attr):
             imported = isinstance(node.value, ast.Name) and node.value.id in foreign
-            if imported or node.attr not in own:
+            if ast.unparse(node.value) not in ("self", "cls", "super()") and (imported or node.attr not in own):
                 found.append((node.lineno, node.attr))
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "setattr", "hasattr"):
+        elif isinstance(node, ast.Call) and is_name(node.func, "getattr", "setattr", "hasattr"):
             found += [(node.lineno, arg.value) for arg in node.args[1:2] if isinstance(arg, ast.Constant)]
-    return [f"{line}: {name}" for line, name in sorted(found) if re.match("_(?!_)", name)]
+    return [f"{line}: {name}" for line, name in sorted(found) if PRIVATE.match(name)]
+
+
+def is_name(node, *names):
+    return isinstance(node, ast.Name) and node.id in names
 
 
 @pytest.mark.parametrize(
@@ -225,7 +240,7 @@ def test_every_refusal_is_a_warpriver_error():
     for name in [name for name in modules() if not name.endswith("__main__")]:
         path = Path(importlib.util.find_spec(name).origin)
         known = vars(importlib.import_module(name))
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes_of(path):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
                 raised = node.exc.func.id
                 kind = known.get(raised)

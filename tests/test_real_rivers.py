@@ -37,6 +37,8 @@ FILES |= {f"centerlines_local/{name}.txt": width for name, width in LOCAL.items(
 FILES |= {f"mamore_series/mamore_{year}.csv.gz": MAMORE_WIDTH for year in MAMORE_YEARS}
 
 YEARS = 200.0
+# The yearly lines of the Mamore are much alike: a few of them run as long, and all of them through their first cutoffs.
+SHORTER = {f"mamore_series/mamore_{year}.csv.gz": 60.0 for year in MAMORE_YEARS if year % 5}
 # m; the paper's spacing, or the narrowest width.
 SPACING = 50.0
 # Measured over all lines and times: up to 3.67 (white.txt, where it starts). Growth saturates at 2.5^1.5 = 3.95.
@@ -80,6 +82,7 @@ def test_all_river_lines_are_listed():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", FILES)
 def test_river_runs_for_200_years(name, device):
+    """The yearly lines of one river, of which some run so long, for 60."""
     network = load(name)
     widths = network.point_widths()[0]
     before = network.polylines()[0]
@@ -90,7 +93,8 @@ def test_river_runs_for_200_years(name, device):
     def look(sim):
         highest.append(wr.metrics.sinuosity(sim.network.polylines()[0]))
 
-    history = sim.run(years=YEARS, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
+    years = SHORTER.get(name, YEARS)
+    history = sim.run(years=years, record_every=10**6, callbacks=[(wr.history.Every(years=10), look)])
     after = sim.network.polylines()[0]
     crossing = len(crossings(after))
     print(

@@ -12,16 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpriver import (
+        calibration,
         edits,
         erosion,
         generate,
         history,
         hydrology,
         io,
+        landscape,
         meander,
         metrics,
         riverscape,
         scenes,
+        studio,
         valley,
         viz,
     )
@@ -50,6 +53,7 @@ __all__ = [
     "Simulation",
     "Terrain",
     "WarpriverError",
+    "calibration",
     "edits",
     "erode",
     "erosion",
@@ -59,6 +63,7 @@ __all__ = [
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "read_history",
@@ -66,6 +71,7 @@ __all__ = [
     "read_terrain",
     "riverscape",
     "scenes",
+    "studio",
     "synthetic_valley",
     "to_xarray",
     "valley",
@@ -96,9 +102,14 @@ _HOMES = {
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "calibrate": "warpriver.calibration",  # listed by its room
+    "carve": "warpriver.landscape.carving",  # listed by its room
+    "classify_rivers": "warpriver.riverscape",
     "erode": "warpriver.erosion.leheny",
     "extract_network": "warpriver.hydrology.extraction",
     "from_xarray": "warpriver.io.raster.xarrays",
+    "hindcast": "warpriver.calibration",  # listed by its room
+    "landscape_maps": "warpriver.landscape.maps",  # listed by its room
     "read_history": "warpriver.history",
     "read_network": "warpriver.io.vector.networks",
     "read_scene": "warpriver.scenes",  # listed by its room
@@ -111,16 +122,19 @@ _HOMES = {
     "write_terrain": "warpriver.io.raster.terrains",
 }
 _ROOMS = (
+    "calibration",
     "edits",
     "erosion",
     "generate",
     "history",
     "hydrology",
     "io",
+    "landscape",
     "meander",
     "metrics",
     "riverscape",
     "scenes",
+    "studio",
     "valley",
     "viz",
 )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import warp as wp
 
 __all__ = ["ByteArray", "CellArray", "ComplexArray", "DeviceArray", "FlagArray", "FloatArray", "IndexArray"]
 

@@ -19,9 +19,10 @@ from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth
 from warpriver.graph.edits import JUNCTION_CLEARANCE
 from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
-from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses
+from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses, window_of
 from warpriver.meander.courses import Refusal, carve_course
-from warpriver.meander.diversions import find_way, upstream_of
+from warpriver.meander.deferred import defer_junction
+from warpriver.meander.diversions import Diversion, divert, find_way, upstream_of
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
@@ -109,7 +110,7 @@ class EditStack:
             back, told = self._doers[type(edit)](edit)
         elif isinstance(edit, edits.EditTerrain):
             back = _edit_ground(stepper, edit)
-        elif isinstance(edit, edits.AvulseChannel):
+        elif isinstance(edit, (edits.AvulseChannel, edits.DeferJunction)):
             back = _avulse(stepper, history, edit)
         elif isinstance(edit, edits.DivertChannel):
             back = self._divert(stepper, history, edit)
@@ -165,10 +166,12 @@ def _edit_ground(stepper: Stepper, edit: edits.EditTerrain) -> Back:
     return lambda: raster.put_cells(window, cells)
 
 
-def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Back:
-    new, state, before = _new_course(edit, stepper), stepper.state, stepper.snapshot()
+def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel | edits.DeferJunction) -> Back:
+    new = _new_course(edit, stepper) if isinstance(edit, edits.AvulseChannel) else _deferred(edit, stepper)
+    state, before = stepper.state, stepper.snapshot()
+    work, line = divert(state, new) if isinstance(new, Diversion) else (rework_courses(state, [new]), None)
     raster = None if state.terrain is None else state.terrain.raster
-    window = None if state.terrain is None else new.window(state.terrain)
+    window = None if state.terrain is None else window_of(state.terrain, new)
     cells = None if raster is None or window is None else raster.cells(window)
 
     def back() -> None:
@@ -176,9 +179,10 @@ def _avulse(stepper: Stepper, history: History, edit: edits.AvulseChannel) -> Ba
         if raster is not None and window is not None and cells is not None:
             raster.put_cells(window, cells)
 
-    history.events.append(avulsion_of(state, stepper.step_count * state.params.time_step, new))
+    time = stepper.step_count * state.params.time_step
+    history.events.append(avulsion_of(state, time, new, line))
     carve(state, new)
-    _adopt(stepper, rework_courses(state, [new]))
+    _adopt(stepper, work)
     return back
 
 
@@ -189,28 +193,34 @@ def _divert(edit: edits.DivertChannel, stepper: Stepper) -> Avulsion:
     river = _River(network, edit.channel)
     channel, point = river.inner(edit.at, JUNCTION_CLEARANCE, "be diverted")
     target = None
-    if edit.to is not None:
+    if isinstance(edit.to, int):
         target = _River(network, edit.to).parts[-1]
         if upstream_of(network, channel)[target]:
             raise InputError(f"the water of channel {edit.to} comes through channel {edit.channel}; choose another one")
-    found = find_way(state, channel, point, state.params.avulsions or AvulsionParams(), target)
+    params, goals = state.params.avulsions or AvulsionParams(), "outlet" if edit.to == "outlet" else "channels"
+    found = find_way(state, channel, point, params, target, goals=goals)
     if isinstance(found, Refusal):
         x, y = found.xy
         raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
-    course, end = found
-    start = network.starts()
-    last = int(start[channel + 1])
-    old = network.point_xy[point:last].numpy().astype(np.float64) + network.origin
-    width, identity = float(network.channel_width[channel]), int(network.channel_id[channel])
-    work = _rework(stepper)
-    node = work.junction_at(int(np.searchsorted(start, end, side="right")) - 1, end)
-    line = np.concatenate([course.xy[:-1], work.node_place(node)[None]])
-    work.divert(channel, point, line, node)
+    work, line = divert(state, found)
+    event = avulsion_of(state, stepper.step_count * state.params.time_step, found, line)
     _adopt(stepper, work)
-    return Avulsion(stepper.step_count * state.params.time_step, identity, width, old, line, course.bed)
+    return event
 
 
-def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse:
+def _deferred(edit: edits.DeferJunction, stepper: Stepper) -> Diversion:
+    """Find the course along the river of a tributary, or raise ``ValueError`` that says why there is none."""
+    state = stepper.state
+    state.place_nodes()
+    river = _River(state.network, edit.channel)
+    found = defer_junction(state, river.parts[-1], state.params.avulsions or AvulsionParams())
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
+
+
+def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse | Diversion:
     """Find the course that a channel is to take, or raise ``ValueError`` that says why there is none."""
     state = stepper.state
     state.place_nodes()
@@ -554,8 +564,8 @@ def _distance_to(network: RiverNetwork, point: int, place: np.ndarray) -> float:
     return nearest
 
 
-def _check_rise(line: np.ndarray, terrain: Terrain | None, most: float) -> None:
-    """Raise ``ValueError`` where the ground under a line rises by more than ``most`` m over a point upstream."""
+def _check_rise(line: np.ndarray, terrain: Terrain | None, limit: float) -> None:
+    """Raise ``ValueError`` where the ground under a line rises by more than ``limit`` m over a point upstream."""
     if terrain is None:
         raise InputError("max_rise is given, but the run lies on a plain; leave it out, or run it over a terrain")
     height = terrain.sample(line)
@@ -563,11 +573,11 @@ def _check_rise(line: np.ndarray, terrain: Terrain | None, most: float) -> None:
         x, y = line[int(np.isnan(height).argmax())]
         raise InputError(f"the line runs over ({x:.6g}, {y:.6g}), where the terrain has no data; draw it elsewhere")
     rise = height - np.minimum.accumulate(height)
-    if rise.max() > most:
+    if rise.max() > limit:
         x, y = line[int(rise.argmax())]
         raise InputError(
             f"the ground rises by {rise.max():.4g} m along the line, up to ({x:.6g}, {y:.6g}), more than max_rise "
-            f"{most:g} m; draw it round the ridge, or lower the ground first"
+            f"{limit:g} m; draw it round the ridge, or lower the ground first"
         )
 
 

@@ -58,14 +58,16 @@ def _shortest_paths(params: PathMeander) -> Model:
 def _shaping(params: Any, rate: Callable[..., Any], follows: str) -> list[Phase]:
     drifts = params.junction_drift > 0.0
     junctions: list[Phase] = []
-    if follows != "nothing" or drifts:
-        junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts))
+    if follows != "nothing" or drifts or params.junctions is not None:
+        junctions.append(MoveJunctions(rate, follows=follows, drifts=drifts, shape=params.junctions))
     return [*([Smooth()] if params.taubin_passes > 0 else []), *junctions]
 
 
 def _joining(params: Any) -> list[Phase]:
     leaving: list[Phase] = [Avulse()] if params.avulsions is not None else []
-    return [*leaving, *([Collide()] if params.collision_distance > 0.0 else [])]
+    # Through nodes are none to the river, whose necks across them are found even where channels do not join.
+    joins, necks = params.collision_distance > 0.0, getattr(params, "cutoff_distance", 1.0)
+    return [*leaving, *([Collide(joins=joins, necks=necks)] if joins or necks > 0.0 else [])]
 
 
 # A new kind of parameters is a new model here, and nowhere else.

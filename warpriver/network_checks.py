@@ -27,7 +27,7 @@ __all__ = [
     "ring_points",
 ]
 
-# Two channel ends closer than this part of the narrower width are one node.
+# Two channel ends closer than this fraction of the narrower width are one node.
 NODE_TOLERANCE = 1e-3
 # The ends of a line that is to be a ring may be so many times its longest segment, or its width, apart.
 RING_GAP = 3.0

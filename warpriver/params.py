@@ -15,6 +15,7 @@ __all__ = [
     "DAYS_PER_YEAR",
     "SOLVER_PARAMS",
     "AvulsionParams",
+    "JunctionParams",
     "LehenyParams",
     "MeanderParams",
     "Params",
@@ -79,9 +80,9 @@ class Params:
         for field in dataclasses.fields(self):
             value, label = getattr(self, field.name), f"{type(self).__name__}.{field.name}"
             kind = field.metadata.get("kind")
-            if kind is not None and isinstance(value, dict):
-                # As files hold it.
-                value = kind(**value)
+            if kind is not None and (isinstance(value, dict) or value is False):
+                # As files hold it; false leaves the process out.
+                value = kind(**value) if isinstance(value, dict) else None
                 object.__setattr__(self, field.name, value)
             if field.metadata:
                 _check_constant(value, label, field)
@@ -100,9 +101,9 @@ class Params:
 def _check_constant(value: Any, label: str, field: dataclasses.Field[Any]) -> None:
     """Raise ``ValueError`` unless a value lies in the range that its field declares."""
     meta = field.metadata
-    if value is None and field.default is None:
-        return
     kind = meta.get("kind")
+    if value is None and (field.default is None or kind is not None):
+        return
     if kind is not None:
         if not isinstance(value, kind):
             raise InputError(f"{label} is {value!r}; give {kind.__name__}(...) or None")
@@ -198,6 +199,24 @@ class AvulsionParams(Params):
         doc="maximum distance along the channel to where a new course ends",
     )
 
+    meeting: str = parameter(
+        "refuse",
+        "-",
+        choices=("refuse", "join"),
+        source="warpriver",
+        doc="where a new course meets another channel: it is refused, as in [Paris2023] (refuse), or ends there in a "
+        "junction, and the rest of the old course falls dry (join)",
+    )
+    regional: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="fraction of the avulsions that leave for another channel, or the edge of the ground, along the cheapest "
+        "way over the ground, rather than for a point of their own channel",
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.farthest < self.nearest:
@@ -206,7 +225,87 @@ class AvulsionParams(Params):
             )
 
 
-# A field that holds the constants of a process which may be left out, of the class ``kind``.
+@dataclasses.dataclass(frozen=True)
+class JunctionParams(Params):
+    """Constants of the angles at which rivers meet, ``MeanderParams(junctions=JunctionParams())``.
+
+    Rivers of like size meet at a narrow angle; a small one meets a large one nearly at a right angle [Hooshyar2017,
+    Paris2023, Sec. 6.1]. The angle between a tributary and the channel below is
+
+        wide - (wide - narrow) r^e,
+
+    r the lesser flow over the greater one; the greater one arrives at narrow r^(3 e), straight on unless both are
+    alike.
+    Surveyed tributaries of lowland rivers arrive at 92 to 100 degrees in the median, and none at less than 25.
+    """
+
+    narrow_angle: float = parameter(
+        28.0,
+        "deg",
+        low=0.0,
+        high=90.0,
+        source="warpriver",
+        doc="angle between a tributary and the channel below when both tributaries carry the same",
+    )
+    wide_angle: float = parameter(
+        95.0,
+        "deg",
+        low=0.0,
+        high=120.0,
+        source="warpriver",
+        doc="that angle for a tributary that carries next to nothing beside the other one",
+    )
+    exponent: float = parameter(
+        1.5,
+        "-",
+        low=0.0,
+        low_open=True,
+        source="warpriver",
+        doc="e: how fast the angle narrows as the flows become alike: ratio^exponent",
+    )
+    reach: float = parameter(
+        6.0,
+        "mean widths",
+        low=1.0,
+        source="warpriver",
+        doc="length of the last reach that is shaped, in mean widths of the tributary and the channel below, at most "
+        "half of the tributary",
+    )
+    ease: float = parameter(
+        1.0,
+        "-",
+        low=0.0,
+        source="warpriver",
+        doc="how fast a mouth takes its angle in a simulation: in 1 / ease of the time in which the channel below "
+        "migrates by its width, at the migration rate",
+    )
+    deferred: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="warpriver",
+        doc="a tributary with less than this part of the river's flow that touches the river runs along its belt from "
+        "then on, down to a bend that reaches as far out, as the Yazoo does; 0: it flows in where it touches",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.wide_angle < self.narrow_angle:
+            raise InputError(
+                f"JunctionParams.wide_angle ({self.wide_angle:g} deg) is below narrow_angle ({self.narrow_angle:g} deg)"
+            )
+
+
+# Fields that hold the constants of a process which may be left out, of the class ``kind``.
+JUNCTIONS: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": JunctionParams,
+    "source": "warpriver",
+    "doc": "angles that the last reaches of tributaries take, by how their flow compares with that of the river, and "
+    "the bank to which they are led; by default there are",
+}
 AVULSIONS: dict[str, Any] = {
     "unit": "-",
     "choices": (),
@@ -310,6 +409,28 @@ class MeanderParams(Params):
         doc="what a channel feels of the curvature upstream of its head: that of the larger tributary, with which it "
         "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
     )
+    inlet: str = parameter(
+        "none",
+        "-",
+        choices=("edge", "all", "none"),
+        source="warpriver",
+        doc="which heads feel bends beyond them, as those of rivers that enter the map do: heads at its edge, or all "
+        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none)",
+    )
+    inlet_wavelength: float = parameter(
+        15.0,
+        "widths",
+        low=1.0,
+        source="warpriver",
+        doc="mean wavelength of the bends beyond an inlet",
+    )
+    inlet_curvature: float = parameter(
+        0.1,
+        "-",
+        low=0.0,
+        source="Weiss2022",
+        doc="width times curvature of the bends beyond an inlet, as its head feels it, root mean square",
+    )
     sinuosity_scaling: str = parameter(
         "upstream",
         "-",
@@ -387,15 +508,31 @@ class MeanderParams(Params):
         doc="two points that lie together within this arc of a node that their channels share never collide",
     )
     junction_drift: float = parameter(
-        0.0,
+        0.2,
         "-",
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="part of the migration rate with which junctions wander down the channel below them; 0: they stay, as in "
-        "[Paris2023]",
+        doc="fraction of the migration rate with which junctions wander along the river, to where the tributary lies "
+        "on the outer bank and its last reach does not run along the river; 0: they stay, as in [Paris2023]",
     )
 
+    bank_spread: float = parameter(
+        0.0,
+        "-",
+        low=0.0,
+        high=2.0,
+        source="Guneralp2011",
+        doc="standard deviation of the logarithm of a factor of the rate, a random field of mean 1: some banks are "
+        "stronger than others; 0: all are alike",
+    )
+    bank_correlation: float = parameter(
+        3.0,
+        "widths",
+        low=0.1,
+        source="warpriver",
+        doc="distance over which the strength of banks differs",
+    )
     control_steering: str = parameter(
         "normal",
         "-",
@@ -411,8 +548,9 @@ class MeanderParams(Params):
         low=0.0,
         high=1.0,
         source="warpriver",
-        doc="floor: part of the migration rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the migration rate k with which controls steer reaches that do not bend",
     )
+    junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
 
     def __post_init__(self) -> None:
@@ -441,6 +579,8 @@ class MeanderParams(Params):
             reference_width=0.0,
             upstream_memory="channel",
             control_steering="printed",
+            junction_drift=0.0,
+            junctions=None,
             avulsions=AvulsionParams(crevasse_rule="point") if events else None,
         )
 
@@ -500,10 +640,11 @@ class LehenyParams(Params):
         )
 
 
-def shared(name: str, **told: str) -> Any:
-    """Declare a constant that :class:`MeanderParams` has too: as it stands there, but for a doc or source ``told``."""
+def shared(name: str, *, default: Any = None, **told: str) -> Any:
+    """Declare a constant that :class:`MeanderParams` has too: as it stands there, but for what is ``told``."""
     field = MeanderParams.__dataclass_fields__[name]
-    return dataclasses.field(default=field.default, metadata={**field.metadata, **told})
+    default = field.default if default is None else default
+    return dataclasses.field(default=default, metadata={**field.metadata, **told})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -544,8 +685,8 @@ class PathMeander(Params):
         low=0.0,
         high=2.0,
         source="PathStudy2026",
-        doc="phi: part of the lateral push that is added along the channel, downstream; with little of it bends stand "
-        "still, and ever longer loops carry the belt away",
+        doc="phi: fraction of the lateral push that is added along the channel, downstream; with little of it bends "
+        "stand still, and ever longer loops carry the belt away",
     )
     blur_length: float = parameter(
         1.5,
@@ -598,13 +739,16 @@ class PathMeander(Params):
     junction_reach: float = shared("junction_reach")
     junction_drift: float = shared(
         "junction_drift",
-        doc="part of the displacement rate with which junctions wander down the channel below them; 0: they stay",
+        default=0.0,
+        doc="fraction of the displacement rate with which junctions wander along the river, to where the tributary "
+        "lies on the outer bank; 0: they stay",
     )
     control_steering: str = shared("control_steering")
     control_floor: float = shared(
         "control_floor",
-        doc="floor: part of the displacement rate k with which controls steer reaches that do not bend",
+        doc="floor: fraction of the displacement rate k with which controls steer reaches that do not bend",
     )
+    junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ FAR = 1e9
 # Beyond it a value is matched by the digits that single precision keeps; from 1e30 on by two, as in -3.4e38.
 SINGLE, HUGE, ROUGHLY = 1e-6, 1e30, 0.01
 # Different values that one array may hold for no data.
-MOST = 6
+MAX_VALUES = 6
 
 
 def find_sentinels(values: np.ndarray, known: np.ndarray | None = None) -> list[tuple[float, int]]:
@@ -35,7 +35,7 @@ def find_sentinels(values: np.ndarray, known: np.ndarray | None = None) -> list[
     elif values.dtype.kind == "f":
         known = known & np.isfinite(values)
     found: list[tuple[float, int]] = []
-    while len(found) < MOST and known.any():
+    while len(found) < MAX_VALUES and known.any():
         some = values.flat[known.argmax()]
         ends = (values.min(where=known, initial=some), values.max(where=known, initial=some))
         sentinel = next((end for end in ends if _stands_out(end, values, known)), None)

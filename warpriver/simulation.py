@@ -35,7 +35,7 @@ from warpriver.params import MeanderParams, PathMeander
 from warpriver.public import public
 from warpriver.resume import continued, edits_after, ground_again, ground_changes, parameter_changes
 from warpriver.terrain import Terrain
-from warpriver.validate import MOST_SEED, not_negative, shown, whole
+from warpriver.validate import MAX_SEED, not_negative, shown, whole
 
 __all__ = ["Simulation"]
 
@@ -115,7 +115,7 @@ class Simulation:
         check_ground(network, terrain)
         own = network.to(device, dtype)
         own.point_z = None  # of the line as given, whose points are about to move
-        seed = whole(seed, "seed", most=MOST_SEED)
+        seed = whole(seed, "seed", maximum=MAX_SEED)
         ground = None if terrain is None else Ground.of(terrain)
         self._steering = Steering(own, terrain, controls)
         options: dict[str, Any] = {"seed": seed, "check": check, "capture": capture, "threads": threads}

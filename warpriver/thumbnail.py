@@ -25,7 +25,7 @@ Color = tuple[int, int, int]
 # Longer side of a picture in pixels, shorter side at least, samples a pixel and direction, and empty pixels around.
 LONG, SHORT, FINE, RIM = 420, 60, 2, 6
 # Points of lines that are drawn at most; others are passed over evenly.
-MOST_POINTS = 300_000
+MAX_POINTS = 300_000
 GROUND: Color = (244, 242, 234)
 WATER: Color = (61, 126, 166)
 LAKE: Color = (134, 174, 174)
@@ -121,7 +121,7 @@ def lines_picture(layers: Sequence[tuple[Sequence[np.ndarray], Sequence[float], 
 
 def _traced(lines: Sequence[np.ndarray], corner: np.ndarray, size: float, shape: tuple[int, int]) -> FlagArray:
     """Return which samples lines pass through."""
-    stride = max(1, sum(map(len, lines)) // MOST_POINTS)
+    stride = max(1, sum(map(len, lines)) // MAX_POINTS)
     lines = [xy if stride == 1 else np.concatenate([xy[:-1:stride], xy[-1:]]) for xy in lines]
     begin = np.concatenate([xy[:-1] for xy in lines])
     way = np.concatenate([np.diff(xy, axis=0) for xy in lines])

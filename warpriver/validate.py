@@ -36,8 +36,8 @@ T = TypeVar("T")
 # Numbers beyond these stand for no quantity of a river, and their squares overflow or vanish.
 SMALLEST, LARGEST = 1e-30, 1e30
 # Counts beyond this are mistakes: they fit no index of the kernels.
-MOST = 2**31 - 1
-MOST_SEED = 2**63 - 1
+MAX_WHOLE = 2**31 - 1
+MAX_SEED = 2**63 - 1
 # Characters of a value in a message.
 LONGEST = 80
 
@@ -53,22 +53,24 @@ def real(value: Any) -> float:
     return number if number == 0.0 or SMALLEST <= abs(number) <= LARGEST else math.nan
 
 
-def whole(value: Any, name: str, least: int = 0, unit: str = "", most: int = MOST) -> int:
-    """Return a whole number, such as 3 or 3.0, from ``least`` to ``most``."""
+def whole(value: Any, name: str, minimum: int = 0, unit: str = "", maximum: int = MAX_WHOLE) -> int:
+    """Return a whole number, such as 3 or 3.0, from ``minimum`` to ``maximum``."""
     try:
         number = int(value)
-        good = not isinstance(value, (bool, np.bool_, str, bytes)) and bool(number == value and least <= number <= most)
+        good = not isinstance(value, (bool, np.bool_, str, bytes)) and bool(
+            number == value and minimum <= number <= maximum
+        )
     except (TypeError, ValueError, OverflowError):
         good = False
     if not good:
-        limit = f" and {most} or less" if isinstance(value, (int, float)) and value > most else ""
-        raise InputError(f"{name} is {shown(value)}; give a whole number{_of(unit)}, {least} or more{limit}")
+        limit = f" and {maximum} or less" if isinstance(value, (int, float)) and value > maximum else ""
+        raise InputError(f"{name} is {shown(value)}; give a whole number{_of(unit)}, {minimum} or more{limit}")
     return number
 
 
 def seeded(seed: Any, name: str = "seed") -> np.random.Generator:
     """Return random numbers that follow from a seed, a whole number of 0 or more."""
-    return np.random.default_rng(whole(seed, name, most=MOST_SEED))
+    return np.random.default_rng(whole(seed, name, maximum=MAX_SEED))
 
 
 def positive(value: Any, name: str, unit: str = "", hint: str = "") -> float:
@@ -120,14 +122,14 @@ def floats(values: Any, name: str, give: str = "numbers") -> FloatArray:
         raise InputError(f"{name} is {shown(values)}; give {give}") from error
 
 
-def grid_shape(shape: Any, name: str = "shape", least: int = 2) -> tuple[int, int]:
-    """Return rows and columns, ``least`` or more of each."""
+def grid_shape(shape: Any, name: str = "shape", minimum: int = 2) -> tuple[int, int]:
+    """Return rows and columns, ``minimum`` or more of each."""
     try:
-        rows, columns = (whole(count, name, least) for count in shape)
+        rows, columns = (whole(count, name, minimum) for count in shape)
     except ValueError as error:
         given = shown(tuple(shape))
         raise InputError(
-            f"{name} is {given}; give rows and columns, whole numbers, at least {least} of each"
+            f"{name} is {given}; give rows and columns, whole numbers, at least {minimum} of each"
         ) from error
     return rows, columns
 

@@ -403,7 +403,7 @@ def test_the_table_is_short_and_tells_what_failed():
         ]
     )
     lines = text.splitlines()
-    assert len(lines) == gpu_table.MOST_LINES and max(map(len, lines)) <= gpu_table.WIDTH
+    assert len(lines) == gpu_table.MAX_LINES and max(map(len, lines)) <= gpu_table.WIDTH
     assert lines[0] == "machine    overran in 3 s: not done after 20 s"
     assert lines[1] == "models     failed in 3 s: paths: other; tree: other; 3 in all"
     assert lines[2] == "sanitizer  skipped in 3 s: no compute-sanitizer"

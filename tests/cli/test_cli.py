@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, generate, read_terrain
+from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, extract_network, generate, read_terrain
 from warpriver.cli import main
 from warpriver.cli.info import describe_device, describe_gpus
 from warpriver.history import History
@@ -435,3 +435,30 @@ def test_bench_refuses_bad_input(arguments, word, capsys, monkeypatch):
     monkeypatch.setattr(bench, "RIVER_YEARS", 1.0)
     code, _, err = run(capsys, "bench", *arguments)
     assert code == 2 and word in err and err.splitlines()[-1].startswith("warpriver bench: "), err
+
+
+def test_riverscape_writes_types_and_a_bed(tmp_path, capsys):
+    ground = generate.fluvial_terrain((60, 60), 30.0, 200.0, seed=2)
+    write_terrain(ground, tmp_path / "dem.npz")
+    arguments = ["riverscape", tmp_path / "dem.npz", "--min-area", 0.2]
+    code, said, err = run(capsys, *arguments, "-o", tmp_path / "types")
+    assert code == 0, err
+    assert re.search(r"type \S+: [\d.]+ km", said)
+    rows = (tmp_path / "types" / "types.csv").read_text().splitlines()
+    assert rows[0].startswith("channel,type,entrenchment,") and len(rows) > 2 and "unresolved" in rows[1]
+    assert (tmp_path / "types" / "types.png").stat().st_size > 0
+    code, said, err = run(capsys, *arguments, "--window", "0,0,1", "-o", tmp_path / "no")
+    assert code == 2 and "--window 0,0,1: give west,south,east,north" in err
+    code, said, err = run(capsys, *arguments, "--window", "9000,9000,9100,9100", "-o", tmp_path / "no")
+    assert code == 2 and "no river" in err
+    code, said, err = run(capsys, *arguments, "--type", "H", "-o", tmp_path / "no")
+    assert code == 2 and "'H'" in err
+    network = extract_network(ground, min_drainage_area=2e5)
+    x, y = network.polylines()[0][5]
+    window = f"{x - 50:.0f},{y - 50:.0f},{x + 50:.0f},{y + 50:.0f}"
+    code, said, err = run(capsys, *arguments, "--window", window, "--detail", 2, "-o", tmp_path / "bed")
+    assert code == 0, err
+    assert "Riverscape(" in said
+    (carved,) = [p for p in (tmp_path / "bed").iterdir() if p.stem == "bed" and p.suffix in (".tif", ".npz")]
+    assert read_terrain(carved).shape == (50, 50)
+    assert (tmp_path / "bed" / "bed.png").stat().st_size > 0

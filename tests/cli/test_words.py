@@ -9,7 +9,9 @@ import pytest
 from warpriver.cli import main
 from warpriver.cli.words import flag_names, in_flags, naming
 from warpriver.errors import InputError
-from warpriver.io import read_network, write_terrain
+from warpriver.io import read_network, write_network, write_terrain
+from warpriver.meander import shape_junctions
+from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
 FLAGS = {name: f"--{name.replace('_', '-')}" for name in "crs to_crs cell_size range short nodata closed width".split()}
@@ -74,7 +76,7 @@ def test_what_lies_under_rivers_has_flags_of_its_own():
         assert in_flags("pass crs=") == "pass --crs"
 
 
-@pytest.mark.parametrize("command", ["network", "simulate", "render", "info", "erode"])
+@pytest.mark.parametrize("command", ["network", "simulate", "landscape", "render", "info", "erode"])
 def test_every_argument_of_a_reader_is_a_flag_of_the_commands_that_read(capsys, command):
     """A message may name any of them."""
     import argparse
@@ -87,7 +89,7 @@ def test_every_argument_of_a_reader_is_a_flag_of_the_commands_that_read(capsys, 
     lines = {"width", "missing_width", "layer", "crs", "to_crs", "repeated", "short", "topology", "reverse", "closed"}
     if command != "info":
         assert heights <= set(flags)
-    if command in ("simulate", "render", "info"):
+    if command in ("simulate", "landscape", "render", "info"):
         assert lines <= set(flags)
 
 
@@ -124,6 +126,23 @@ def test_advice_on_height_maps_can_be_followed(capsys, tmp_path):
     code, out, _ = run(capsys, *words, "--origin", "5e5", "-7e3")
     assert code == 0 and "heights -9." in out
     assert read_network(tmp_path / "r.csv").bounds()[3] < -7000.0
+
+
+def test_junctions_are_shaped_on_the_way(capsys, tmp_path):
+    up = np.linspace(1.0, 0.0, 60)[:, None]
+    lines = [up * [-600.0, 800.0], up * [700.0, 700.0], (1.0 - up) * [0.0, -1000.0]]
+    network = RiverNetwork.from_polylines(lines, width=[30.0, 8.0, 31.0], discharge=[20.0, 1.0, 21.0])
+    write_network(network, tmp_path / "a.csv")
+    code, _, err = run(capsys, "convert", tmp_path / "a.csv", "--shape-junctions", "-o", tmp_path / "b.csv")
+    assert code == 0, err
+    expected = shape_junctions(read_network(tmp_path / "a.csv"))
+    np.testing.assert_array_equal(read_network(tmp_path / "b.csv").points(), expected.points())
+    assert np.abs(expected.points() - network.points()).max() > 10.0
+    path = tif(tmp_path / "dem.tif", valley())
+    words = ("network", path, "--min-area", 0.1, "-o", tmp_path / "r.csv")
+    assert run(capsys, *words)[0] == run(capsys, *words[:-1], tmp_path / "s.csv", "--shape-junctions")[0] == 0
+    code, _, err = run(capsys, "convert", path, "--shape-junctions", "-o", tmp_path / "c.tif")
+    assert code == 2 and "--shape-junctions means nothing to" in err
 
 
 def test_advice_on_lines_can_be_followed(capsys, tmp_path):

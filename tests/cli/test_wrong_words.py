@@ -22,6 +22,11 @@ def files(tmp_path_factory):
     wr.write_network(network, folder / "line.csv")
     wr.write_terrain(wr.generate.fluvial_terrain((24, 30), 50.0, 100.0, 1), folder / "ground.npz")
     wr.Simulation(network, threads=1).run(steps=2, store=folder / "run")
+    bends = wr.RiverNetwork.from_polylines([wr.generate.sine_generated(600.0, 0.9, 8, 20.0)], width=40.0)
+    grown = wr.Simulation(bends, threads=1)
+    grown.step(3)
+    wr.write_network(bends, folder / "bends.csv")
+    wr.write_network(grown.network, folder / "grown.csv")
     return folder
 
 
@@ -29,8 +34,10 @@ def files(tmp_path_factory):
 COMMANDS = {
     "network": ("ground.npz --min-area 0.05 -o", "out.csv"),
     "simulate": ("line.csv --years 0.5 --no-progress -o", "out"),
+    "calibrate": ("bends.csv grown.csv --years 0.9 --fit migration_rate -o", "out"),
     "erode": ("--size 12x10 --events 5 --no-progress -o", "out"),
     "valley": ("S1 --set length=40 -o", "out.npz"),
+    "landscape": ("line.csv --resolution 40 --export mesh -o", "out"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
     "metrics": ("line.csv run -o", "out.csv"),

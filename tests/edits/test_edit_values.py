@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ ALL = [
     edits.AvulseChannel(3, 99.5),
     edits.DivertChannel(3, (5.0, 6.0), to=4),
     edits.DivertChannel(3, 99.5),
+    edits.DivertChannel(3, 99.5, to="outlet"),
+    edits.DeferJunction(3),
     wr.meander.SetControls([wr.Attractor((1.0, 2.0), 300.0), wr.DampingRegion(LINE, 0.25), {"kept": 4}]),
     edits.PaintControl(2, (5, 6, 1, 2), [0.5, -3.0]),
     edits.UnlockPoint(3, (1.0, 2.0)),
@@ -128,3 +132,12 @@ def test_two_kinds_cannot_have_one_name():
     with pytest.raises(InputTypeError, match="both have an edit RemoveChannel"):
         type("RemoveChannel", (edits.Edit,), {"__module__": "elsewhere"})
     assert wr.edits is edits
+
+
+def test_a_session_with_controls_is_read_by_a_program_that_uses_nothing_else(tmp_path):
+    """Edits of controls are at home in another room, which nobody has imported yet."""
+    path = tmp_path / "edits.json"
+    wr.edits.write_edits(path, [(0, wr.meander.SetControls(wr.Attractor(center=(0.0, 0.0))))])
+    script = f"import warpriver as wr; print(wr.edits.read_edits({str(path)!r}).edits[0][1].name)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip().splitlines()[-1:] == ["SetControls"], done.stderr

@@ -37,7 +37,7 @@ def extracted():
 
 def simulated(dtype="float64"):
     """An extracted network after collisions: identities with gaps, nodes made anew, widths apart from their points'."""
-    params = MeanderParams(reference_width=0.0)
+    params = MeanderParams(reference_width=0.0, junctions=None, junction_drift=0.0)
     simulation = Simulation(extracted(), params, dtype=dtype)
     simulation.run(years=30)
     assert len(simulation.history.collisions) > 3
@@ -111,7 +111,7 @@ def test_out_and_in_as_shapefile(tmp_path):
 
     fields = set(pyogrio.read_info(tmp_path / "a.shp")["fields"])
     # Lists are not written, and there are no slopes to lose.
-    assert fields == set(attributes.SHORT_NAMES.values())
+    assert fields == set(attributes.SHORT_NAMES.values()) - {"joint"}
     back = read_network(tmp_path / "a.shp", short="keep")
     for name in ("channel_id", "channel_from", "channel_to"):
         np.testing.assert_array_equal(getattr(back, name), getattr(network, name))
@@ -150,7 +150,7 @@ def test_written_attributes_are_the_documented_ones(tmp_path):
     network = simulated()
     write_network(network, tmp_path / "a.geojson")
     rows = [f["properties"] for f in json.loads((tmp_path / "a.geojson").read_text())["features"]]
-    assert list(rows[0]) == [a.name for a in attributes.WRITTEN]
+    assert list(rows[0]) == [a.name for a in attributes.WRITTEN if a.name != "joint"]
     table = {name: np.array([row[name] for row in rows]) for name in list(rows[0])[:-2]}
     above, below, area = network.channel_from, network.channel_to, network.channel_drainage_area
     np.testing.assert_array_equal(table["strahler"], strahler_order(above, below))

@@ -135,7 +135,7 @@ def test_other_formats_hold_a_layer_a_file(history, tmp_path, suffix):
 
 def test_a_long_run_has_fewer_courses(history, tmp_path, monkeypatch):
     most = 2 * max(network.point_count for network in history.networks)
-    monkeypatch.setattr(histories, "MOST_POINTS", most)
+    monkeypatch.setattr(histories, "MAX_POINTS", most)
     assert histories.records_between(history) == 2
     write_history(history, tmp_path / "a.gpkg")
     assert pyogrio.read_dataframe(tmp_path / "a.gpkg", layer="courses").record.tolist() == [0, 0, 2, 2]

@@ -255,7 +255,7 @@ def test_parquet_that_unpacks_to_far_more_is_refused(tmp_path, monkeypatch):
     geopandas.GeoDataFrame({"width": np.arange(1.0, 101.0)}, geometry=shapes).to_parquet(tmp_path / "a.parquet")
     assert read_network(tmp_path / "a.parquet", short="keep").channel_count == 100
     monkeypatch.setattr(files, "ALWAYS_UNPACKED", 1000)
-    monkeypatch.setattr(files, "MOST_UNPACKED", 0)
+    monkeypatch.setattr(files, "MAX_UNPACKED", 0)
     with pytest.raises(ValueError, match=r"a\.parquet: \d+ bytes unpack to"):
         read_network(tmp_path / "a.parquet")
 

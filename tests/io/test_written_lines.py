@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from river_files import GIS, HAS_OGR, SHP, confluence, needs_ogr, needs_pyproj, same_lines
 
+from warpriver import MeanderParams, Simulation
+from warpriver.channel_table import JOINT_LOCK, JOINT_NONE, JOINT_THROUGH
 from warpriver.errors import PathError
 from warpriver.io import read_network, write_network
 from warpriver.network import RiverNetwork
@@ -238,3 +240,23 @@ def test_gdal_and_pandas_find_the_columns_of_a_csv(tmp_path):
     frame = pandas.read_csv(tmp_path / "a.csv")
     assert frame.columns.tolist() == names and frame.width_m.dtype == np.float64
     assert os.stat(tmp_path / "a.csv").st_size < 130 * len(frame)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".geojson", *GIS, *SHP])
+def test_locked_points_and_through_nodes_come_back(tmp_path, suffix):
+    """And a simulation of what was read holds the lock."""
+    line = np.stack([np.linspace(0.0, 6000.0, 121), 40.0 * np.sin(np.linspace(0.0, 30.0, 121))], axis=1)
+    lines = [line[:41], line[40:81], line[80:], line[80] + np.linspace([-500.0, 900.0], [0.0, 0.0], 30)]
+    network = RiverNetwork.from_polylines(lines[:3], width=40.0)
+    network = network.with_channels(network.channels.replace(joint=np.array([JOINT_LOCK, JOINT_THROUGH, JOINT_NONE])))
+    write_network(network, tmp_path / f"a{suffix}")
+    again = read_network(tmp_path / f"a{suffix}", short="keep")
+    assert again.channel_joint.tolist() == [JOINT_LOCK, JOINT_THROUGH, JOINT_NONE]
+    sim = Simulation(again, MeanderParams(spacing=40.0))
+    place = sim.network.polylines()[0][-1]
+    sim.run(steps=10)
+    np.testing.assert_array_equal(sim.network.polylines()[0][-1], place)
+    # A node at which something joins is none of them, and names of others mean nothing.
+    joined = RiverNetwork.from_polylines([lines[0], np.concatenate([lines[1], lines[2][1:]])], width=40.0)
+    write_network(joined, tmp_path / f"b{suffix}")
+    assert not read_network(tmp_path / f"b{suffix}", short="keep").channel_joint.any()

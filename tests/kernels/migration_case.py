@@ -72,6 +72,7 @@ def device_constants(kernel, law):
     """The struct that the kernels read."""
     members = dataclasses.asdict(law)
     del members["time_step"]  # each channel has its own
+    members["freest"] = 1.0
     return struct_of(kernel.MigrationConstants, **members)
 
 
@@ -229,7 +230,8 @@ class Case:
             for part in share_out(deal, len(self.lines), self.capacity, self.device):
                 self._add_upstream(channels, constants, part, rate)
             self.launch_once("find_tails", [channels, ...], [self.memory])
-        inputs = [channels, self.points, ground, constants, ..., rate, self.memory]
+        velocities = struct_of(self.kernel.Velocities, point=rate, tail=self.memory.tail)
+        inputs = [channels, self.points, ground, constants, ..., velocities]
         max_speed = wp.zeros(len(self.lines), dtype=self.scalar, device=self.device)
         self.launch(self.kernel.move_points, deal, inputs, [points_of(self.scalar, out, section), bits_of(max_speed)])
         if section is not None:

@@ -175,8 +175,9 @@ def test_a_walk_is_that_of_the_twin(dtype, device):
     state = wp.empty((40, 2), dtype=wp.int32, device=device)
     walk = struct_of(kernel.Walk, spacing=spacing, jitter=0.0, steepest=0.05)
     seeds = to_device(np.arange(40, dtype=np.uint32), wp.uint32, device)
-    inputs = [None, kernel.RasterGrid(), walk, to_device(ends.astype(real), vec2, device)]
-    inputs += [to_device(heading.astype(real), vec2, device), seeds]
+    ways = [to_device(values.astype(real), vec2, device) for values in (ends, heading)]
+    courses = struct_of(kernel.Courses, ends=ways[0], direction=ways[1], seed=seeds)
+    inputs = [None, kernel.RasterGrid(), walk, courses]
     wp.launch(kernel.walk_courses, 40, inputs, [*out, state], device=device)
     found, ended = out[0].numpy(), state.numpy()
     assert (ended[:, 0] == avulsions.ARRIVED).all()

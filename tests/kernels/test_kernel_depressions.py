@@ -8,7 +8,7 @@ import reference_hydrology as reference
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_arrays import REALS, to_device
+from kernel_arrays import REALS, struct_of, to_device
 from padded_cells import Case
 
 from warpriver.kernels import depressions
@@ -34,9 +34,12 @@ def flooded(case, epsilon, buckets=7):
     flood.rows, flood.stride, flood.epsilon, flood.lowest = case.rows, case.stride, int(epsilon), lowest
     flood.buckets_per_meter = buckets / max(highest - lowest, 1e-30)
     raised, level, state = wp.zeros(1, dtype=int, device=case.device), wp.clone(case.height), wp.clone(case.state)
-    bucket, rims = (wp.zeros(n, dtype=int, device=case.device) for n in (buckets, 3))
-    outputs = [raised, case.scratch(int), bucket, level, state, case.scratch(int), rims]
-    case.launch(kernel.flood_cells, [flood], [*outputs, case.scratch(case.scalar), case.scratch(int)])
+    bucket, count = (wp.zeros(n, dtype=int, device=case.device) for n in (buckets, 3))
+    rims = struct_of(
+        kernel.Rims, next=case.scratch(int), bucket=bucket, count=count,
+        heap_key=case.scratch(case.scalar), heap_cell=case.scratch(int),
+    )  # fmt: skip
+    case.launch(kernel.flood_cells, [flood], [raised, level, state, case.scratch(int), rims])
     return case.inside(level), int(raised.numpy()[0])
 
 

@@ -27,11 +27,10 @@ class Listed:
         count = wp.zeros(2, dtype=int, device=case.device)
         start, inner, cell = (case.scratch(int) for _ in range(3))
         self.member = case.scratch(int, -1)
-        inputs = [case.rows, case.stride, case.height, case.state, pit]
-        case.launch(self.kernel.list_flats, inputs, [count, start, inner, cell, self.member])
+        self.arrays = start, inner, cell
+        case.launch(self.kernel.list_flats, [pit], [self.struct(flats.SHORES, 0.0), count])
         self.count, self.flat_count = (int(n) for n in count.numpy())
         self.start, self.inner = start.numpy()[: self.flat_count + 1], inner.numpy()[: self.flat_count]
-        self.arrays = start, inner, cell
         row, column = np.divmod(cell.numpy()[: self.count], case.stride)
         self.cell = list(zip((row - 1).tolist(), (column - 1).tolist(), strict=True))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from kernel_arrays import REALS, SCALARS, to_device
+from kernel_arrays import REALS, SCALARS, struct_of, to_device
 from reference_leheny import Ground
 
 from warpriver.erosion.leheny import marks_beside
@@ -79,7 +79,7 @@ def test_events_one_after_another_are_those_of_the_twin(wraps, four, shape, base
     stack, waiting = case.full(int), case.full(wp.uint8)
     for event in range(60):
         visits += len(twin.event(12345, event))
-        inputs = [case.constants, event, 1, seed, case.ground, case.state]
+        inputs = [case.constants, struct_of(leheny.Events, first=event, count=1, seed=seed), case.ground, case.state]
         case.launch("erode_serially", 1, inputs, [case.height, stack, waiting, case.tally])
         np.testing.assert_array_equal(case.heights(), twin.height, err_msg=f"event {event}")
         assert not twin.pits() and twin.largest_difference() <= twin.threshold
@@ -102,9 +102,8 @@ def test_grids_side_by_side_know_nothing_of_each_other(device):
         height, wp.zeros(cells_of_all, dtype=int, device=device), wp.zeros(cells_of_all, dtype=wp.uint8, device=device),
         wp.zeros(9, dtype=wp.int64, device=device),
     ]  # fmt: skip
-    one.launch(
-        "erode_serially", 3, [one.constants, 5, 20, to_device(seeds, wp.int32, device), one.ground, one.state], outputs
-    )
+    events = struct_of(leheny.Events, first=5, count=20, seed=to_device(seeds, wp.int32, device))
+    one.launch("erode_serially", 3, [one.constants, events, one.ground, one.state], outputs)
     for found, case in zip(height.numpy().reshape(3, *one.shape), cases, strict=True):
         np.testing.assert_array_equal(found, case.twin.height)
 
@@ -134,7 +133,8 @@ def swept(case, marks, chunk):
         assert marked(case, steep.numpy()[line]) == {a for a, b in pairs if case.twin.steep(a, b)}
     for k in (2, 4) if case.constants.four else (2, 3, 4, 5):
         for color in range(3):
-            inputs, outputs = [case.constants, k, color, chunk, listed, steep], [case.height, moved, case.tally]
+            pairs = struct_of(leheny.Pairs, k=k, color=color, chunk=chunk)
+            inputs, outputs = [case.constants, pairs, listed, steep], [case.height, moved, case.tally]
             case.launch("slide_pairs", dim, inputs, outputs)
     lowered = {tuple(int(v) for v in rc) for rc in np.argwhere(case.heights() < before)}
     assert marked(case, moved.numpy()) == lowered
@@ -162,7 +162,8 @@ def test_batches_are_those_of_the_twin(wraps, four, shape, chunk, base, dtype, d
     tables = [a.reshape(shape) for a in (case.height, visits, below)]
     for number in range(12):
         events = range(8 * number, 8 * number + 8)
-        inputs = [case.constants, 99, 1000 + number, events[0], case.ground, case.state, case.height]
+        walks = struct_of(leheny.Walks, first=events[0], seed=99, turn_seed=1000 + number)
+        inputs = [case.constants, walks, case.ground, case.state, case.height]
         case.launch("walk_together", len(events), inputs, [below, visits, case.tally])
         found = visits.numpy().reshape(shape).copy()
         ways = twin.walk_together(99, 1000 + number, events)
@@ -216,7 +217,8 @@ def test_the_order_in_which_rain_walks_cannot_be_seen(device):
         case = Case((False, True), False, (9, 7), device=device)
         below, visits = case.full(int, -1), case.full(int)
         for first, count in [(0, 40)] if order is None else [(int(event), 1) for event in order]:
-            inputs = [case.constants, 3, 4, first, case.ground, case.state, case.height]
+            walks = struct_of(leheny.Walks, first=first, seed=3, turn_seed=4)
+            inputs = [case.constants, walks, case.ground, case.state, case.height]
             case.launch("walk_together", count, inputs, [below, visits, case.tally])
         found.append((visits.numpy().copy(), below.numpy().copy(), case.tally.numpy().copy()))
     for a, b in zip(*found, strict=True):
@@ -262,7 +264,8 @@ def test_probabilities_are_those_of_the_model(device, dtype):
     start = to_device(height.ravel(), case.scalar, device)
     visits = case.full(int)
     for turn in range(4000):
-        inputs = [case.constants, 1, turn, 0, case.ground, case.state, start]
+        walks = struct_of(leheny.Walks, first=0, seed=1, turn_seed=turn)
+        inputs = [case.constants, walks, case.ground, case.state, start]
         case.launch("walk_together", 1, inputs, [case.full(int, -1), visits, case.tally])
     counts = visits.numpy().astype(np.float64)
     counts[4] = 0
@@ -282,7 +285,8 @@ def test_nothing_overflows_in_float32(device):
     state = np.full(9, cells.OUTLET, np.uint8)
     state[4] = cells.OPEN
     visits = case.full(int)
-    inputs = [case.constants, 1, 2, 0, case.ground, to_device(state, wp.uint8, device), case.height]
+    walks = struct_of(leheny.Walks, first=0, seed=1, turn_seed=2)
+    inputs = [case.constants, walks, case.ground, to_device(state, wp.uint8, device), case.height]
     case.launch("walk_together", 100, inputs, [case.full(int, -1), visits, case.tally])
     assert visits.numpy().tolist() == [0, 0, 0, 0, 100, 0, 0, 100, 0]
 
@@ -294,12 +298,11 @@ def test_a_pit_is_counted_and_not_left(device):
     height[3 * 9 + 4] = -50.0
     case.height = to_device(height, wp.float64, device)
     case.ground = to_device(np.array([3 * 9 + 4], np.int32), wp.int32, device)
-    case.launch(
-        "walk_together", 3, [case.constants, 1, 2, 0, case.ground, case.state, case.height],
-        [case.full(int, -1), case.full(int), case.tally],
-    )  # fmt: skip
+    walks = struct_of(leheny.Walks, first=0, seed=1, turn_seed=2)
+    inputs = [case.constants, walks, case.ground, case.state, case.height]
+    case.launch("walk_together", 3, inputs, [case.full(int, -1), case.full(int), case.tally])
     seed = to_device(np.array([1], np.int32), wp.int32, device)
-    inputs = [case.constants, 0, 2, seed, case.ground, case.state]
+    inputs = [case.constants, struct_of(leheny.Events, first=0, count=2, seed=seed), case.ground, case.state]
     case.launch("erode_serially", 1, inputs, [case.height, case.full(int), case.full(wp.uint8), case.tally])
     assert case.tally.numpy()[2] == 5
 

@@ -25,6 +25,7 @@ from warpriver.history import Avulsion, History
 from warpriver.kernels.status import CREVASSES
 from warpriver.meander.avulsions import Avulse, NewCourse, plan_course
 from warpriver.meander.courses import Refusal
+from warpriver.meander.diversions import Diversion
 from warpriver.params import AvulsionParams
 
 WIDTH = 50.0
@@ -281,6 +282,28 @@ def test_a_course_across_the_reach_above_or_another_channel_is_refused():
     assert found.xy[0] == pytest.approx(4000.0, abs=80.0)
     found, _ = plan([bow(10.0, 3000.0, 5000.0, 4000.0), other], (1000.0, 0.0), (9000.0, 0.0), angle=-30.0)
     assert isinstance(found, NewCourse)
+
+
+def test_by_option_a_course_that_meets_another_channel_ends_there():
+    """And the river joins it: the rest of the old course falls dry. Its own tributaries are met by none."""
+    other = np.column_stack([np.linspace(4000.0, 4000.0, 60), np.linspace(300.0, 3000.0, 60)])
+    lines = [bow(10.0, 3000.0, 5000.0, 4000.0), other]
+    found, _ = plan(lines, (1000.0, 0.0), (9000.0, 0.0), angle=30.0, meeting="join")
+    assert isinstance(found, Diversion) and found.end >= 0
+    assert found.course.xy[-1][0] == pytest.approx(4000.0, abs=1.0)
+    sim = Simulation(RiverNetwork.from_polylines(lines, WIDTH), MeanderParams(avulsions=AvulsionParams(meeting="join")))
+    sim.apply(edits.AvulseChannel(0, 1000.0, to=9000.0, angle=30.0))
+    assert sim.network.channel_count == 3 and sim.history.avulsions[0].xy[-1][0] > 9_900.0
+    assert np.bincount(sim.network.channel_to).max() == 2
+    joined = sim.network.points()
+    sim.undo()
+    assert sim.network.channel_count == 2
+    sim.redo()
+    np.testing.assert_array_equal(sim.network.points(), joined)
+    brook = np.column_stack([np.linspace(4000.0, 500.0, 60), np.linspace(2500.0, 0.0, 60)])
+    whole = bow(10.0, 3000.0, 5000.0, 4000.0)
+    found, _ = plan([whole[10:], whole[:11], brook], (1500.0, 0.0), (9000.0, 0.0), angle=45.0, meeting="join")
+    assert isinstance(found, (NewCourse, Refusal))
 
 
 def test_a_cut_that_is_too_deep_is_refused_and_so_is_the_rim_of_the_map():

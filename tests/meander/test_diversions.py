@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from trees import assert_forest
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, edits
+from warpriver import AvulsionParams, MeanderParams, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.meander.diversions import upstream_of
 
 SPACING, WIDTH = 50.0, 50.0
@@ -86,3 +87,60 @@ def test_what_cannot_be_diverted_is_refused():
         for a, b in zip(bits(sim), before, strict=True):
             np.testing.assert_array_equal(a, b)
     assert upstream_of(sim.network, 2).tolist() == [True, True, True, False]
+
+
+def test_a_river_is_diverted_to_the_edge_of_the_ground():
+    sim = rivers()
+    before = bits(sim)
+    sim.apply(edits.DivertChannel(3, (6_000.0, 2_600.0), to="outlet"))
+    network = sim.network
+    line = network.polylines()[int(np.flatnonzero(network.channel_id == 3)[0])]
+    assert network.channel_count == 4 and line[-1, 1] < 100.0, "it leaves in the south, the nearest edge"
+    assert network.channel_discharge[network.channel_id == 3] == pytest.approx(500.0)
+    sim.run(steps=20)
+    again = Simulation.replay(rivers(), sim.history)
+    np.testing.assert_array_equal(again.network.points(), sim.network.points())
+    sim = rivers()
+    sim.apply(edits.DivertChannel(3, (6_000.0, 2_600.0), to="outlet"))
+    sim.undo()
+    for a, b in zip(bits(sim), before, strict=True):
+        np.testing.assert_array_equal(a, b)
+    with pytest.raises(ValueError, match="to"):
+        edits.DivertChannel(3, 100.0, to="elsewhere")
+
+
+def bending(**constants):
+    """Two winding rivers side by side on ground that falls to the east, with avulsions at every break of a bank."""
+    lines = [
+        generate.noisy_line(11_000.0, SPACING, 60.0, seed) + [500.0, y] for seed, y in ((1, 5_000.0), (2, 3_600.0))
+    ]
+    network = RiverNetwork.from_polylines(lines, WIDTH, discharge=[300.0, 500.0])
+    avulsions = AvulsionParams(crevasse_rate=0.02, avulsion_probability=1.0, **constants)
+    terrain = Terrain(ground().to_numpy() * 0.0 + 40.0 - 5e-4 * np.arange(25.0, 12_000.0, 50.0), 50.0, (0.0, 8_000.0))
+    return Simulation(network, MeanderParams(spacing=SPACING, avulsions=avulsions), terrain=terrain, seed=4)
+
+
+def outflow(network):
+    """Water that leaves the network, m3/s."""
+    ends = ~np.isin(network.channel_to, network.channel_from)
+    return float(network.channel_discharge[ends].sum())
+
+
+def test_by_chance_rivers_leave_for_another_one(tmp_path):
+    """Of the avulsions half are regional; all water still leaves the map, and a run goes on to the same bits."""
+    sim = bending(regional=0.5)
+    sim.run(years=60.0, record_every=10_000)
+    assert_forest(sim.network, binary=False)
+    assert outflow(sim.network) == pytest.approx(800.0, rel=1e-9)
+    events = sim.history.avulsions
+    started = bending()
+    started.run(years=60.0, record_every=10_000)
+    assert len(events) >= 3 and sim.network.channel_count != 2 and started.network.channel_count == 2
+    for event in events:
+        assert (np.diff(event.bed) < 0.0).all()
+    sim.history.save(tmp_path / "run.npz")
+    resumed = Simulation.resume(tmp_path / "run.npz", terrain=bending().terrain)
+    for run in (sim, resumed):
+        run.run(years=10.0, record_every=10_000)
+    for a, b in zip(bits(resumed), bits(sim), strict=True):
+        np.testing.assert_array_equal(a, b)

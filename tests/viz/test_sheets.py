@@ -98,12 +98,15 @@ def test_what_needs_several_axes(land):
 @pytest.mark.parametrize("name", DRAW)
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 def test_a_map_without_a_frame_is_its_raster(land, tmp_path, name, suffix):
+    """Large enough to look at, or of the size that was asked for."""
     rasterio = pytest.importorskip("rasterio")
-    DRAW[name](land, path=tmp_path / f"a{suffix}", frame=False)
+    more = {} if name in ("elevation", "ordered") else {"size": (2 * SHAPE[1], 2 * SHAPE[0])}
+    DRAW[name](land, path=tmp_path / f"a{suffix}", frame=False, **more)
     rows, columns = SHAPE
     picture = read(tmp_path / f"a{suffix}")
     fine = picture.shape[0] // rows
-    assert picture.shape == (rows * fine, columns * fine, 3) and 1000 < columns * fine <= 3000
+    assert picture.shape == (rows * fine, columns * fine, 3)
+    assert fine == 2 if more else 1000 < columns * fine <= 3000
     with rasterio.open(tmp_path / f"a{suffix}") as file:
         np.testing.assert_allclose(file.bounds, land.terrain.bounds, atol=1e-6)
         assert file.crs.to_epsg() == 32619

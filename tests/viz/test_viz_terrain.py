@@ -214,8 +214,8 @@ def test_a_brook_on_a_wide_map_is_seen():
 
 def test_least_lines_grow_with_width():
     least = maps._least_lines(np.array([2.0, 6.0, 50.0]))
-    assert least[0] == maps.LEAST_LINE and (np.diff(least) > 0.0).all()
-    assert (maps._least_lines(np.full(3, 8.0)) == maps.LEAST_LINE).all()
+    assert least[0] == maps.MIN_LINE and (np.diff(least) > 0.0).all()
+    assert (maps._least_lines(np.full(3, 8.0)) == maps.MIN_LINE).all()
 
 
 def test_lines_are_thinned_but_keep_their_ends():
@@ -272,12 +272,12 @@ def test_belt_lies_on_the_relief_and_dry_courses_are_brown():
 @pytest.mark.parametrize("color", ["discharge", "width", "area", "order"])
 def test_channels_of_a_belt_are_coloured_by_value(color):
     """Those with most water are darkest, whatever stands for it, and a bar says what it is where there is room."""
-    figure = draw_belt(make_history(collide=False), color=color, size=(1400, 900), dpi=100)
+    figure = draw_belt(make_history(collide=False), color=color, size=(840, 540), dpi=60)
     small, trunk = pixel_at(figure, (1250.0, 1000.0)), pixel_at(figure, (3000.0, 1500.0))
     np.testing.assert_allclose(trunk, rgb(maps.FLOW_RAMP[-1][1]), atol=12)
     np.testing.assert_allclose(small, rgb(maps.FLOW_RAMP[0][1]), atol=12)
     assert maps.VALUE_LABELS[color] in [axes.get_title(loc="right") for axes in figure.axes]
-    narrow = draw_belt(make_history(collide=False), color=color, size=(400, 400), dpi=100)
+    narrow = draw_belt(make_history(collide=False), color=color, size=(240, 240), dpi=60)
     assert maps.VALUE_LABELS[color] not in [axes.get_title(loc="right") for axes in narrow.axes]
 
 
@@ -351,7 +351,7 @@ def test_surface_holds_heights_and_is_level_across_channels():
     network = RiverNetwork.from_polylines([line((200, 4200), (1500, 1500), 100)], 400.0)
     surfaced = surface.TerrainGround((0.0, 0.0, 4500.0, 3000.0), network, ground, 2.0)
     x, y, z = surfaced.grid()
-    assert z.shape == (len(y), len(x)) and z.size <= 1.05 * surface.MOST_CELLS
+    assert z.shape == (len(y), len(x)) and z.size <= 1.05 * surface.MAX_CELLS
     assert z.min() == 0.0 and z[-1].mean() > z[0].mean()
     # Two metres of drawing for one of height: 0.3 * 2 * 1000 m apart.
     ends = surfaced.height(np.array([[3000.0, 600.0], [3000.0, 2600.0]]))
@@ -367,7 +367,7 @@ def test_huge_terrain_is_drawn_with_a_million_cells_and_gaps_are_filled():
     network = RiverNetwork.from_polylines([line((5000, 12_000), (7000, 7000))], 20.0)
     surfaced = surface.TerrainGround(ground.bounds, network, ground, None)
     _, _, z = surfaced.grid()
-    assert z.size <= surface.MOST_CELLS and np.isfinite(z).all()
+    assert z.size <= surface.MAX_CELLS and np.isfinite(z).all()
     assert 1.0 <= surfaced.exaggeration <= 8.0
 
 

@@ -8,7 +8,22 @@ import warnings
 from collections.abc import Sequence
 
 from warpriver import __version__
-from warpriver.cli import bench, convert, demo, erode, info, metrics, network, render, simulate, valley
+from warpriver.cli import (
+    bench,
+    calibrate,
+    convert,
+    demo,
+    erode,
+    info,
+    landscape,
+    metrics,
+    network,
+    render,
+    riverscape,
+    simulate,
+    studio,
+    valley,
+)
 from warpriver.cli.output import complain, forgiving_console
 from warpriver.cli.parser import BAD_INPUT, BadValue, Parser
 from warpriver.cli.shared import INTERRUPTED
@@ -18,7 +33,10 @@ from warpriver.errors import WarpriverError
 __all__ = ["main"]
 
 # In the order in which --help lists them.
-COMMANDS = (demo, network, simulate, erode, valley, render, convert, metrics, bench, info)
+COMMANDS = (
+    demo, network, simulate, calibrate, erode, valley, landscape, riverscape, studio, render, convert, metrics, bench,
+    info,
+)  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.files import kind_of, written_terrains
 from warpriver.cli.output import say
@@ -24,6 +24,9 @@ from warpriver.cli.shared import (
     stored_run,
 )
 from warpriver.errors import InputError, OutputExistsError
+
+if TYPE_CHECKING:
+    from warpriver.network import RiverNetwork
 
 __all__ = ["add"]
 
@@ -64,6 +67,12 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--salvage", action="store_true", help="of a damaged run: what can be read of it, into another folder or file"
     )
+    parser.add_argument(
+        "--shape-junctions",
+        action="store_true",
+        help="of lines, and those of a run: bend the last reaches of tributaries so that they arrive at the angles "
+        "that fit their flows",
+    )
     add_lines(parser)
     add_heights(parser.add_argument_group("terrain or raster"))
 
@@ -80,6 +89,8 @@ def _convert(options: argparse.Namespace) -> int:
         useless += given_flags(options, ["until", "salvage"])
     if kind != "lines":
         useless += given_flags(options, [name for name in LINE_FLAGS if name != "crs"])
+    if kind in ("terrain", "raster"):
+        useless += given_flags(options, ["shape_junctions"])
     if kind not in ("terrain", "raster"):
         useless += given_flags(options, ["raster", *RASTER_FLAGS])
     elif options.raster:
@@ -102,9 +113,17 @@ def _convert_lines(source: Path, out: Path, options: argparse.Namespace) -> str:
     check_out(out, "-o", line_formats())
     # What is only converted may be short.
     options.short = options.short or "keep"
-    network = read_lines(source, options)
+    network = _shaped(read_lines(source, options), options)
     write_network(network, out)
     return f"{network}\n{out}"
+
+
+def _shaped(network: RiverNetwork, options: argparse.Namespace) -> RiverNetwork:
+    if not options.shape_junctions:
+        return network
+    from warpriver.meander.junctions import shape_junctions
+
+    return shape_junctions(network)
 
 
 def _convert_cells(source: Path, out: Path, options: argparse.Namespace) -> str:
@@ -140,6 +159,8 @@ def _convert_run(source: Path, out: Path, options: argparse.Namespace) -> str:
     if out.suffix.lower() == ".npz" or not out.suffix:
         if options.until is not None:
             raise InputError(f"--until is for lines of a run, and {out} will be the whole of it; leave it out")
+        if options.shape_junctions:
+            raise InputError(f"--shape-junctions is for lines of a run, and {out} will be all of it; leave it out")
         if out.exists() and out.suffix.lower() != ".npz":
             raise OutputExistsError(f"{out} exists; name another folder")
         history = read_run(run, salvage=options.salvage)
@@ -152,6 +173,6 @@ def _convert_run(source: Path, out: Path, options: argparse.Namespace) -> str:
         index = int((history.times <= options.until).sum()) - 1
         if index < 0:
             raise InputError(f"--until {options.until:g}: the run begins at {history.times[0]:g} yr")
-    network = history.networks[index]
+    network = _shaped(history.networks[index], options)
     write_network(network, out)
     return f"{network} at {history.times[index]:.4g} yr\n{out}"

@@ -66,6 +66,11 @@ def add(commands: Any) -> None:
         action="store_true",
         help="fill depressions instead of carving them open: finds more of the rivers of flat, leveed ground",
     )
+    rivers.add_argument(
+        "--shape-junctions",
+        action="store_true",
+        help="bend the last reaches of tributaries so that they arrive at the angles that fit their flows",
+    )
     ground = parser.add_argument_group("terrain")
     add_systems(ground, "a file")
     add_heights(ground)
@@ -86,6 +91,10 @@ def _network(options: argparse.Namespace) -> int:
         smoothing=options.smoothing_passes,
         carve=not options.fill,
     )
+    if options.shape_junctions:
+        from warpriver.meander.junctions import shape_junctions
+
+        network = shape_junctions(network)
     network = hydrology.drape(network, terrain)
     write_network(network, out)
     told = [repr(terrain), repr(network)]

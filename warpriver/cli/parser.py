@@ -72,7 +72,7 @@ def _wanted(low: float, high: float, above: float | None, unit: str) -> str:
 
 
 # Counts beyond this are mistakes: they fit no index of the kernels.
-MOST = 2**31 - 1
+MAX_WHOLE = 2**31 - 1
 
 
 def whole_number(low: int = 0) -> Callable[[str], int]:
@@ -83,8 +83,8 @@ def whole_number(low: int = 0) -> Callable[[str], int]:
             value = int(text)
         except ValueError:
             value = low - 1
-        if not low <= value <= MOST:
-            limit = f" and {MOST} or less" if value > MOST else ""
+        if not low <= value <= MAX_WHOLE:
+            limit = f" and {MAX_WHOLE} or less" if value > MAX_WHOLE else ""
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, {low} or more{limit}")
         return value
 

@@ -104,7 +104,11 @@ def _add_model_flag(group: Any, field: dataclasses.Field[Any]) -> None:
     with naming(**{name: _flag(name) for kind in SOLVER_PARAMS.values() for name in kind.__dataclass_fields__}):
         doc = in_flags(meta["doc"])
     if "kind" in meta:
-        group.add_argument(_flag(field.name), action="store_const", const=meta["kind"](), help=doc)
+        # What is there by default can be left out, what is not can be asked for.
+        there = field.default is not None
+        flag, value = ("--no-" + field.name, False) if there else (_flag(field.name), meta["kind"]())
+        doc = f"without {doc.partition(';')[0]}" if there else doc
+        group.add_argument(flag, dest=field.name, action="store_const", const=value, help=doc)
         return
     group.add_argument(
         _flag(field.name),

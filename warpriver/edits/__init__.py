@@ -14,6 +14,7 @@ from warpriver.edits.session import Session, read_edits, write_edits
 from warpriver.edits.values import (
     AddChannel,
     AvulseChannel,
+    DeferJunction,
     DivertChannel,
     Edit,
     EditTerrain,
@@ -31,6 +32,7 @@ from warpriver.edits.values import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DeferJunction",
     "DivertChannel",
     "Edit",
     "EditTerrain",

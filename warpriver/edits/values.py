@@ -8,6 +8,7 @@ and tuples of these, however nested; ``check`` makes them of what a user gives.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -29,6 +30,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "DeferJunction",
     "DivertChannel",
     "Edit",
     "EditTerrain",
@@ -51,8 +53,9 @@ Place = float | tuple[float, float]
 # Lines are tuples of points, so that edits are equal where they say the same.
 Line = tuple[tuple[float, float], ...]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
-# Classes by name.
+# Classes by name, and the rooms of those that are not here, which know them once they are imported.
 _CLASSES: dict[str, type[Edit]] = {}
+_ROOMS = {"SetControls": "warpriver.meander"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +106,8 @@ def edit_of(values: Any) -> Edit:
         raise InputError(f"{shown(values)} is no edit; it needs the key 'edit' with the name of its kind")
     fields = dict(values)
     name = fields.pop("edit")
+    if name in _ROOMS:
+        importlib.import_module(_ROOMS[name])
     cls = _CLASSES.get(name)
     if cls is None:
         raise InputError(f"there is no edit {name!r}; there are {', '.join(sorted(_CLASSES))}")
@@ -446,17 +451,36 @@ class DivertChannel(Edit):
     Attributes:
         channel: Identity of the channel.
         at: Place where it leaves.
-        to: Identity of the other channel; by default that which is reached at the lowest cost.
+        to: Identity of the other channel, or "outlet": the edge of the ground; by default the channel that is reached
+            at the lowest cost.
     """
 
     channel: int
     at: Place
-    to: int | None = None
+    to: int | str | None = None
 
     def check(self) -> dict[str, Any]:
         """Check the channels and the place."""
-        to = None if self.to is None else _channel(self.to, "to")
+        to = self.to if self.to is None or self.to == "outlet" else _channel(self.to, "to")
         return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
+
+
+@dataclasses.dataclass(frozen=True)
+class DeferJunction(Edit):
+    """Let a tributary run along the belt of the river, down to a bend that reaches as far out, and join it there.
+
+    As the Yazoo does beside the Mississippi. The course keeps two widths of the river outside of its bends, and is
+    carved into the ground; it does not go past other tributaries of its side.
+
+    Attributes:
+        channel: Identity of the tributary.
+    """
+
+    channel: int
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel."""
+        return {"channel": _channel(self.channel)}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -43,7 +43,7 @@ HEADROOM = 1.5
 MAX_POINTS, BYTES_PER_POINT = 2**31 - 1, 64
 # A time step that needs more sub-steps than this is taken for a mistake in its unit.
 MAX_SUBSTEPS = 10_000
-# Columns of what holds for a channel between edits: least width, least depth, greatest width and spacing asked for, m.
+# Columns of what holds for a channel between edits: minimum width, minimum depth, maximum width and target spacing, m.
 NARROWEST, SHALLOWEST, WIDEST, WANTED = range(4)
 # Limits of a sub-step by width, depth and constants, yr; see ``migration.step_limits``.
 StepLimits = Callable[[Any, Any, Any], tuple[Any, Any]]
@@ -723,10 +723,10 @@ class State:
 def _checked_count(points: float, device: Any) -> int:
     """Return a number of points, or raise ``MemoryError`` if there is no room for them on a device."""
     free = available_memory(device)
-    most = MAX_POINTS if free is None else min(MAX_POINTS, free // BYTES_PER_POINT)
-    if not HEADROOM * points + 64 <= most:
+    limit = MAX_POINTS if free is None else min(MAX_POINTS, free // BYTES_PER_POINT)
+    if not HEADROOM * points + 64 <= limit:
         raise OutOfMemoryError(
-            f"the spacing makes about {points:.3g} points, and there is room for {int(most / HEADROOM):.3g} on "
+            f"the spacing makes about {points:.3g} points, and there is room for {int(limit / HEADROOM):.3g} on "
             f"{device.alias}; check the units of the lines and of the spacing, or use a larger spacing"
         )
     return int(points)

@@ -26,7 +26,7 @@ from warpriver.kernels import leheny as kernels
 from warpriver.params import LehenyParams
 from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import MOST_SEED, finite_numbers, one_of, whole
+from warpriver.validate import MAX_SEED, finite_numbers, one_of, whole
 
 __all__ = ["erode", "erode_ensemble"]
 
@@ -213,7 +213,7 @@ class _Run:
         device: Any = None,
     ):
         self.terrains: list[Terrain] = list(terrain) if isinstance(terrain, (list, tuple)) else [terrain]  # type: ignore
-        self.seeds = [whole(seed, "seed", most=MOST_SEED) for seed in seeds]
+        self.seeds = [whole(seed, "seed", maximum=MAX_SEED) for seed in seeds]
         self.events = whole(events, "events", 0)
         self.cell_state = np.zeros(0, np.uint8)
         self.first_height = np.zeros(0)
@@ -233,10 +233,10 @@ class _Run:
         require_memory((start.shape[0] * len(self.seeds), start.shape[1]), GRID_BYTES, self.device, "erosion")
         if fill:
             require_memory(start.shape, FILL_BYTES, "cpu", "filling")
-        self._make_law(start)
+        self._make_constants(start)
         self._make_grids(fill)
 
-    def _make_law(self, start: Terrain) -> None:
+    def _make_constants(self, start: Terrain) -> None:
         """Choose the quantum and set the constants."""
         params, (scalar, _, real) = self.params, PRECISIONS[self.dtype]
         quantum = 2.0 ** (math.frexp(params.depth)[1] - 1 - QUANTUM_BITS[self.dtype])
@@ -363,7 +363,9 @@ class _Run:
         count, grids = stop - self.done, len(self.seeds)
         if count:
             stack, waiting = self._array("stack", int, grids), self._array("waiting", wp.uint8, grids)
-            inputs = [self.constants, self.done, count, self.grid_seed, self.ground, self.state]
+            events = self.kernel.Events()
+            events.first, events.count, events.seed = self.done, count, self.grid_seed
+            inputs = [self.constants, events, self.ground, self.state]
             outputs = [self.height, stack, waiting, self.tally]
             launch_kernel(self.kernel.erode_serially, grids, inputs, outputs, device=self.device)
         self.done = stop
@@ -381,7 +383,9 @@ class _Run:
             number = self.done // batch
             count = min((number + 1) * batch, stop) - self.done
             turn = int(np.random.SeedSequence((self.turn_seed, number)).generate_state(1)[0] >> 1)
-            inputs = [self.constants, self.rain_seed, turn, self.done, self.ground, self.state, self.height]
+            walks = self.kernel.Walks()
+            walks.first, walks.seed, walks.turn_seed = self.done, self.rain_seed, turn
+            inputs = [self.constants, walks, self.ground, self.state, self.height]
             launch_kernel(self.kernel.walk_together, count, inputs, [below, visits, self.tally], device=self.device)
             graded = self._graded(visits, below) if self.base_level is not None else None
             lowered.zero_()
@@ -412,15 +416,20 @@ class _Run:
         chunk = WORD if self.device.is_cpu else 1
         listed, beside, steep = self.listed.array, self.beside.array, self.steep
         lowered, slid = self.marks
+        every = []
+        for k in PAIR_NEIGHBORS[:: 2 if self.constants.four else 1]:
+            for color in range(3 if odd else 2):
+                pairs = self.kernel.Pairs()
+                pairs.k, pairs.color, pairs.chunk = k, color, chunk
+                every.append(pairs)
         while words := self._list_beside(lowered):
             dim, inputs = (words, WORD // chunk), [self.constants, chunk, listed, beside, height]
             steep.zero_()
             launch_kernel(self.kernel.mark_steep, dim, inputs, [steep], device=self.device)
             slid.array.zero_()
-            for k in PAIR_NEIGHBORS[:: 2 if self.constants.four else 1]:
-                for color in range(3 if odd else 2):
-                    inputs, outputs = [self.constants, k, color, chunk, listed, steep], [height, slid.array, self.tally]
-                    launch_kernel(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
+            for pairs in every:
+                inputs, outputs = [self.constants, pairs, listed, steep], [height, slid.array, self.tally]
+                launch_kernel(self.kernel.slide_pairs, dim, inputs, outputs, device=self.device)
             lowered, slid = slid, lowered
 
     def _list_beside(self, marks: _HostedArray) -> int:

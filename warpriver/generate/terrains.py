@@ -19,7 +19,7 @@ from warpriver.extras import IMPORTING
 from warpriver.kernels import terrains as kernels
 from warpriver.public import public
 from warpriver.terrain import Terrain, square_cells
-from warpriver.validate import MOST_SEED, finite, grid_shape, not_negative, positive, seeded, whole
+from warpriver.validate import MAX_SEED, finite, grid_shape, not_negative, positive, seeded, whole
 
 __all__ = [
     "cone",
@@ -197,7 +197,7 @@ def intermontane_basin(
     if positive(cell_size, "cell_size") > BASIN_COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {BASIN_COARSEST:g} m or less, or the valleys are lost.")
     not_negative(relief, "relief")
-    whole(seed, "seed", most=MOST_SEED)
+    whole(seed, "seed", maximum=MAX_SEED)
     size = (round(BASIN_SIZE[1] / cell_size), round(BASIN_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -235,7 +235,7 @@ def mountain_front(cell_size: float = 50.0, seed: int = 0, *, device: wp.DeviceL
     """
     if positive(cell_size, "cell_size") > COARSEST:
         raise InputError(f"cell_size is {cell_size} m; give {COARSEST} m or less, or the canyon is lost between cells.")
-    whole(seed, "seed", most=MOST_SEED)
+    whole(seed, "seed", maximum=MAX_SEED)
     size = (round(FRONT_SIZE[1] / cell_size), round(FRONT_SIZE[0] / cell_size))
     size = _checked(size, cell_size, DRAINED_BYTES)
     x, y = _centers(size, cell_size)
@@ -418,7 +418,7 @@ def _noise(
     """Fractal noise at the cells' centres, its octave 0 in [-1, 1]."""
     if not (0.0 < roughness <= 1.0) or octaves < 1:
         raise InputError(f"roughness is {roughness}, octaves {octaves}; give 0 < roughness <= 1 and at least 1 octave.")
-    whole(seed, "seed", most=MOST_SEED)
+    whole(seed, "seed", maximum=MAX_SEED)
     start_warp()
     kernel = kernels.build(wp.float64)
     noise = kernel.Octaves()

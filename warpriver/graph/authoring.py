@@ -23,7 +23,7 @@ from warpriver.network import RiverNetwork
 __all__ = ["Reworking", "nearest_point", "river_of", "smooth_line"]
 
 # A network given with less flow downstream of a junction than above it must still not run dry.
-LEAST_FLOW = 1e-6
+MIN_FLOW = 1e-6
 
 
 def river_of(network: RiverNetwork, channel: int) -> list[int]:
@@ -384,8 +384,13 @@ class Reworking:
 
     def _dissolve(self, upper: int, lower: int) -> None:
         """Join two where a junction was; width and depth follow from the one whose flow was nearest to that now."""
-        now, above, before = self._flow[lower], self._flow[upper], float(self.network.channel_flow()[lower])
+        source = self._course(lower).source
+        now, above, before = self._flow[lower], self._flow[upper], float(self.network.channel_flow()[source])
+        identity = self._value(upper, "id")
         self.join(upper, lower)
+        if lower >= self.network.channel_count:
+            # A part that was cut off in the same edit has an identity that nobody knows yet.
+            self._course(lower).columns["id"] = identity
         if abs(math.log(now / above)) < abs(math.log(now / before)):
             widen = (now / above) ** WIDTH_BY_FLOW
             width, depth = float(self._value(upper, "width")), float(self._value(upper, "depth"))
@@ -397,7 +402,7 @@ class Reworking:
         while (below := self.leaving(node)) and below[0] not in seen:
             c = below[0]
             seen.add(c)
-            self._regain(c, max(self._flow[c] + more, LEAST_FLOW * self._flow[c]))
+            self._regain(c, max(self._flow[c] + more, MIN_FLOW * self._flow[c]))
             node = self._foot(c)
 
     def _regain(self, c: int, flow: float) -> None:
@@ -440,7 +445,7 @@ class Reworking:
         above = self.arriving(self._head(c))
         supply = self._flow[c] - sum(self._flow[a] for a in above)
         kept = (point - first) / (stop - 1 - first) if above else 1.0
-        upper = self.split(c, point, JOINT_NONE, max(self._flow[c] - (1.0 - kept) * supply, LEAST_FLOW * self._flow[c]))
+        upper = self.split(c, point, JOINT_NONE, max(self._flow[c] - (1.0 - kept) * supply, MIN_FLOW * self._flow[c]))
         return self._courses[upper].foot
 
     def add(self, xy: np.ndarray, node: int | None, columns: dict[str, Any], model: int) -> int:
@@ -468,6 +473,12 @@ class Reworking:
         self._courses[c] = _Course(model, [self._draw(xy, section)], head, node, {**kept, **columns}, changed=True)
         self.add_flow(node, self._flow[c])
         return c
+
+    def outlet(self, xy: np.ndarray) -> int:
+        """Return a new node at a place, m, from which nothing flows on."""
+        node, self._node_count = self._node_count, self._node_count + 1
+        self._node_xy[node] = np.asarray(xy, np.float64)
+        return node
 
     def node_place(self, node: int) -> np.ndarray:
         """Position of a node, m."""

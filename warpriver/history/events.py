@@ -85,11 +85,17 @@ class Cutoff(Event):
         width: Bankfull width there, m.
         xy: (n, 2) float64 abandoned line in m, absolute, downstream order, both neck points included. Shortest paths
             leave closed loops: the first point is repeated at the end.
+        depth: Bankfull depth there, m; None in runs of versions that did not note it, as the following.
+        discharge: Bankfull discharge of the channel, m3/s.
+        section: (n, 2) float64 width and depth at each point of ``xy`` in m, or None where they are constant along it.
     """
 
     channel: int
     width: float
     xy: np.ndarray
+    depth: float | None = None
+    discharge: float | None = None
+    section: np.ndarray | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +115,9 @@ class Collision(Event):
         xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order; pieces of several channels lie one
             after the other, cut by ``start``.
         start: (k + 1,) int64 offsets of the pieces in ``xy``.
+        depth: Bankfull depth of the channel that gave way, m; None where it was not noted, as the following.
+        discharge: Its bankfull discharge, m3/s.
+        section: (n, 2) float64 width and depth at each point of ``xy`` in m, or None where they are constant.
     """
 
     case: str
@@ -117,6 +126,9 @@ class Collision(Event):
     width: float
     xy: np.ndarray
     start: np.ndarray
+    depth: float | None = None
+    discharge: float | None = None
+    section: np.ndarray | None = None
 
     def pieces(self) -> list[np.ndarray]:
         """Return the abandoned pieces, each an (n, 2) line."""
@@ -199,6 +211,9 @@ class Avulsion(Event):
         xy: (n, 2) float64 course that was abandoned, m, absolute, downstream order, both ends included.
         course: (m, 2) float64 new course, likewise.
         bed: (m,) float64 bed that was carved along it, m; empty on a plain.
+        depth: Bankfull depth where it left, m; None where it was not noted, as the following.
+        discharge: Its bankfull discharge, m3/s.
+        section: (n, 2) float64 width and depth at each point of ``xy`` in m, or None where they are constant.
     """
 
     channel: int
@@ -206,6 +221,9 @@ class Avulsion(Event):
     xy: np.ndarray
     course: np.ndarray
     bed: np.ndarray
+    depth: float | None = None
+    discharge: float | None = None
+    section: np.ndarray | None = None
 
 
 # ---- what a kind holds

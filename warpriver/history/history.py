@@ -24,6 +24,7 @@ from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError, warn
 from warpriver.extras import need
 from warpriver.history.changes import AppliedEdit, ControlStroke, Ground, ground_after, params_after
+from warpriver.history.datasets import dataset_of, write_zarr
 from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
 from warpriver.history.folder import HEADER, RunFolder
 from warpriver.history.record import Record
@@ -47,6 +48,7 @@ from warpriver.validate import position, shown, whole
 if TYPE_CHECKING:
     import geopandas
     import pandas
+    import xarray
 
 __all__ = ["History", "StopReason", "read_history"]
 
@@ -257,7 +259,7 @@ class History:
             raise MissingRecordError(
                 f"the history{where} holds no record: its run was stopped before the first one; run it again"
             )
-        index, count = whole(index, "index of a record", least=-(2**63)), len(self._records)
+        index, count = whole(index, "index of a record", minimum=-(2**63)), len(self._records)
         if not -count <= index < count:
             raise MissingRecordError(f"there is no record {index}; the history has {count}, from 0 to {count - 1}")
         held = self._records[index]
@@ -307,6 +309,39 @@ class History:
         (module,) = need("History.to_geopandas", "geopandas")
         features = features_of(self, layer, every)
         return module.GeoDataFrame(dict(features.columns), geometry=geometry_of(features), crs=self.crs)
+
+    @public
+    def to_xarray(self, *, every: int = 1) -> xarray.Dataset:
+        """Return the run as ``xarray.Dataset`` (``warpriver[gis]``), with the names and attributes of CF and UGRID.
+
+        All records lie end to end along ``node``, ``edge`` and ``channel``; ``record_nodes`` and ``record_channels``
+        say how many each has, ``node_record`` and ``edge_record`` to which one belongs. So do the courses that events
+        left, along ``event_point``. Columns of channels that hold words are left out.
+
+        Args:
+            every: Take every so many records; the last one always.
+
+        Raises:
+            ImportError: xarray is missing.
+            ValueError: An interval below 1, or a history without a record.
+        """
+        return dataset_of(self, every)
+
+    @public
+    def to_zarr(self, path: str | os.PathLike[str], *, every: int = 1) -> None:
+        """Write the run as a Zarr store (``warpriver[zarr]``), which opens in xarray without warpriver.
+
+        Args:
+            path: Folder to make.
+            every: Take every so many records; the last one always.
+
+        Raises:
+            ImportError: xarray or zarr is missing.
+            FileExistsError: The folder holds something already.
+            OSError: It cannot be written.
+            ValueError: As :meth:`to_xarray`.
+        """
+        write_zarr(self, path, every)
 
     def event_table(self) -> pandas.DataFrame:
         """Return all events as ``pandas.DataFrame`` (``warpriver[gis]``), a row each, in order of time.

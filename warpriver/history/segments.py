@@ -385,6 +385,10 @@ def _decode_kind(arrays: Any, kind: str, module: str, count: int) -> list[Event]
     columns: dict[str, list[Any]] = {}
     for name, of_type, optional in event_fields(cls):
         key = f"event/{kind}/{name}"
+        if optional and f"{key}/known" not in arrays:
+            # Of a version whose events did not have the field yet.
+            columns[name] = [None] * count
+            continue
         values = iter(_decode_column(arrays, key, of_type))
         known = arrays[f"{key}/known"].tolist() if optional else [True] * count
         columns[name] = [next(values) if there else None for there in known]

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 import warp as wp
 
-from warpriver.arrays import ByteArray
+from warpriver.arrays import ByteArray, DeviceArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.hydrology.cells import Edges, NoData, PaddedCells, flat, pad_terrain, table
@@ -119,21 +119,18 @@ def fill_cells(cells: PaddedCells, epsilon: bool) -> None:
     flood = kernel.Flood()
     flood.rows, flood.stride, flood.epsilon, flood.lowest = cells.rows, cells.stride, int(epsilon), lowest
     flood.buckets_per_meter = buckets / max(highest - lowest, MIN_RELIEF)
+
+    def whole_numbers(size: int) -> DeviceArray:
+        return wp.empty(size, dtype=int, device="cpu")
+
+    rims = kernel.Rims()
+    rims.next, rims.bucket, rims.count = whole_numbers(count), whole_numbers(buckets), whole_numbers(3)
+    rims.heap_key, rims.heap_cell = wp.empty(count, dtype=wp.float64, device="cpu"), whole_numbers(count)
     launch_kernel(
         kernel.flood_cells,
         dim=1,
         inputs=[flood],
-        outputs=[
-            wp.empty(1, dtype=int, device="cpu"),
-            wp.empty(count, dtype=int, device="cpu"),
-            wp.empty(buckets, dtype=int, device="cpu"),
-            flat(cells.height),
-            flat(cells.state),
-            wp.empty(count, dtype=int, device="cpu"),
-            wp.empty(3, dtype=int, device="cpu"),
-            wp.empty(count, dtype=wp.float64, device="cpu"),
-            wp.empty(count, dtype=int, device="cpu"),
-        ],
+        outputs=[whole_numbers(1), flat(cells.height), flat(cells.state), whole_numbers(count), rims],
         device="cpu",
     )
 

@@ -11,7 +11,7 @@ from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 
-__all__ = ["drape"]
+__all__ = ["drape", "falling_levels", "without_gaps"]
 
 
 @public
@@ -34,19 +34,38 @@ def drape(network: RiverNetwork, terrain: Terrain | Raster) -> RiverNetwork:
         ValueError: A channel that lies off the terrain or where it has no data, or channels that flow in a circle.
     """
     start = network.starts().astype(np.int64)
-    height = _without_gaps(surface_of(terrain).sample(network.points()), start)
-    rings = network.channel_closed
-    channel = np.repeat(np.arange(network.channel_count), np.diff(start))
+    height = without_gaps(surface_of(terrain).sample(network.points()), start)
+    ends = (network.channel_from, network.channel_to)
+    return network.with_elevations(falling_levels(height, start, ends, network.node_count, network.channel_closed))
+
+
+def falling_levels(
+    height: FloatArray,
+    start: IndexArray,
+    ends: tuple[CellArray, CellArray],
+    nodes: int,
+    rings: FlagArray,
+) -> FloatArray:
+    """Return the greatest levels that are nowhere above the heights and rise along no channel, nor across nodes.
+
+    Args:
+        height: (P,) heights of places along channels that lie end to end, from upstream to downstream.
+        start: (C + 1,) offsets of the channels.
+        ends: Nodes above and below each channel, (C,) each.
+        nodes: Number of nodes.
+        rings: (C,) which channels are rings: they are level.
+    """
+    upper, lower = ends
+    channel = np.repeat(np.arange(len(start) - 1), np.diff(start))
     z = _running_minimum(height, channel)
     last = start[1:] - 1
-    level = _node_levels(z[last], network.channel_from, network.channel_to, network.node_count, rings)
-    z = np.minimum(z, np.where(rings, np.inf, level[network.channel_from])[channel])
-    z[last] = np.minimum(z[last], level[network.channel_to])
-    z = np.where(rings[channel], z[last][channel], z)
-    return network.with_elevations(z)
+    level = _node_levels(z[last], upper, lower, nodes, rings)
+    z = np.minimum(z, np.where(rings, np.inf, level[upper])[channel])
+    z[last] = np.minimum(z[last], np.where(rings, np.inf, level[lower]))
+    return np.where(rings[channel], z[last][channel], z)
 
 
-def _without_gaps(height: FloatArray, start: IndexArray) -> FloatArray:
+def without_gaps(height: FloatArray, start: IndexArray) -> FloatArray:
     """Return heights in which gaps have the height before them in their channel, or else the first one there."""
     known = np.isfinite(height)
     place = np.maximum.accumulate(np.where(known, np.arange(len(height)), -1))

@@ -83,17 +83,13 @@ class _Flats:
         self.cells = cells
         self.kernel = kernels.build(wp.float64)
         counts = np.empty(2, np.int32)
-        start, inner, self.cell = np.empty(count + 1, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
+        self.start: CellArray = np.empty(count + 1, np.int32)
+        self.inner: CellArray = np.empty(count, np.int32)
+        self.cell = np.empty(count, np.int32)
         self.member = np.full(cells.count, -1, np.int32)
-        launch_kernel(
-            self.kernel.list_flats,
-            dim=1,
-            inputs=[cells.rows, cells.stride, flat(cells.height), flat(cells.state), flat(pit)],
-            outputs=[flat(a) for a in (counts, start, inner, self.cell, self.member)],
-            device="cpu",
-        )
-        self.start: CellArray = start[: counts[1] + 1].copy()
-        self.inner: CellArray = inner[: counts[1]].copy()
+        outputs = [self._struct(kernels.SHORES), flat(counts)]
+        launch_kernel(self.kernel.list_flats, dim=1, inputs=[flat(pit)], outputs=outputs, device="cpu")
+        self.start, self.inner = self.start[: counts[1] + 1].copy(), self.inner[: counts[1]].copy()
 
     def heights(self) -> FloatArray:
         """Height of each member in m."""

@@ -21,7 +21,7 @@ from warpriver.kernels import routing as kernels
 from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
-from warpriver.validate import MOST_SEED, finite, one_of, positive, whole
+from warpriver.validate import MAX_SEED, finite, one_of, positive, whole
 
 __all__ = [
     "Flow",
@@ -183,7 +183,7 @@ def route(
     one_of(depressions, "depressions", ("keep", "fill", "carve"))
     one_of(neighbors, "neighbors", (8, 4))
     one_of(ties, "ties", ("first", "hash"))
-    seed = whole(seed, "seed", most=MOST_SEED)
+    seed = whole(seed, "seed", maximum=MAX_SEED)
     ground = surface_of(terrain)
     if max_cut is not None:
         if depressions != "carve":

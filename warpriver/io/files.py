@@ -24,7 +24,7 @@ _FILTERS = threading.RLock()
 
 # A packed file is unpacked to so many times its size, or to so many bytes, whichever is more. Numbers that were
 # measured do not shrink further; what does is built to fill the memory.
-MOST_UNPACKED, ALWAYS_UNPACKED = 100, 1 << 28
+MAX_UNPACKED, ALWAYS_UNPACKED = 100, 1 << 28
 # Bytes that text takes while it is read, divided by those of the file.
 TEXT_MEMORY = 6
 # What libraries above GDAL take for parts of a URI or an archive, and GDAL for one of its virtual file systems.
@@ -58,7 +58,7 @@ def check_unpacked(path: Path, packed: int, unpacked: int) -> None:
         packed: Its size in bytes.
         unpacked: What it unpacks to.
     """
-    if unpacked > max(ALWAYS_UNPACKED, MOST_UNPACKED * packed):
+    if unpacked > max(ALWAYS_UNPACKED, MAX_UNPACKED * packed):
         raise InputError(
             f"{path}: {packed} bytes unpack to {unpacked / 1e9:.3g} GB or more, which no file of measurements does; "
             "if you trust it, unpack it yourself and read that"
@@ -73,9 +73,9 @@ def decoded(path: Path) -> str:
         MemoryError: There is no memory for it.
     """
     size, free = path.stat().st_size, available_memory()
-    most = size if free is None else free // TEXT_MEMORY
-    if size > most:
-        raise _too_large(path, size, most)
+    limit = size if free is None else free // TEXT_MEMORY
+    if size > limit:
+        raise _too_large(path, size, limit)
     data = _unpacked(path, size, free) if path.suffix.lower() == ".gz" else path.read_bytes()
     if b"\0" in data:
         raise InputError(f"{path}: holds zero bytes, so it is not UTF-8 text; is it binary, or UTF-16?")
@@ -90,8 +90,8 @@ def decoded(path: Path) -> str:
 
 def _unpacked(path: Path, size: int, free: int | None) -> bytes:
     """Return what a gzip file holds; no more than the limit is ever unpacked."""
-    most = max(ALWAYS_UNPACKED, MOST_UNPACKED * size)
-    limit = most if free is None else min(most, free // TEXT_MEMORY)
+    limit = max(ALWAYS_UNPACKED, MAX_UNPACKED * size)
+    limit = limit if free is None else min(limit, free // TEXT_MEMORY)
     try:
         with gzip.open(path) as file:
             data = file.read(limit + 1)
@@ -103,9 +103,9 @@ def _unpacked(path: Path, size: int, free: int | None) -> bytes:
     return data
 
 
-def _too_large(path: Path, size: int, most: int) -> OutOfMemoryError:
+def _too_large(path: Path, size: int, limit: int) -> OutOfMemoryError:
     return OutOfMemoryError(
-        f"{path}: {size / 1e9:.3g} GB of text or more, and there is memory to read {most / 1e9:.3g} GB; split it"
+        f"{path}: {size / 1e9:.3g} GB of text or more, and there is memory to read {limit / 1e9:.3g} GB; split it"
     )
 
 

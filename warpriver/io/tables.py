@@ -180,6 +180,8 @@ def describe_fields(kind: type, *, bare: bool = True) -> list[str]:
     """Return a line a field of a dataclass: name, default, unit and meaning; ``bare``: also of those without them."""
     rows = []
     for f in dataclasses.fields(kind):
+        if "kind" in f.metadata:  # a table of its own
+            continue
         if f.metadata:
             doc = f.metadata["doc"]
             if f.metadata["choices"]:

@@ -4,7 +4,8 @@
 long a step may be. :func:`shape_junctions` gives tributaries the angle that fits their flows, and
 :func:`taubin_smooth` takes short waves out of lines. :class:`Attractor`, :class:`Repeller`, :class:`Guide`,
 :class:`ControlField`, :class:`DampingRegion` and :class:`ErodibilityField` are the controls that a simulation takes,
-:class:`AvulsionParams` lets channels leave their courses.
+:func:`mapped_banks` makes the last one from two dated surveys, :class:`AvulsionParams` lets channels leave their
+courses.
 """
 
 from warpriver.meander.control_edit import SetControls
@@ -17,7 +18,8 @@ from warpriver.meander.controls import (
     Guide,
     Repeller,
 )
-from warpriver.meander.junctions import JunctionParams, junction_angles, shape_junctions
+from warpriver.meander.dated import mapped_banks
+from warpriver.meander.junctions import JunctionParams, arrival_angles, junction_angles, shape_junctions
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
@@ -34,7 +36,9 @@ __all__ = [
     "JunctionParams",
     "Repeller",
     "SetControls",
+    "arrival_angles",
     "junction_angles",
+    "mapped_banks",
     "migration_rate",
     "shape_junctions",
     "stable_dt",

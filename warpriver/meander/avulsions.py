@@ -13,19 +13,22 @@ from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.graph.authoring import Reworking
+from warpriver.graph.edits import JUNCTION_CLEARANCE
 from warpriver.history.events import Avulsion, Crevasse, Event
 from warpriver.kernels import avulsions as kernels
 from warpriver.kernels.status import CREVASSES, FAULT, FAULT_NONE, STEPS
 from warpriver.meander.courses import Course, Refusal, carve_course, falling_bed, walk_courses
+from warpriver.meander.diversions import Diversion, divert, find_way, upstream_of
 from warpriver.params import AvulsionParams
 from warpriver.terrain import Terrain
 
 with IMPORTING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_course", "rework_courses"]
+__all__ = ["Avulse", "NewCourse", "avulsion_of", "carve", "plan_avulsion", "plan_course", "rework_courses", "window_of"]
 
 
 # Points that a new course keeps from both ends of its channel.
@@ -53,10 +56,11 @@ class NewCourse:
     width: float
     old_xy: FloatArray
 
-    def window(self, terrain: Terrain) -> tuple[int, int, int, int] | None:
-        """First row and column, rows and columns of the cells that it may carve; None if none."""
-        (west, south), (east, north) = self.course.xy.min(axis=0) - self.width, self.course.xy.max(axis=0) + self.width
-        return terrain.raster.window(west, south, east, north)
+
+def window_of(terrain: Terrain, new: NewCourse | Diversion) -> tuple[int, int, int, int] | None:
+    """Return first row and column, rows and columns of the cells that a new course may carve; None if none."""
+    (west, south), (east, north) = new.course.xy.min(axis=0) - new.width, new.course.xy.max(axis=0) + new.width
+    return terrain.raster.window(west, south, east, north)
 
 
 class Avulse(Phase):
@@ -137,12 +141,21 @@ class Avulse(Phase):
         owner = np.searchsorted(start, where, side="right") - 1
         events: list[Event] = []
         taken: list[NewCourse] = []
+        left: tuple[Diversion, Reworking, FloatArray] | None = None
         for i, c, wc in zip(where.tolist(), owner.tolist(), bend.tolist(), strict=True):
             xy = network.point_xy[i : i + 1].numpy()[0].astype(np.float64) + network.origin
             identity, width, outcome = int(network.channel_id[c]), _width_at(state, c, i), ""
             if bank[i] == kernels.LEAVES:
                 chance = np.random.default_rng([state.seed, step, identity, i - int(start[c])])
-                found = plan_course(state, c, i, params, chance, taken=taken)
+                found = plan_avulsion(state, c, i, params, chance, taken=taken)
+                if left is not None or (taken and isinstance(found, Diversion)):
+                    # What a diversion does to the graph is not known to others of the same step.
+                    found = Refusal("another channel has left its course in this step", (float(xy[0]), float(xy[1])))
+                if isinstance(found, Diversion):
+                    try:
+                        left = (found, *divert(state, found))
+                    except InputError as error:
+                        found = Refusal(str(error), (float(xy[0]), float(xy[1])))
                 outcome = found.reason if isinstance(found, Refusal) else "avulsion"
                 if isinstance(found, NewCourse):
                     taken.append(found)
@@ -155,6 +168,12 @@ class Avulse(Phase):
             state.adopt(work.build())
             # New courses begin and end in corners, of whose speed nothing is known.
             state.hasten(np.isin(np.arange(state.network.channel_count), [new.channel for new in taken]))
+        if left is not None:
+            diversion, graph, line = left
+            events.append(avulsion_of(state, time, diversion, line))
+            carve(state, diversion)
+            state.adopt(graph.build())
+            state.hasten(np.ones(state.network.channel_count, bool))
         return events
 
 
@@ -173,6 +192,35 @@ def _constants(state: State) -> Any:
 # ---- a new course
 
 
+def plan_avulsion(
+    state: State,
+    channel: int,
+    point: int,
+    params: AvulsionParams,
+    chance: np.random.Generator,
+    *,
+    taken: Sequence[NewCourse] = (),
+) -> NewCourse | Diversion | Refusal:
+    """Find a new course for a channel: regional, by chance, or within the channel; or say why there is none.
+
+    Args:
+        state: The network and its ground.
+        channel: Index of the channel, which is no ring.
+        point: Point, of all, where it leaves.
+        params: Constants.
+        chance: What is left to chance.
+        taken: New courses that were found before.
+    """
+    # Not drawn where there are none, so that runs without them are as they were.
+    if params.regional > 0.0 and chance.uniform() < params.regional:
+        first, last = (int(v) for v in state.network.starts()[channel : channel + 2])
+        if not first + JUNCTION_CLEARANCE <= point < last - JUNCTION_CLEARANCE:
+            x, y = (state.network.point_xy[point : point + 1].numpy()[0] + state.network.origin).tolist()
+            return Refusal("it lies at an end of the channel", (x, y))
+        return find_way(state, channel, point, params, goals="any")
+    return plan_course(state, channel, point, params, chance, taken=taken)
+
+
 def plan_course(
     state: State,
     channel: int,
@@ -183,11 +231,11 @@ def plan_course(
     target: int | None = None,
     angle: float | None = None,
     taken: Sequence[NewCourse] = (),
-) -> NewCourse | Refusal:
+) -> NewCourse | Diversion | Refusal:
     """Find a new course for a channel, or say why there is none; nothing is changed.
 
-    It ends where it meets the reach downstream of its target, which is kept. Where it meets the reach upstream, or
-    another channel, there is no course.
+    It ends where it meets the reach downstream of its target, which is kept. Where it meets the reach upstream there is
+    no course; where it meets another channel there is none, or it ends there, by ``params.meeting``.
 
     Args:
         state: The network and its ground.
@@ -223,7 +271,8 @@ def plan_course(
     (walked,) = walk_courses([ends[0]], [ends[1]], direction, [seed], spacing, params, state.terrain, state.device)
     if isinstance(walked, Refusal):
         return walked
-    met = _meeting(state, channel, point, target, walked, width, taken)
+    joins = params.meeting == "join"
+    met = _meeting(state, channel, point, target, walked, width, taken, joins=joins)
     if isinstance(met, Refusal):
         return met
     course, end = met
@@ -235,15 +284,26 @@ def plan_course(
     if course.deepest_cut > params.deepest_cut * _depth_at(state, channel, point):
         deepest = int((course.ground - course.bed).argmax())
         return Refusal(f"the cut would be deeper than {params.deepest_cut:g} depths", _place(course.xy[deepest]))
+    if not first <= end <= last:
+        return Diversion.along(network, channel, point, end, course)
     return NewCourse(channel, point, end, course, width, xy[at : end - first + 1])
 
 
 def _meeting(
-    state: State, channel: int, point: int, target: int, course: Course, width: float, taken: Sequence[NewCourse]
+    state: State,
+    channel: int,
+    point: int,
+    target: int,
+    course: Course,
+    width: float,
+    taken: Sequence[NewCourse],
+    *,
+    joins: bool = False,
 ) -> tuple[Course, int] | Refusal:
     """A course up to where it meets the reach below its target, with the point there; or what it must not meet.
 
-    Lines meet where their points come closer than the channels are wide in the mean, and than segments that cross.
+    Lines meet where their points come closer than the channels are wide in the mean, and than segments that cross. With
+    ``joins`` other channels whose water does not come through this one may be met as well.
     """
     network, start = state.network, state.network.starts()
     spacing = state.spacing.numpy().astype(np.float64)
@@ -258,15 +318,24 @@ def _meeting(
     owner = np.searchsorted(start, index, side="right") - 1
     # (what, points, how close): those that must not be met, and the reach below, which may.
     forbidden = [("its own course upstream", index[(owner == channel) & (index < point - beside)], own)]
+    own_water = upstream_of(network, channel) | network.channel_closed if joins else np.ones(len(spacing), bool)
+    open_to = []
     for other in np.unique(owner[owner != channel]).tolist():
         reach = max(0.5 * (width + float(network.channel_width[other])), 0.5 * (step + float(spacing[other])))
-        forbidden.append((f"channel {int(network.channel_id[other])}", index[owner == other], reach))
+        if own_water[other]:
+            forbidden.append((f"channel {int(network.channel_id[other])}", index[owner == other], reach))
+        else:
+            open_to.append((index[owner == other], reach))
     below = index[(owner == channel) & (index > target + beside) & (index <= last - END_POINTS)]
     line = course.xy[1:-1]
     stop, end = len(course.xy) - 1, target
     met, at = _first_contact(line, xy[below], own)
     if met >= 0:
         stop, end = met + 1, int(below[at])
+    for points, reach in open_to:
+        met, at = _first_contact(line[:stop], xy[points], reach)
+        if met >= 0 and met + 1 < stop:
+            stop, end = met + 1, int(points[at])
     lines = [(what, xy[points], reach) for what, points, reach in forbidden]
     lines += [
         (f"the new course of channel {int(network.channel_id[new.channel])}", new.course.xy, 0.5 * (width + new.width))
@@ -305,13 +374,38 @@ def rework_courses(state: State, taken: Sequence[NewCourse]) -> Reworking:
     return work
 
 
-def avulsion_of(state: State, time: float, new: NewCourse) -> Avulsion:
-    """Return the event of a channel that takes a new course; the network is still as it was."""
-    bed = np.empty(0) if state.terrain is None else new.course.bed
-    return Avulsion(time, int(state.network.channel_id[new.channel]), new.width, new.old_xy, new.course.xy, bed)
+def avulsion_of(state: State, time: float, new: NewCourse | Diversion, line: FloatArray | None = None) -> Avulsion:
+    """Return the event of a channel that takes a new course; the network is still as it was.
+
+    Args:
+        state: The network and its ground.
+        time: When, yr.
+        new: The course.
+        line: (n, 2) m, the course as it became where that ends in a junction.
+    """
+    network = state.network
+    section = None
+    if network.point_section is not None:
+        old = network.point_section[new.first : new.first + len(new.old_xy)]
+        section = np.asarray(old.numpy(), np.float64)
+    return Avulsion(
+        time,
+        int(network.channel_id[new.channel]),
+        new.width,
+        new.old_xy,
+        new.course.xy if line is None else line,
+        _bed_of(state, new.course),
+        _depth_at(state, new.channel, new.first),
+        float(network.channel_discharge[new.channel]),
+        section,
+    )
 
 
-def carve(state: State, new: NewCourse) -> None:
+def _bed_of(state: State, course: Course) -> FloatArray:
+    return np.empty(0) if state.terrain is None else course.bed
+
+
+def carve(state: State, new: NewCourse | Diversion) -> None:
     """Carve a new course into the ground, where there is any."""
     if state.terrain is not None:
         carve_course(state.terrain, new.course.xy, new.course.bed, new.width)

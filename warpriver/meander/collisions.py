@@ -9,12 +9,14 @@ import numpy as np
 import warp as wp
 
 from warpriver.arrays import DeviceArray
+from warpriver.channel_table import JOINT_NONE
 from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.saved import SavedError
 from warpriver.engine.scans import Scan
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Refusal, Rejoin
 from warpriver.graph.forest import check_forest
@@ -22,8 +24,11 @@ from warpriver.history.events import Collision, Cutoff, Event, HeldLock
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
 from warpriver.kernels.status import CONTACTS, FAULT, FAULT_NONE
+from warpriver.meander.avulsions import avulsion_of, carve
+from warpriver.meander.deferred import defer_junction
+from warpriver.meander.diversions import Diversion, divert
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams, PathMeander
+from warpriver.params import AvulsionParams, MeanderParams, PathMeander
 
 __all__ = ["Collide", "collision_constants", "gathered_nodes", "join_channels"]
 
@@ -35,7 +40,7 @@ ROUNDS = 8
 
 
 def collision_constants(
-    network: RiverNetwork, params: MeanderParams | PathMeander, form: np.ndarray, before: Any = None
+    network: RiverNetwork, params: MeanderParams | PathMeander, form: np.ndarray, before: Any = None, necks: float = 0.0
 ) -> Any:
     """Pack the constants of the search for a network; ``None`` where there is nothing to search: rings never join.
 
@@ -44,18 +49,22 @@ def collision_constants(
         params: ``collision_distance``, ``junction_reach`` and ``cutoff_min_arc``.
         form: (C,) structs, as ``State.channel_form``.
         before: What holds until now; it is returned where it serves these channels as well.
+        necks: Distance that counts as a touch where channels do not join, and only necks across through nodes are
+            sought, in widths; 0: none are.
     """
-    lines = ~network.channel_closed
-    if params.collision_distance == 0.0 or np.count_nonzero(lines) < 2:
+    lines, distance = ~network.channel_closed, params.collision_distance
+    if distance == 0.0 and (network.channel_joint != JOINT_NONE).any():
+        distance = necks
+    if distance == 0.0 or np.count_nonzero(lines) < 2:
         return None
     form = form[lines]
     constants = kernels.build(PRECISIONS[network.dtype][0]).CollisionConstants()
-    constants.distance = params.collision_distance
+    constants.distance = distance
     constants.node_reach = params.junction_reach
     constants.neck_arc = params.cutoff_min_arc
     constants.block = BLOCK_WIDTHS
     width, spacing = form["widest"], COARSEST_SPACING * form["target_spacing"]
-    reach = 0.5 * (params.collision_distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
+    reach = 0.5 * (distance * width + np.maximum(BLOCK_WIDTHS * width, spacing))
     reach += kernels.SLACK_SPACINGS * spacing
     # Powers of two, so that the levels of the channels do not depend on which others there are.
     base = math.floor(math.log2(reach.min()))
@@ -67,7 +76,8 @@ def collision_constants(
     levels = np.unique(np.maximum(np.ceil(np.concatenate([octave - 1e-5, octave + 1e-5])), 0.0).astype(int))
     constants.level_count = int(levels[-1]) + 1
     constants.level_mask = sum(1 << level for level in levels.tolist())
-    if before is not None and constants.reach == before.reach and constants.level_mask & ~before.level_mask == 0:
+    alike = before is not None and (constants.reach, distance) == (before.reach, before.distance)
+    if alike and constants.level_mask & ~before.level_mask == 0:
         return before
     return constants
 
@@ -96,6 +106,22 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
     return np.stack([label[network.channel_from], label[network.channel_to]], axis=1).astype(np.int32)
 
 
+def rivers_of(network: RiverNetwork) -> np.ndarray:
+    """Return labels of the rivers that channels are parts of, between through nodes and locked points, (C,) int32."""
+    with IMPORTING:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+    upper = np.flatnonzero(network.channel_joint != JOINT_NONE)
+    leaving = np.full(network.node_count, -1)
+    leaving[network.channel_from] = np.arange(network.channel_count)
+    lower = leaving[network.channel_to[upper]]
+    ends = upper[lower >= 0], lower[lower >= 0]
+    graph = coo_array((np.ones(len(ends[0])), ends), shape=(network.channel_count, network.channel_count))
+    labels: np.ndarray = connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels
+
+
 class Collide(Phase):
     """Finds where channels of the network touch after a sub-step, and joins them there on the host.
 
@@ -103,6 +129,7 @@ class Collide(Phase):
 
     Attributes:
         nodes: (C,) vec2i, labels of the nodes above and below; see :func:`gathered_nodes`.
+        rivers: (C,) int32, labels of the rivers that channels are parts of, where only those touch.
         block_bucket: Grid of the search, four integers a cell; the links of its lists and the blocks' channels are in
             the state's spare memory.
         share_contacts, share_contacts_sum: Places where channels touch, by slab or chunk; the running sum.
@@ -110,19 +137,29 @@ class Collide(Phase):
 
     name = "collide"
     nodes: DeviceArray
+    rivers: DeviceArray
     block_bucket: DeviceArray
     share_contacts: DeviceArray
     share_contacts_sum: DeviceArray
     scan: Scan
 
-    def __init__(self) -> None:
+    def __init__(self, *, joins: bool = True, necks: float = 0.0) -> None:
+        """Say what is sought.
+
+        Args:
+            joins: Whether channels join where they touch; else only the parts of one river do, across through nodes.
+            necks: Then, how close they come, in widths.
+        """
         self._constants: Any = None
+        self._joins, self._necks = joins, necks
+        self._rivers = np.zeros(0, np.int32)
         self._saved: np.ndarray | None = None
         self._nodes = np.zeros((0, 2), np.int32)
 
     def check_network(self, network: RiverNetwork) -> None:
         """Channels that join have one channel below them."""
-        check_forest(network)
+        if self._joins:
+            check_forest(network)
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -131,8 +168,10 @@ class Collide(Phase):
         self.share_contacts, self.share_contacts_sum = state.zeros(state.share_count), state.zeros(state.share_count)
         serial = state.chunk == 0
         self.scan = Scan("counts", self.share_contacts, self.share_contacts_sum, state.scalar, serial=serial)
+        self.rivers = state.zeros(state.channel_capacity)
         if len(self._nodes):
             state.assign(self.nodes, self._nodes)
+            state.assign(self.rivers, self._rivers)
 
     def install(self, state: State) -> None:
         """Label the nodes, and choose the cells of the search."""
@@ -141,7 +180,11 @@ class Collide(Phase):
             labels = gathered_nodes(state.network, state.channel_length, state.params)
         self._nodes = labels
         state.assign(self.nodes, labels)
-        constants = collision_constants(state.network, state.params, state.channel_form, self._constants)
+        if not self._joins:
+            self._rivers = rivers_of(state.network)
+            state.assign(self.rivers, self._rivers)
+        network, form = state.network, state.channel_form
+        constants = collision_constants(network, state.params, form, self._constants, self._necks)
         if constants is not self._constants:
             self._constants = constants
             state.changed()
@@ -187,6 +230,8 @@ class Collide(Phase):
     def _search(self, state: State, share: Share, out: DeviceArray | None) -> None:
         index, contacts = kernels.BlockIndex(), kernels.Contacts()
         (index.point_next, index.point_owner), index.bucket = state.spare, self.block_bucket
+        if not self._joins:
+            index.channel_river = self.rivers
         contacts.share_count, contacts.share_sum = self.share_contacts, self.share_contacts_sum
         if out is not None:
             contacts.pair = out
@@ -238,10 +283,38 @@ class Collide(Phase):
             edited, done = joined
             events += _collisions(state.network, batch.times[-1], done)
             state.adopt(edited)
+            events += _deferred(state, batch.times[-1], done)
             if self._constants is None:
                 break
             state.run(self.stages(state))
         return events
+
+
+def _deferred(state: State, time: float, done: list[Rejoin]) -> list[Event]:
+    """Lead small tributaries that have just come to a river along its belt, where that is asked for and possible."""
+    shape = state.params.junctions
+    if shape is None or shape.deferred == 0.0:
+        return []
+    events: list[Event] = []
+    for edit in done:
+        network = state.network
+        found, mains = (np.flatnonzero(network.channel_id == name) for name in (edit.minor, edit.main))
+        flow = network.channel_flow()
+        river = edit.kind not in ("neck", "cutoff") and len(found) == len(mains) == 1
+        if not river or flow[found[0]] >= shape.deferred * flow[mains[0]]:
+            continue
+        state.place_nodes()
+        new = defer_junction(state, int(found[0]), state.params.avulsions or AvulsionParams())
+        if isinstance(new, Diversion):
+            try:
+                work, line = divert(state, new)
+            except InputError:  # a locked point is in the way
+                continue
+            events.append(avulsion_of(state, time, new, line))
+            carve(state, new)
+            state.adopt(work.build())
+            state.hasten(np.ones(state.network.channel_count, bool))
+    return events
 
 
 def _held(network: RiverNetwork, time: float, refused: list[Refusal]) -> list[Event]:
@@ -258,17 +331,31 @@ def _collisions(network: RiverNetwork, time: float, done: list[Rejoin]) -> list[
     order = np.argsort(network.channel_id)
     minor = order[np.searchsorted(network.channel_id[order], [edit.minor for edit in done])]
     events: list[Event] = []
-    for edit, width in zip(done, network.channel_width[minor].tolist(), strict=True):
+    for edit, channel in zip(done, minor.tolist(), strict=True):
         ranges = [(first, stop) for first, stop, _ in edit.abandoned]
         pieces = [network.point_xy[a:b].numpy().astype(np.float64) + network.origin for a, b in ranges]
+        width, depth, flow = (
+            float(values[channel])
+            for values in (network.channel_width, network.channel_depth, network.channel_discharge)
+        )
+        sections = None
+        if network.point_section is not None:
+            sections = [network.point_section[a:b].numpy().astype(np.float64) for a, b in ranges]
         if edit.kind == "cutoff":
             # A piece begins where the one before it ends.
-            loop = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
-            events.append(Cutoff(time, edit.minor, width, loop))
+            loop, along = (None if part is None else _one_line(part) for part in (pieces, sections))
+            events.append(Cutoff(time, edit.minor, width, loop, depth, flow, along))  # type: ignore[arg-type]
             continue
         start = np.cumsum([0] + [len(p) for p in pieces])
-        events.append(Collision(time, edit.kind, edit.minor, edit.main, width, np.concatenate(pieces), start))
+        along = None if sections is None else np.concatenate(sections)
+        line = np.concatenate(pieces)
+        events.append(Collision(time, edit.kind, edit.minor, edit.main, width, line, start, depth, flow, along))
     return events
+
+
+def _one_line(pieces: list[np.ndarray]) -> np.ndarray:
+    """Join pieces each of which begins where the one before it ends."""
+    return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
 
 
 def join_channels(

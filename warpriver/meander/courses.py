@@ -120,20 +120,18 @@ def _walk_batch(
     xy = wp.empty(shape, dtype=wp.vec2d, device=place)
     height = wp.empty(shape, dtype=wp.float64, device=place)
     state = wp.empty((len(ends), 2), dtype=wp.int32, device=place)
-    inputs: list[Any] = (
+    courses = kernel.Courses()
+    courses.ends = wp.array(ends - zero, dtype=wp.vec2d, device=place)
+    courses.direction = wp.array(direction, dtype=wp.vec2d, device=place)
+    courses.seed = wp.array(seeds, dtype=wp.uint32, device=place)
+    ground: list[Any] = (
         [None, kernel.RasterGrid()] if terrain is None else [terrain.height, terrain.grid("float64", zero)]
     )
-    inputs += [
-        walk,
-        wp.array(ends - zero, dtype=wp.vec2d, device=place),
-        wp.array(direction, dtype=wp.vec2d, device=place),
-        wp.array(seeds, dtype=wp.uint32, device=place),
-    ]
-    launch_kernel(kernel.walk_courses, len(ends), inputs, [xy, height, state], device=place)
-    points, ground, ended = xy.numpy(), height.numpy(), state.numpy()
+    launch_kernel(kernel.walk_courses, len(ends), [*ground, walk, courses], [xy, height, state], device=place)
+    points, heights, ended = xy.numpy(), height.numpy(), state.numpy()
     found: list[Course | Refusal] = []
     for k, (how, count) in enumerate(ended.tolist()):
-        line, below = points[k, :count] + zero, ground[k, :count].copy()
+        line, below = points[k, :count] + zero, heights[k, :count].copy()
         last = float(line[-1, 0]), float(line[-1, 1])
         if how == kernels.ARRIVED:
             found.append(Course(line, below, falling_bed(line, below, params.fall) if terrain is not None else below))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
 from warpriver.arrays import FlagArray, FloatArray, IndexArray
+from warpriver.channel_table import JOINT_LOCK
 from warpriver.engine.state import State
+from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.graph.authoring import smooth_line
+from warpriver.graph.authoring import Reworking, smooth_line
 from warpriver.meander.courses import Course, Refusal, falling_bed
 from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams
@@ -21,17 +24,65 @@ with IMPORTING:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-__all__ = ["find_way", "upstream_of"]
+__all__ = ["Diversion", "divert", "find_way", "upstream_of"]
 
 
 # Cells of the ground that are looked at, a side; larger windows are looked at more coarsely.
-MOST_CELLS = 300
+MAX_CELLS = 300
 # A rise costs as much as a way so many times as long as one that climbs it as steeply as is carved.
 DEAR = 10.0
 # Every so many cells of the cheapest way a point of the course, which is smooth in between.
 THINNED = 3
 # Where no rise is carved at all, one costs as if it were this slope that is.
-LEAST_SLOPE = 1e-6
+MIN_SLOPE = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Diversion:
+    """A channel that can leave for another one, or for an outlet of its own.
+
+    Attributes:
+        channel: Index of the channel.
+        first: Point, of all, where it leaves.
+        end: Point of the other channel, of all, where it comes to; -1 where it ends in an outlet.
+        course: The course, from the one point to the other.
+        width: Width of the channel, m.
+        old_xy: (n, 2) course that it leaves, down to its end, m.
+    """
+
+    channel: int
+    first: int
+    end: int
+    course: Course
+    width: float
+    old_xy: FloatArray
+
+    @staticmethod
+    def along(network: RiverNetwork, channel: int, first: int, end: int, course: Course) -> Diversion:
+        """Return the diversion of a channel along a course."""
+        last = int(network.starts()[channel + 1])
+        old = network.point_xy[first:last].numpy().astype(np.float64) + network.origin
+        return Diversion(channel, first, end, course, float(network.channel_width[channel]), old)
+
+
+def divert(state: State, new: Diversion) -> tuple[Reworking, FloatArray]:
+    """Return the channels once one has left for another, to be built, and its new course, (n, 2) m.
+
+    Raises:
+        ValueError: A locked point would fall dry, or it comes to one.
+    """
+    network = state.network
+    spacing = state.spacing.numpy()[: network.channel_count].astype(np.float64)
+    work = Reworking(network, spacing, state.next_identity)
+    if new.end < 0:
+        node = work.outlet(new.course.xy[-1])
+    else:
+        node = work.junction_at(int(np.searchsorted(network.starts(), new.end, side="right")) - 1, new.end)
+        if any(work.joint(c) == JOINT_LOCK for c in work.arriving(node)):
+            raise InputError("the new course comes to a locked point; unlock it first")
+    line = np.concatenate([new.course.xy[:-1], work.node_place(node)[None]])
+    work.divert(new.channel, new.first, line, node)
+    return work, line
 
 
 def upstream_of(network: RiverNetwork, channel: int) -> FlagArray:
@@ -47,9 +98,15 @@ def upstream_of(network: RiverNetwork, channel: int) -> FlagArray:
 
 
 def find_way(
-    state: State, channel: int, point: int, params: AvulsionParams, target: int | None = None
-) -> tuple[Course, int] | Refusal:
-    """Find the cheapest way over the ground from a point of a channel to another one.
+    state: State,
+    channel: int,
+    point: int,
+    params: AvulsionParams,
+    target: int | None = None,
+    *,
+    goals: str = "channels",
+) -> Diversion | Refusal:
+    """Find the cheapest way over the ground from a point of a channel to another one, or to the edge of the ground.
 
     It costs its length, and more where it climbs; its own channel, and those whose water comes through it, are in the
     way. The rules of new courses hold: no steeper rise and no deeper cut than they allow, and the bed falls.
@@ -60,9 +117,10 @@ def find_way(
         point: Point, of all, where it leaves.
         params: How steeply the ground may rise, how deep a cut may be, and how far the other channel may lie.
         target: Index of the other channel; by default the one that is reached at the lowest cost.
+        goals: "channels", "outlet", the edge of the ground or where it has no data, or "any" of them.
 
     Returns:
-        The course, and the point, of all, that it comes to; or why there is none.
+        The diversion, or why there is none.
     """
     network, terrain = state.network, state.terrain
     xy, start = network.points(), network.starts()
@@ -74,15 +132,24 @@ def find_way(
     open_to = ~upstream_of(network, channel) & ~network.channel_closed
     if target is not None:
         open_to &= np.arange(network.channel_count) == target
+    if goals == "outlet":
+        open_to &= False
     cells = _Cells(terrain, here, params.farthest * width)
     goal = cells.of(xy[open_to[owner]])
+    if goals != "channels":
+        goal = np.union1d(goal, cells.rim(terrain))
     wall = np.setdiff1d(cells.of(xy[~open_to[owner]]), cells.of(here[None]))
     way = cells.cheapest(int(cells.of(here[None])[0]), goal[goal >= 0], wall[wall >= 0], params.steepest_rise)
     if len(way) < 2:
-        return Refusal("no way leads to another channel", (float(here[0]), float(here[1])))
-    candidates = np.flatnonzero(open_to[owner])
-    end = int(candidates[np.hypot(*(xy[candidates] - way[-1]).T).argmin()])
-    corners = np.concatenate([here[None], way[THINNED:-1:THINNED], xy[end : end + 1]])
+        what = "another channel" if goals == "channels" else "the edge of the ground"
+        return Refusal(f"no way leads to {what}", (float(here[0]), float(here[1])))
+    candidates, end, last = np.flatnonzero(open_to[owner]), -1, way[-1:]
+    if len(candidates):
+        away = np.hypot(*(xy[candidates] - way[-1]).T)
+        if away.min() <= cells.size:
+            end = int(candidates[away.argmin()])
+            last = xy[end : end + 1]
+    corners = np.concatenate([here[None], way[THINNED:-1:THINNED], last])
     line = smooth_line(corners, float(state.spacing.numpy()[channel]))
     ground = terrain.sample(line)
     if not np.isfinite(ground).all():
@@ -95,7 +162,7 @@ def find_way(
     if course.deepest_cut > params.deepest_cut * depth:
         x, y = line[int((ground - course.bed).argmax())].tolist()
         return Refusal(f"the cut would be deeper than {params.deepest_cut:g} depths", (x, y))
-    return course, end
+    return Diversion.along(network, channel, point, end, course)
 
 
 class _Cells:
@@ -106,7 +173,7 @@ class _Cells:
         x, y = center.tolist()
         near = terrain.raster.window(x - reach, y - reach, x + reach, y + reach)
         row, column, rows, columns = near if near is not None else (0, 0, 2, 2)
-        self._step = max(1, math.ceil(max(rows, columns) / MOST_CELLS))
+        self._step = max(1, math.ceil(max(rows, columns) / MAX_CELLS))
         self.size = terrain.cell_size * self._step
         west, north = terrain.origin
         self._west, self._north = west + column * terrain.cell_size, north - row * terrain.cell_size
@@ -124,6 +191,15 @@ class _Cells:
         inside = (i >= 0) & (j >= 0) & (i < self.shape[0]) & (j < self.shape[1])
         return np.unique(np.where(inside, i * self.shape[1] + j, -1).astype(np.int64))
 
+    def rim(self, terrain: Terrain) -> IndexArray:
+        """Return the cells at the edge of the ground, and those next to cells without data."""
+        west, south, east, north = terrain.bounds
+        known = np.isfinite(self.height)
+        xy = self.centers(np.arange(known.size))
+        away = np.minimum.reduce([xy[:, 0] - west, east - xy[:, 0], xy[:, 1] - south, north - xy[:, 1]])
+        edge = (away < self.size).reshape(self.shape) | (grey_dilation((~known).astype(np.uint8), (3, 3)) > 0)
+        return np.flatnonzero((edge & known).ravel())
+
     def cheapest(self, source: int, goal: Any, wall: Any, steepest: float) -> FloatArray:
         """Return the centres of the cells of the cheapest way to any of the goals, m; none where there is no way.
 
@@ -134,7 +210,7 @@ class _Cells:
         free.ravel()[wall] = False
         steep = np.hypot(*np.gradient(self.height, self.size)) > steepest
         price = np.where(grey_dilation(steep.astype(np.uint8), (3, 3)) > 0, DEAR, 1.0).ravel()
-        dear = DEAR / max(steepest, LEAST_SLOPE)
+        dear = DEAR / max(steepest, MIN_SLOPE)
         number = np.arange(free.size).reshape(self.shape)
         rows, columns, costs = [], [], []
         for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):

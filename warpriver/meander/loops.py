@@ -227,13 +227,19 @@ class Loops:
         edited = split_rings(network, columns, xy, state.next_identity) if split.any() else None
         added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
-            width = float(network.channel_width[channel] if section is None else section[begin, 0])
+            width, depth = network.channel_width[channel], network.channel_depth[channel]
+            along = None if section is None else section[begin : begin + length].astype(np.float64)
+            if along is not None:
+                width, depth = along[0]
             identity, loop = int(network.channel_id[channel]), xy[begin : begin + length]
             if split[k]:
-                events.append(Split(times[substep], identity, next(added), width, loop.copy()))
+                events.append(Split(times[substep], identity, next(added), float(width), loop.copy()))
             else:
                 line = np.concatenate([loop, loop[:1]]) if self.closed else loop.copy()
-                events.append(Cutoff(times[substep], identity, width, line))
+                if along is not None and self.closed:
+                    along = np.concatenate([along, along[:1]])
+                flow = float(network.channel_discharge[channel])
+                events.append(Cutoff(times[substep], identity, float(width), line, float(depth), flow, along))
         if edited is not None:
             state.adopt(edited, self.oxbow_xy, self.oxbow_section)
         return events

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import Share, clear, launch
 from warpriver.kernels import memory as kernels
+from warpriver.meander.banks import highest_factor
 from warpriver.params import MeanderParams
 
-__all__ = ["StemMemory", "migration_constants"]
+__all__ = ["StemMemory", "migration_constants", "rate_of"]
+
+
+def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
+    """Return the rate k of channels of those widths in m, m/yr."""
+    if params.reference_width:
+        return params.migration_rate * width / params.reference_width
+    return np.full(width.shape, params.migration_rate)
 
 
 def migration_constants(params: MeanderParams, dtype: str) -> Any:
@@ -29,6 +38,7 @@ def migration_constants(params: MeanderParams, dtype: str) -> Any:
     constants.scale_upstream = int(params.sinuosity_scaling in ("whole", "upstream"))
     constants.end_damping = params.end_damping
     constants.slope_threshold = params.slope_threshold
+    constants.freest = highest_factor(params)
     return constants
 
 

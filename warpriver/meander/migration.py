@@ -12,7 +12,9 @@ from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.kernels import migration as kernels
-from warpriver.meander.memory import StemMemory, migration_constants
+from warpriver.meander.banks import BankField, highest_factor
+from warpriver.meander.inlets import Inlets
+from warpriver.meander.memory import StemMemory, migration_constants, rate_of
 from warpriver.params import MeanderParams
 from warpriver.public import public
 from warpriver.validate import floats
@@ -50,7 +52,7 @@ def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParam
     """
     width, depth = floats(width, "width"), floats(depth, "depth")
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
-    rate = rate_of(width, params)
+    rate = rate_of(width, params) * highest_factor(params)
     with np.errstate(divide="ignore"):
         travel = width / (rate * weights)
         memory = 1.0 / (params.memory_length * width) if params.memory_length else 2.0 * params.friction / depth
@@ -73,13 +75,6 @@ def stable_dt(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParams)
         Time step in yr, float64, of the arguments' shape; infinite where nothing moves.
     """
     return np.minimum(*step_limits(width, depth, params))
-
-
-def rate_of(width: np.ndarray, params: MeanderParams) -> np.ndarray:
-    """Return the rate k of channels of those widths in m, m/yr."""
-    if params.reference_width:
-        return params.migration_rate * width / params.reference_width
-    return np.full(width.shape, params.migration_rate)
 
 
 def explicit_dt(width: Any, params: MeanderParams) -> Any:
@@ -126,11 +121,17 @@ class Migrate(Phase):
     Attributes:
         point_velocity: (P,) vec2, migration rate times the normal to the right of the flow, half smoothed, m/yr.
         memory: What the links of stems hand on; None where no phase follows stems.
+        inlets: What enters at heads.
+        banks: The strength of banks; None where all are alike.
     """
 
     name = "migrate"
     point_velocity: DeviceArray
     memory: StemMemory | None
+    inlets: Inlets
+
+    def __init__(self) -> None:
+        self.banks: BankField | None = None
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -138,13 +139,27 @@ class Migrate(Phase):
         self.memory = None
         if state.stems is not None:
             self.memory = StemMemory(state.channel_capacity, state.scalar, state.device)
+        if state.params.bank_spread > 0.0 and self.banks is None:
+            self.banks = BankField(state.seed, state.device)
+        self.inlets = Inlets(state)
+        self.inlets.install(state)
+
+    def install(self, state: State) -> None:
+        """Take the channels' inlets."""
+        self.inlets.install(state)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: areas of rings, velocities, what links hand on to each other, the move."""
         kernel, constants = kernels.build(state.scalar), migration_constants(state.params, state.network.dtype)
         channels, points, ground, moved = state.channels(), state.points(), state.ground(), state.moved()
         stems, memory = state.stems, self.memory
+        self.inlets.give(channels)
+        if self.banks is not None:
+            ground.banks = self.banks.struct(state.params, state.network.dtype, state.network.origin)
         handed_on = memory.struct() if memory is not None and stems is not None and stems.joined else kernel.Memory()
+
+        velocities = kernel.Velocities()
+        velocities.point, velocities.tail = self.point_velocity, handed_on.tail
 
         def compute(share: Share) -> None:
             launch(
@@ -159,14 +174,14 @@ class Migrate(Phase):
             launch(
                 kernel.move_points,
                 dim=share.point_threads,
-                inputs=[channels, points, ground, constants, share.work, self.point_velocity, handed_on],
+                inputs=[channels, points, ground, constants, share.work, velocities],
                 outputs=[moved, state.max_speed_bits],
                 device=state.device,
             )
 
-        areas = measure_rings(state)
+        before = [*measure_rings(state), *self.inlets.stages(state)]
         if memory is None or stems is None or not stems.joined:
-            return [*areas, Stage("migrate", compute), Stage("migrate", move)]
+            return [*before, Stage("migrate", compute), Stage("migrate", move)]
 
         def measure(_: Share) -> None:
             memory.measure(channels, stems.length)
@@ -181,7 +196,7 @@ class Migrate(Phase):
             memory.find_tails(channels, whole.work)
 
         return [
-            *areas,
+            *before,
             Stage("migrate", measure, shared=False),
             Stage("migrate", compute),
             Stage("migrate", chain, shared=False),

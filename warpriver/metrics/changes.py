@@ -25,7 +25,7 @@ from warpriver.metrics.lines import (
 from warpriver.public import public
 from warpriver.validate import checked_line, floats, positive
 
-__all__ = ["LognormalFit", "lag", "lognormal_fit", "migration", "oxbow_lengths"]
+__all__ = ["LognormalFit", "Match", "lag", "lognormal_fit", "match_lines", "migration", "oxbow_lengths"]
 
 # Cosine of the largest angle between a channel and its counterpart at another date: 60 degrees.
 _SAME_WAY = 0.5
@@ -76,21 +76,7 @@ def migration(
     old, new = checked_line(before, "before"), checked_line(after, "after")
     scale = 1.0 if years is None else positive(years, "years")
     limit = math.inf if max_distance is None else positive(max_distance, "max_distance")
-    s = arc_length_of(old)
-    heading = unit(np.gradient(old, s, axis=0))
-    foot, segment = _nearest(old, heading, new)
-    direction = unit(np.diff(new, axis=0))[segment]
-    back, back_segment = _nearest(foot, direction, old)
-    slip = np.abs(s[back_segment] + norm(back - old[back_segment]) - s)
-
-    step = foot - old
-    distance = norm(step)
-    along, across = dot(step, direction + heading), cross(direction + heading, step)
-    gap = s[-1] / (len(s) - 1)
-    found = (distance <= limit) & (dot(heading, direction) > _SAME_WAY) & (slip <= distance + gap)
-    # The last term: a displacement that is all rounding errors has no direction.
-    found &= np.abs(along) <= np.abs(across) + 1e-3 * gap
-    return np.where(found, np.copysign(distance, across) / scale, np.nan)
+    return match_lines(old, new, limit).distance / scale
 
 
 @public
@@ -172,6 +158,48 @@ def lognormal_fit(lengths: ArrayLike) -> LognormalFit:
     log = np.log(sample)
     spread = float(log.std(ddof=1)) if log.size > 1 else math.nan
     return LognormalFit(float(np.exp(log.mean())), spread)
+
+
+class Match(NamedTuple):
+    """Where the points of a line have gone to on a later one; see :func:`migration`.
+
+    Attributes:
+        distance: (n,) displacement, m, > 0 to the left; nan where a point has no counterpart.
+        foot: (n, 2) nearest point on the later line, m, also where it is no counterpart.
+        segment: (n,) segment of the later line that it lies on.
+        share: (n,) how far along that segment, from 0 to 1.
+    """
+
+    distance: FloatArray
+    foot: FloatArray
+    segment: IndexArray
+    share: FloatArray
+
+
+def match_lines(old: FloatArray, new: FloatArray, limit: float = math.inf) -> Match:
+    """Return the counterparts on a later line of the points of a line, as :func:`migration` pairs them.
+
+    Args:
+        old: (n, 2) checked points at the first date, m.
+        new: (m, 2) checked points at the second date, m.
+        limit: Largest displacement to accept, m.
+    """
+    s = arc_length_of(old)
+    heading = unit(np.gradient(old, s, axis=0))
+    foot, segment = _nearest(old, heading, new)
+    direction = unit(np.diff(new, axis=0))[segment]
+    back, back_segment = _nearest(foot, direction, old)
+    slip = np.abs(s[back_segment] + norm(back - old[back_segment]) - s)
+
+    step = foot - old
+    distance = norm(step)
+    along, across = dot(step, direction + heading), cross(direction + heading, step)
+    gap = s[-1] / (len(s) - 1)
+    found = (distance <= limit) & (dot(heading, direction) > _SAME_WAY) & (slip <= distance + gap)
+    # The last term: a displacement that is all rounding errors has no direction.
+    found &= np.abs(along) <= np.abs(across) + 1e-3 * gap
+    share = norm(foot - new[segment]) / norm(new[segment + 1] - new[segment])
+    return Match(np.where(found, np.copysign(distance, across), np.nan), foot, segment, share)
 
 
 def _nearest(points: FloatArray, heading: FloatArray, line: FloatArray) -> tuple[FloatArray, IndexArray]:

@@ -84,7 +84,7 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
         [Peytavie2019], Sec. 5.3.
     """
     positive(detail, "detail", "m")
-    whole(seed, "seed", most=2**31 - 1)
+    whole(seed, "seed", maximum=2**31 - 1)
     params = SeedingParams() if params is None else params
     known = _PointTable(courses)
     layers = [_body(courses, known, detail, seed, params)]

@@ -15,7 +15,7 @@ from warpriver.io.raster.terrains import read_terrain
 from warpriver.io.tables import describe_fields, shown
 from warpriver.io.vector.networks import read_network
 from warpriver.meander.controls import Control, ControlField, RateControl
-from warpriver.params import SOLVER_PARAMS, AvulsionParams
+from warpriver.params import SOLVER_PARAMS, MeanderParams
 from warpriver.public import public
 from warpriver.scenes.output_tables import OUTPUT, PICTURE
 from warpriver.scenes.outputs import PICTURES, picture_options
@@ -25,6 +25,8 @@ from warpriver.scenes.scene import Scene
 
 __all__ = ["describe_scene", "scene_schema"]
 
+# Constants of processes that may be left out, a table each.
+PARTS = {f.name: f.metadata["kind"] for f in dataclasses.fields(MeanderParams) if "kind" in f.metadata}
 # Tables of which there may be several.
 LISTED = ("control", "edit")
 CHANNEL = {
@@ -78,9 +80,9 @@ def _parts_of_params() -> Iterator[list[str]]:
     preset = "default, or paper: Table 1 of the paper; further keys change single constants"
     yield _headed("[params]", solvers, _row("preset", "default", "", preset))
     for name, kind in SOLVER_PARAMS.items():
-        rows = [row for row in describe_fields(kind) if not row.startswith("avulsions ")]
-        yield _headed(f'[params] with solver = "{name}"', *rows)
-    yield _headed(f"[params.avulsions]: {_summary(AvulsionParams)}", *describe_fields(AvulsionParams))
+        yield _headed(f'[params] with solver = "{name}"', *describe_fields(kind))
+    for name, part in PARTS.items():
+        yield _headed(f"[params.{name}], or {name} = false: {_summary(part)}", *describe_fields(part))
 
 
 def _parts_of_changes() -> Iterator[list[str]]:

@@ -39,7 +39,7 @@ from warpriver.meander.controls import (
     Guide,
     Repeller,
 )
-from warpriver.params import SOLVER_PARAMS, AvulsionParams, MeanderParams, PathMeander
+from warpriver.params import SOLVER_PARAMS, MeanderParams, PathMeander
 from warpriver.public import public
 from warpriver.scenes.output_tables import read_outputs
 from warpriver.scenes.parts import (
@@ -53,7 +53,7 @@ from warpriver.scenes.parts import (
     terrain_generators,
 )
 from warpriver.scenes.scene import Scene, first_step
-from warpriver.validate import MOST_SEED, checked_line, finite, finite_numbers, not_negative, one_of, positive, whole
+from warpriver.validate import MAX_SEED, checked_line, finite, finite_numbers, not_negative, one_of, positive, whole
 
 __all__ = ["CONTROLS", "PLAN", "TABLES", "edit_names", "file_arguments", "read_scene"]
 
@@ -365,8 +365,10 @@ def _params(file: _File, table: Mapping[str, Any]) -> MeanderParams | PathMeande
     kind = SOLVER_PARAMS[solver]
     fields = {key: value for key, value in table.items() if key not in ("solver", "preset")}
     check_keys(fields, [f.name for f in dataclasses.fields(kind)], file.at("params"))
-    if "avulsions" in fields:
-        fields["avulsions"] = made(AvulsionParams, fields["avulsions"], file.at("params.avulsions"))
+    for field in dataclasses.fields(kind):
+        part, given = field.metadata.get("kind"), fields.get(field.name)
+        if part is not None and field.name in fields and given is not False:
+            fields[field.name] = made(part, given, file.at(f"params.{field.name}"))
     begin: MeanderParams | PathMeander = MeanderParams.paper() if preset == "paper" else kind()
     return raising(file.at("params"), lambda: begin.replace(**fields), {f"{kind.__name__}.": "."})
 
@@ -562,7 +564,7 @@ def _plan(file: _File, table: Mapping[str, Any], time_step: float, session: Any)
     check = table.get("check", False)
     if not isinstance(check, bool):
         raise file.refusal("run.check", check, "give true or false")
-    seed = whole(table.get("seed", session.seed if session is not None else 0), f"{where}.seed", most=MOST_SEED)
+    seed = whole(table.get("seed", session.seed if session is not None else 0), f"{where}.seed", maximum=MAX_SEED)
     threads = whole(table["threads"], f"{where}.threads", 1) if "threads" in table else None
     dtype = one_of(table.get("dtype", "float64"), f"{where}.dtype", ("float64", "float32"))
     return RunPlan(steps, every, seed, threads, dtype, check)

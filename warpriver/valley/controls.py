@@ -21,7 +21,7 @@ from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.params import Params, parameter
 from warpriver.public import public
-from warpriver.validate import MOST_SEED, floats, freeze_numbers, seeded, whole
+from warpriver.validate import MAX_SEED, floats, freeze_numbers, seeded, whole
 
 __all__ = [
     "Autoregressive",
@@ -261,7 +261,7 @@ class GradientNoise(Params):
         value = np.zeros(np.shape(u))
         for k in range(int(self.octaves)):
             # Gradients of an octave come from its own stream, by lattice point from the upstream end.
-            rng = np.random.default_rng([whole(self.seed, "seed", most=MOST_SEED), k])
+            rng = np.random.default_rng([whole(self.seed, "seed", maximum=MAX_SEED), k])
             last = math.ceil(self.frequency * 2.0**k) + 1
             gradient = np.concatenate([[0.0], rng.uniform(-1.0, 1.0, last + 1), [0.0]])
             at = self.frequency * 2.0**k * np.clip(u, 0.0, 1.0)

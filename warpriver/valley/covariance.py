@@ -272,7 +272,7 @@ def _common_shift(made: _Made, size: FloatArray, mean: float) -> float:
 
 
 def _shares_for_mean(made: _Made, size: FloatArray, shift: FloatArray, mean: float) -> FloatArray:
-    """Amplitudes that give the mean with the shifts held: between those of the least and of the greatest mean."""
+    """Amplitudes that give the mean with the shifts held: between those of the minimum and of the maximum mean."""
     with IMPORTING:
         from scipy.optimize import brentq
 

@@ -50,10 +50,10 @@ COUNTED = ("cutoff", "collision", "split", "avulsion")
 RELIEF_WATER = RELIEF_RAMP[1][1]
 
 # Inches beside the bar of ages: for its labels; and for them, a scale bar and an arrow to the north.
-LEGEND_GAP, LEAST_LEGEND = 1.15, 3.2
+LEGEND_GAP, MIN_LEGEND = 1.15, 3.2
 
 # Fraction of the relief's shades that deposits carry; narrower courses are painted as wide as this many samples.
-DEPOSIT_SHADE, LEAST_SAMPLES = 0.6, 1.5
+DEPOSIT_SHADE, MIN_SAMPLES = 0.6, 1.5
 
 # Strength of the faint banding in time that the shades of age carry, so that scroll bars read as arcs.
 SCROLL_STRENGTH = 0.075
@@ -320,7 +320,7 @@ class BeltSheet:
         style_bar(box)
         box.tick_params(axis="y", length=0, pad=4, labelsize=8.5)
         box.set_xlabel("years since the channel left", fontsize=8.5, color=INK, labelpad=2)
-        if self._norm is not None and self.sheet.across > 2.0 * width + LEAST_LEGEND:
+        if self._norm is not None and self.sheet.across > 2.0 * width + MIN_LEGEND:
             add_value_bar(self.sheet, self._norm, VALUE_LABELS[self._color], self._ramp, right=width + LEGEND_GAP)
 
 
@@ -443,7 +443,7 @@ class BeltPainter:
         lines, widths = select_inside(lines, widths, self._window)
         if not lines:
             return
-        smallest = LEAST_SAMPLES / self._scale
+        smallest = MIN_SAMPLES / self._scale
         widths = [np.maximum(width, smallest) for width in widths]
         vertices, codes, _ = band_outlines(*refine_lines(lines, widths, step=6.0 / self._scale))
         transform = Affine2D().translate(-self._window[0], -self._window[1]).scale(self._scale)

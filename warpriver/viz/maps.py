@@ -53,7 +53,7 @@ VALUE_LABELS = {
 }
 
 # Minimum width of a line that stands for a channel, in points: for the narrowest channel, and what the widest adds.
-LEAST_LINE, LEAST_GROWTH = 0.45, 0.65
+MIN_LINE, MIN_GROWTH = 0.45, 0.65
 
 
 # ---- network map
@@ -421,7 +421,7 @@ def _least_lines(width: np.ndarray) -> np.ndarray:
     """Return the minimum width of the line that stands for each channel, points."""
     low, high = float(width.min()), float(width.max())
     fraction = np.log(width / low) / np.log(high / low) if high > 1.01 * low else np.zeros_like(width)
-    return LEAST_LINE + LEAST_GROWTH * fraction
+    return MIN_LINE + MIN_GROWTH * fraction
 
 
 def _thin_out(xy: np.ndarray, step: float) -> np.ndarray:

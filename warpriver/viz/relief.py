@@ -28,7 +28,7 @@ TINT = (
 )
 # Percentiles of height between which the tints run; the slope at which shades are strong.
 TINT_SPAN = (1.0, 99.5)
-STRONG_SLOPE, MOST_EXAGGERATED = 0.55, 25.0
+STRONG_SLOPE, MAX_EXAGGERATION = 0.55, 25.0
 # The picture's light: the main lamp, and a weaker one from above that makes steep ground darker on all sides.
 LAMPS = ((315.0, 45.0, 0.72), (270.0, 75.0, 0.28))
 
@@ -269,7 +269,7 @@ def _auto_exaggeration(east: np.ndarray, north: np.ndarray) -> float:
     if not len(slope):
         return 1.0
     steep = float(np.percentile(slope[:: max(1, len(slope) // 200_000)], 90.0))
-    return float(np.clip(STRONG_SLOPE / max(steep, 1e-9), 1.0, MOST_EXAGGERATED))
+    return float(np.clip(STRONG_SLOPE / max(steep, 1e-9), 1.0, MAX_EXAGGERATION))
 
 
 def _block_mean(height: np.ndarray, factor: int) -> np.ndarray:

@@ -171,7 +171,7 @@ class _Picture:
     def __init__(
         self, scene: Riverscape, camera: Camera | None, size: tuple[int, int], cell_size: float | None
     ) -> None:
-        self.width, self.height = (whole(v, "size", 16, most=16384) for v in size)
+        self.width, self.height = (whole(v, "size", 16, maximum=16384) for v in size)
         west, south, east, north = scene.courses.bounds
         if camera is None:
             across = max(east - west, (north - south) * 1.8)
@@ -270,7 +270,7 @@ class _Picture:
         # Bars between threads are bare far up.
         shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.3 * found.depth, found.depth)
         shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
-        rock = (bed - self.scene.courses.bed(at, self.scene.terrain, rocks=False).reshape(rows, columns)) > 0.004
+        rock = (bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004
         self._float_bed = (bed - self._datum).astype(np.float32)
         made.bed = wp.array(self._float_bed, device=self.device)
         made.rock = wp.array(rock.astype(np.float32), device=self.device)

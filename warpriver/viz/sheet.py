@@ -48,7 +48,7 @@ INK = "#2b2f2c"
 FAINT = "#77796f"
 
 # Pixels along the longer side of a map without a frame: about, and at most.
-BARE_PIXELS, MOST_PIXELS = 2000, 8192
+BARE_PIXELS, MAX_PIXELS = 2000, 8192
 
 # Largest ratio of the sides of a map that is fitted to its river; narrower ones get more ground beside it.
 MAX_ASPECT = 9.0
@@ -395,7 +395,7 @@ def _bare_shape(window: Window, size: tuple[int, int] | None, cell: float | None
         scale = BARE_PIXELS / max(width, height)
         return max(1, round(height * scale)), max(1, round(width * scale))
     rows, columns = max(1, round(height / cell)), max(1, round(width / cell))
-    fine, coarse = max(1, round(BARE_PIXELS / max(rows, columns))), -(-max(rows, columns) // MOST_PIXELS)
+    fine, coarse = max(1, round(BARE_PIXELS / max(rows, columns))), -(-max(rows, columns) // MAX_PIXELS)
     return max(1, rows * fine // coarse), max(1, columns * fine // coarse)
 
 

@@ -17,7 +17,7 @@ from warpriver.viz.sheet import GROUND, color_ramp
 __all__ = ["LIT_STRENGTH", "TerrainGround", "clip_window"]
 
 # Maximum of cells that are drawn, and to which a coarser terrain is refined, for so many across the narrowest channel.
-MOST_CELLS, REFINED_CELLS, CELLS_ACROSS = 1_000_000, 300_000, 4.0
+MAX_CELLS, REFINED_CELLS, CELLS_ACROSS = 1_000_000, 300_000, 4.0
 # Strength of the shades in the picture on a surface that lamps shade as well; fraction of the light from everywhere.
 LIT_STRENGTH, AMBIENT = 0.45, 0.3
 # Ribbons lie above the surface by this fraction of a cell.
@@ -63,7 +63,7 @@ class TerrainGround:
         self.drop, self.depth = 0.0, float(np.max(network.channel_depth))
         width, length = east - west, north - south
         fine = max(float(np.min(network.channel_width)) / CELLS_ACROSS, np.sqrt(width * length / REFINED_CELLS))
-        cell = max(min(float(terrain.cell_size), fine), np.sqrt(width * length / MOST_CELLS))
+        cell = max(min(float(terrain.cell_size), fine), np.sqrt(width * length / MAX_CELLS))
         shape = max(2, int(length / cell)), max(2, int(width / cell))
         # Vertices stand on the window's edge: they are centres of cells of a grid half a cell larger.
         self._cell = np.array([width / (shape[1] - 1), length / (shape[0] - 1)])

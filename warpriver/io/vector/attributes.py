@@ -52,7 +52,7 @@ NO_VALUE = (-999.0, -9998.0, -9999.0, -99999.0, -999900.0, -999999.0)
 BEYOND = 1e20
 NO_WORD = {"", "-", "?", "*", "na", "n/a", "nan", "null", "none", "nil", "unknown", "<null>"}
 
-# What is known of a channel; the last five say what it is joined to, closed that this is itself.
+# What is known of a channel; the last six say what it is joined to, closed that this is itself, joint by what.
 ROLES = (
     "width",
     "depth",
@@ -64,6 +64,7 @@ ROLES = (
     "from_node",
     "to_node",
     "closed",
+    "joint",
 )
 IDENTITIES = ("channel_id", "next_down", "from_node", "to_node")
 # What cannot be 0 or less: such a number is none.
@@ -102,6 +103,7 @@ WRITTEN = (
     Attribute("drainage_area_m2", "area_m2", "m2", "the same to the last bit; read first"),
     Attribute("slope", "slope", "m/m", "drop over length; empty where it is not known"),
     Attribute("closed", "closed", "-", "1 for a ring, whose line ends at its first point; else 0"),
+    Attribute("joint", "joint", "-", "2: its lower end is a locked point, 1: a through node; else 0"),
     Attribute("strahler", "strahler", "-", "Strahler order"),
     Attribute("shreve", "shreve", "-", "Shreve magnitude"),
     Attribute("horton", "horton", "-", "Horton order"),
@@ -191,6 +193,7 @@ READ: Mapping[str, tuple[Name, ...]] = {
         Name("from_node", "from_node", "-"),
         Name("to_node", "to_node", "-"),
         Name("closed", "closed", "-"),
+        Name("joint", "joint", "-"),
     ),
     "HydroRIVERS": (
         Name("UPLAND_SKM", "drainage_area", "km2", SQUARE_KILOMETER),
@@ -341,7 +344,7 @@ def read_role(attributes: Mapping[str, Any], family: Family, role: str, where: s
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError) as error:
-            if role == "closed":  # a word of others, of a road or a lock for one
+            if role in ("closed", "joint"):  # a word of others, of a road or a lock for one
                 continue
             raise InputError(f"{where}: {name.name.lower()} is {shown(value)}, not a number") from error
         if not _is_none(number, role):
@@ -390,8 +393,8 @@ def next_downstream(network: RiverNetwork) -> np.ndarray:
 def write_columns(network: RiverNetwork) -> dict[str, Any]:
     """Return the attributes of all channels by name, in the order of :data:`WRITTEN`; lists a point stay lists.
 
-    Without drainage areas, or with sections that do not vary, their attributes are left out; so are orders and stems
-    of a network in which channels part or flow in a circle. Free columns come last.
+    Without drainage areas or joints, or with sections that do not vary, their attributes are left out; so are orders
+    and stems of a network in which channels part or flow in a circle. Free columns come last.
     """
     identity = network.channel_id
     down = next_downstream(network)
@@ -416,6 +419,8 @@ def write_columns(network: RiverNetwork) -> dict[str, Any]:
         columns["drainage_area_m2"] = area
     columns["slope"] = network.channel_slope
     columns["closed"] = network.channel_closed.astype(np.int64)
+    if network.channel_joint.any():
+        columns["joint"] = network.channel_joint.astype(np.int64)
     columns.update(_orders(network))
     if network.point_section is not None:
         for role, arrays in (

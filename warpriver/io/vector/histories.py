@@ -29,11 +29,11 @@ from warpriver.io.vector.networks import write_network
 from warpriver.public import public
 from warpriver.validate import one_of
 
-__all__ = ["HISTORY_SUFFIXES", "records_between", "write_history"]
+__all__ = ["HISTORY_SUFFIXES", "history_layers", "records_between", "write_history"]
 
 HISTORY_SUFFIXES = (*NEEDS, *JSON)
 # Points of all courses beyond which not every record becomes one, unless it is said which are to.
-MOST_POINTS = 2_000_000
+MAX_POINTS = 2_000_000
 
 
 @public
@@ -97,12 +97,18 @@ def write_history(
     return [path, *(file for name, file in files.items() if len(made[name].owner))]
 
 
+def history_layers(history: History) -> list[Layer]:
+    """Return courses, oxbow lakes and abandoned courses of a run as the layers of a GeoPackage."""
+    step = records_between(history)
+    return [_layer(name, features_of(history, name, step), GEOPACKAGE) for name in FEATURES]
+
+
 def records_between(history: History) -> int:
     """Return every how many records one becomes a course, so that all have about two million points at most."""
     if not len(history.times):
         return 1
     points = max(history.networks[k].point_count for k in (0, -1)) * len(history.times)
-    return max(1, -(-points // MOST_POINTS))
+    return max(1, -(-points // MAX_POINTS))
 
 
 def _layer(name: str, features: Features, suffix: str) -> Layer:

@@ -11,10 +11,12 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from warpriver.channel_table import JOINT_LOCK, JOINT_NONE, JOINT_THROUGH
 from warpriver.crs import CRSLike
 from warpriver.errors import InputError, InputTypeError, warn
 from warpriver.extras import need
 from warpriver.files import beside, check_place
+from warpriver.graph.edits import valid_joints
 from warpriver.io.crs import one_crs, reproject, settled_crs
 from warpriver.io.files import check_readable
 from warpriver.io.vector.attributes import ROLES
@@ -100,6 +102,7 @@ def read_network(
     any file     from node         from_node
     any file     to node           to_node
     any file     closed            closed
+    any file     joint             joint
     HydroRIVERS  discharge, m3/s   DIS_AV_CMS
     HydroRIVERS  drainage area, m2 UPLAND_SKM (km2)
     HydroRIVERS  channel id        HYRIV_ID
@@ -299,6 +302,7 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     drainage_area_m2  m2   the same to the last bit; read first
     slope             m/m  drop over length; empty where it is not known
     closed            -    1 for a ring, whose line ends at its first point; else 0
+    joint             -    2: its lower end is a locked point, 1: a through node; else 0
     strahler          -    Strahler order
     shreve            -    Shreve magnitude
     horton            -    Horton order
@@ -308,8 +312,9 @@ def write_network(network: RiverNetwork, path: str | os.PathLike[str], *, layer:
     ================= ==== ===============================================================
 
     Free columns of the channels become attributes of their names, elevations of the points (``point_z``) the third
-    coordinate. Drainage areas, orders and lists are left out where there are none; a network in which channels part or
-    flow in a circle has no orders. Where several channels begin at a node, the one with most discharge is downstream.
+    coordinate. Drainage areas, joints, orders and lists are left out where there are none; a network in which channels
+    part or flow in a circle has no orders. Where several channels begin at a node, the one with most discharge is
+    downstream.
 
     Every format gives back the same coordinates, widths, depths, discharges, drainage areas, slopes, identities, free
     columns and graph, to the bit, except shapefiles (see below); in text the width and depth of a channel are the means
@@ -442,6 +447,10 @@ def _build(
         if known:
             stated[name] = network.channels[name].copy()
             stated[name][known] = [means[c] for c in known]
+    if any(line.joint for line in lines) and all(source.ours for source in sources):
+        kinds = (JOINT_THROUGH, JOINT_LOCK)
+        joint = np.array([int(line.joint) if line.joint in kinds else JOINT_NONE for line in lines])
+        stated["joint"] = valid_joints(joint, network.channel_from, network.channel_to)
     return network.with_channels(network.channels.replace(**stated)) if stated else network
 
 

@@ -34,6 +34,7 @@ class Line:
         next_down: Identities of the channels downstream; those that are none are left in.
         from_node, to_node: Nodes above and below, as the file names them.
         closed: Not 0 for a ring.
+        joint: 1 or 2 where its lower end is a through node or a locked point.
         z: (n,) elevation of the points, m.
         extra: What it has of free columns, by name.
         lists: Which of width and depth come from a list that is stated downstream, however the points run.
@@ -55,6 +56,7 @@ class Line:
     from_node: int | None = None
     to_node: int | None = None
     closed: float | None = None
+    joint: float | None = None
     z: np.ndarray | None = None
     extra: dict[str, Any] = dataclasses.field(default_factory=dict)
     lists: tuple[str, ...] = ()
@@ -63,6 +65,8 @@ class Line:
         """Let the points run the other way, and what goes with them."""
         kept = {name: getattr(self, name) for name in self.lists}
         self.map_points(lambda a: a[::-1].copy())
+        # That of the lower end is not known any more.
+        self.joint = None
         for name, value in kept.items():
             setattr(self, name, value)
 

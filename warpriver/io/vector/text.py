@@ -45,7 +45,7 @@ NEEDED = ("x", "y", "channel")
 # of the columns from other programs.
 FACTS = "warpriver"
 # The attributes that have a column in what is written; width and depth are those of the point.
-COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed")
+COLUMNS = ("discharge_m3s", "drainage_area_m2", "slope", "from_node", "to_node", "closed", "joint")
 
 METRES = ("m", "metre", "metres", "meter", "meters")
 DEGREES = ("degree", "degrees", "deg")

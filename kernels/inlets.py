@@ -1,0 +1,78 @@
+"""Inlets: the bends beyond the head of a river that enters the map, as the curvature that its head feels of them."""
+
+import math
+from types import SimpleNamespace
+
+import warp as wp
+
+from warpriver.kernels import channels
+from warpriver.kernels.status import BEGUN, HALT, NUMBER, STEPS, TOTAL
+from warpriver.kernels.variants import once
+
+wp.set_module_options({"enable_backward": False})
+
+# Waves that the curvature is made of, and the shortest and the longest of their periods, of the mean one.
+WAVES, SHORTEST, LONGEST = 8, 0.6, 1.6
+
+
+@once
+def build(scalar):
+    """Make the kernels for one precision.
+
+    Args:
+        scalar: ``wp.float32`` or ``wp.float64``.
+    """
+    name = f"warpriver.kernels.inlets_{scalar.__name__}"
+    line = channels.build(scalar)
+    COUNT, RANGE = wp.float64(float(WAVES)), wp.float64(math.log(LONGEST / SHORTEST))
+    SLOWEST = wp.float64(1.0 / LONGEST)
+    TURN, SIZE = wp.float64(2.0 * math.pi), wp.float64(math.sqrt(2.0 / WAVES))
+
+    @wp.struct
+    class Inflow:
+        """What enters at heads: ``curvature`` is its root mean square times the width; the time step is in yr."""
+
+        curvature: wp.float64
+        time_step: wp.float64
+        seed: int
+
+    @wp.func(module=name)
+    def slow_noise(seed: int, identity: int, turns: wp.float64) -> wp.float64:
+        """Sum of waves of random phases, of mean square 1, at a time in mean periods; each has its share of periods."""
+        total = wp.float64(0.0)
+        for k in range(WAVES):
+            random = wp.rand_init(int(wp.rand_init(seed, identity)), k)
+            place = (wp.float64(k) + wp.float64(wp.randf(random))) / COUNT
+            phase = wp.float64(wp.randf(random))
+            turned = SLOWEST * wp.exp(RANGE * place) * turns + phase
+            total += wp.sin(TURN * (turned - wp.floor(turned)))
+        return SIZE * total
+
+    @wp.kernel(module=name, enable_backward=False)
+    def feed_inlets(
+        # network
+        channels: line.Channels,
+        # params
+        inflow: Inflow,
+        # in
+        channel_identity: wp.array[int],
+        channel_period: wp.array[wp.float64],
+        substep: wp.array[int],
+        status: wp.array[int],
+        # out
+        channel_inlet_out: wp.array[scalar],
+    ):
+        """Curvature that the head of a channel feels of the bends beyond it, 1/m, at the time of the sub-step.
+
+        A sum of waves in time, as bends pass that a river brings with it: meanders grow downstream, and fade out below
+        a head where nothing disturbs them [Weiss2022]. ``channel_period`` is the mean period in yr, 0 without inlet.
+        """
+        channel = wp.tid()
+        if status[HALT] != 0 or channel_period[channel] == wp.float64(0.0):
+            return
+        part = wp.float64(substep[NUMBER]) / wp.float64(wp.max(1, substep[TOTAL]))
+        time = (wp.float64(status[BEGUN] + status[STEPS]) + part) * inflow.time_step
+        noise = slow_noise(inflow.seed, channel_identity[channel], time / channel_period[channel])
+        channel_inlet_out[channel] = scalar(inflow.curvature * noise / wp.float64(channels.form[channel].width))
+
+    return SimpleNamespace(Channels=line.Channels, Inflow=Inflow, feed_inlets=feed_inlets)

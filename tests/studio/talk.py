@@ -1,0 +1,61 @@
+"""A page without a browser: a socket that asks, waits for answers, and takes frames."""
+
+import itertools
+import json
+import time
+
+from websockets.sync.client import connect
+
+from warpriver.studio.frames import STATE, decode_state
+
+
+class Talk:
+    """A connection to a studio."""
+
+    def __init__(self, served, **headers):
+        """Connect as a page of the studio would."""
+        origin = f"http://127.0.0.1:{served.port}"
+        given = {"Origin": origin, "Cookie": f"warpriver_studio={served.token}"} | headers
+        self._connection = connect(
+            f"ws://127.0.0.1:{served.port}/live",
+            additional_headers=given,
+            max_size=None,
+            compression=None,
+            open_timeout=30,
+        )
+        self.socket = self._connection.__enter__()
+        self.numbers, self.state, self.told, self.frames = itertools.count(1), None, {}, 0
+
+    def close(self):
+        """Close it."""
+        self._connection.__exit__(None, None, None)
+
+    def receive(self, seconds=60.0):
+        """Take one message; states are kept and acknowledged."""
+        message = self.socket.recv(timeout=seconds)
+        if isinstance(message, str):
+            told = json.loads(message)
+            self.told[told["type"]] = told
+            return told
+        if int.from_bytes(message[:4], "little") == STATE:
+            self.state = decode_state(message)
+            self.frames += 1
+            self.socket.send(json.dumps({"ack": self.state.sequence}))
+            return self.state
+        return message
+
+    def ask(self, what, **rest):
+        """Ask for something and return the answer; errors too."""
+        number = next(self.numbers)
+        self.socket.send(json.dumps({"number": number, "do": what, **rest}))
+        while True:
+            told = self.receive()
+            if isinstance(told, dict) and told["type"] == "answer" and told["number"] == number:
+                return told
+
+    def until(self, true, seconds=60.0):
+        """Receive until something is true of this connection."""
+        end = time.monotonic() + seconds
+        while not true(self):
+            assert time.monotonic() < end, "it did not come"
+            self.receive(seconds)

@@ -1,0 +1,135 @@
+"""Edits that are undone and redone at any time: the run is to the bit as if they had or had not been done."""
+
+import numpy as np
+import pytest
+
+import warpriver as wr
+from warpriver import edits
+from warpriver.studio.author import Author, brushed
+
+STEPS = 30
+
+
+def simulation():
+    line = wr.generate.noisy_line(length=6000, spacing=50, amplitude=60, seed=0)
+    terrain = wr.generate.tilted_plain((60, 90), 100.0, slope=0.001)
+    low = line.min(axis=0)
+    network = wr.RiverNetwork.from_polylines([line - low + [800.0, 1500.0]], width=60.0)
+    return wr.Simulation(network, terrain=wr.Terrain(terrain.to_numpy(), 100.0, origin=(0.0, 6000.0)))
+
+
+def bits(sim):
+    return sim.network.points().tobytes(), sim.terrain.to_numpy().tobytes(), len(sim.controls)
+
+
+def some_edits(sim):
+    channel, xy = int(sim.network.channel_id[0]), sim.network.polylines()[0]
+    place = tuple(xy[40])
+    return [
+        edits.MovePoint(channel, place, (place[0] + 90.0, place[1] + 120.0), 700.0),
+        edits.EditTerrain("raise", center=place, radius=500.0, amount=8.0),
+        edits.LockPoint(channel, tuple(xy[70])),
+    ]
+
+
+def test_undo_after_steps_leaves_the_run_without_the_edit_and_redo_brings_it_back():
+    author, plain = Author(simulation()), simulation()
+    author.step(STEPS)
+    for edit in some_edits(author.simulation):
+        author.apply(edit)
+    author.paint(author.simulation.network.polylines()[0][30], 800.0, 50.0)
+    author.step(STEPS)
+    edited, count = bits(author.simulation), len(author.edits)
+    while author.undoable:
+        author.undo()
+    plain.step(2 * STEPS)
+    assert bits(author.simulation) == bits(plain)
+    assert author.simulation.step_count == 2 * STEPS and author.redoable == count
+    while author.redoable:
+        author.redo()
+    assert bits(author.simulation) == edited
+    with pytest.raises(wr.WarpriverError, match="no edit to redo"):
+        author.redo()
+
+
+def test_a_new_edit_forgets_what_was_undone():
+    author = Author(simulation())
+    first, second, _ = some_edits(author.simulation)
+    author.apply(first)
+    author.undo()
+    author.apply(second)
+    assert author.redoable == 0 and [edit for _, edit in author.edits] == [second]
+
+
+def test_the_touches_of_a_stroke_are_one():
+    author = Author(simulation())
+    before = bits(author.simulation)
+    place = author.simulation.network.polylines()[0][30]
+    for k in range(4):
+        author.apply(edits.EditTerrain("raise", center=tuple(place + 50.0 * k), radius=400.0, amount=2.0), "a stroke")
+    after = bits(author.simulation)
+    assert len(author.undo()) == 4 and bits(author.simulation) == before
+    author.redo()
+    assert bits(author.simulation) == after
+    author.step(5)
+    author.undo()
+    assert not author.edits and author.simulation.step_count == 5
+
+
+def test_a_session_that_is_taken_up_again_has_the_same_bits(tmp_path):
+    author = Author(simulation())
+    author.step(20)
+    for edit in some_edits(author.simulation):
+        author.apply(edit)
+        author.step(7)
+    author.paint(author.simulation.network.polylines()[0][50], 900.0, -80.0)
+    author.step(60)
+    author.write_session(tmp_path / "edits.json")
+    again = Author(simulation())
+    again.take_up(wr.edits.read_edits(tmp_path / "edits.json"))
+    assert bits(again.simulation) == bits(author.simulation)
+    other = wr.Simulation.replay(simulation(), tmp_path / "edits.json")
+    assert bits(other) == bits(author.simulation)
+
+
+def test_rewinding_forgets_later_edits():
+    author = Author(simulation())
+    first, second, _ = some_edits(author.simulation)
+    author.apply(first)
+    author.step(80)
+    half = bits(author.simulation)
+    author.step(40)
+    author.apply(second)
+    author.step(10)
+    assert author.rewind(80) == 1
+    assert bits(author.simulation) == half and [edit for _, edit in author.edits] == [first]
+    with pytest.raises(wr.WarpriverError, match="the run has done 80"):
+        author.rewind(81)
+
+
+def test_an_edit_that_cannot_be_done_changes_nothing():
+    author = Author(simulation())
+    before = bits(author.simulation)
+    with pytest.raises(wr.WarpriverError):
+        author.apply(edits.LockPoint(77, 100.0))
+    with pytest.raises(wr.WarpriverError, match="misses the field"):
+        author.paint((1e7, 1e7), 100.0, 1.0)
+    assert bits(author.simulation) == before and not author.edits
+
+
+def test_marks_do_not_pile_up():
+    author = Author(simulation())
+    author.step(1000)
+    assert len(author._marks) <= 17 and author._marks[0].step == 0 and author._marks[-1].step == 1000
+
+
+def test_a_stroke_is_round_and_falls_to_nothing():
+    """The brush is amount (1 - p^2)^3, a closed form."""
+    raster = wr.meander.ControlField.blank((0.0, 0.0, 1000.0, 800.0), 50.0).raster
+    window = raster.window(200.0, 200.0, 600.0, 600.0)
+    values = brushed(raster, window, (400.0, 400.0), 200.0, 7.0)
+    row, column, rows, columns = window
+    x = 50.0 * (column + 0.5 + np.arange(columns)) - 400.0
+    y = 800.0 - 50.0 * (row + 0.5 + np.arange(rows)) - 400.0
+    p = np.hypot(x[None, :], y[:, None]) / 200.0
+    np.testing.assert_allclose(values, np.where(p < 1.0, 7.0 * (1.0 - np.minimum(p, 1.0) ** 2) ** 3, 0.0), atol=1e-12)

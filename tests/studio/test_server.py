@@ -1,0 +1,265 @@
+"""The server: who is let in, what is refused, and what a session outlives: bad messages, many pages, a dead process."""
+
+import http.client
+import itertools
+import json
+import os
+import random
+import signal
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+
+def get(served, path, method="GET", body=None, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
+    given = {"Host": f"127.0.0.1:{served.port}"} | {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body, given)
+    answer = connection.getresponse()
+    return answer.status, dict(answer.getheaders()), answer.read()
+
+
+def cookie(served):
+    return f"warpriver_studio={served.token}"
+
+
+def test_the_link_opens_the_page_and_nothing_else_does(served):
+    status, headers, body = get(served, f"/?token={served.token}")
+    assert status == 200 and b"warpriver studio" in body
+    assert "HttpOnly" in headers["set-cookie"] and "SameSite=Strict" in headers["set-cookie"]
+    policy = headers["content-security-policy"]
+    assert "script-src 'self';" in policy and "unsafe" not in policy and "frame-ancestors 'none'" in policy
+    assert get(served, "/", Cookie=cookie(served))[0] == 200
+    for path, given in (
+        ("/", {}),
+        ("/?token=wrong", {}),
+        (f"/?token={served.token[:-1]}", {}),
+        ("/", {"Cookie": "warpriver_studio="}),
+        ("/static/main.js", {}),
+        ("/exports/rivers.gpkg", {"Cookie": "other=1"}),
+    ):
+        assert get(served, path, **given)[0] == 401, path
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "[::2]", "localhost.evil"]
+)
+def test_another_name_is_refused(served, page, host):
+    assert get(served, f"/?token={served.token}", Host=host)[0] == 421
+    with pytest.raises((InvalidStatus, ConnectionClosed)):
+        page(Host=host or "x")
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"])
+def test_another_page_is_refused(served, page, origin):
+    with pytest.raises((InvalidStatus, ConnectionClosed)):
+        page(Origin=origin)
+    answer = get(served, "/open/a.csv", "PUT", b"x", Cookie=cookie(served), Origin=origin)
+    assert answer[0] == 403
+
+
+def test_a_socket_needs_origin_and_token(served):
+    address = f"ws://127.0.0.1:{served.port}/live"
+    for given in ({}, {"Cookie": cookie(served)}, {"Origin": f"http://127.0.0.1:{served.port}"}):
+        with pytest.raises((InvalidStatus, ConnectionClosed)):
+            connect(address, additional_headers=given)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/../app.py", "/static/%2e%2e/app.py", "/static/..%2f..%2fapp.py", "/exports/..%2frun%2fheader.json",
+     "/exports/%2e%2e%2fedits.json", "/exports//etc/passwd", "/static//etc/passwd"],
+)  # fmt: skip
+def test_no_path_leads_out(served, path):
+    status, _, body = get(served, path, Cookie=cookie(served))
+    assert status in (400, 404, 405), path
+    assert b"import" not in body and b"root:" not in body
+
+
+def test_uploads_have_a_limit_and_a_plain_name(served):
+    ours = {"Cookie": cookie(served), "Origin": f"http://127.0.0.1:{served.port}"}
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
+    connection.putrequest("PUT", "/open/a.tif")
+    for name, value in (ours | {"Content-Length": str(2**30)}).items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    assert answer.status == 413 and b"256 MiB" in answer.read()
+    assert get(served, "/open/..%2fa.tif", "PUT", b"x", **ours)[0] in (400, 404)
+    assert get(served, "/open/.hidden", "PUT", b"x", **ours)[0] == 400
+
+
+def test_a_bad_file_is_told_and_the_session_stays(served, page):
+    ours = {"Cookie": cookie(served), "Origin": f"http://127.0.0.1:{served.port}"}
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    points = talk.state.point_xy.tobytes()
+    status, _, body = get(served, "/open/a.csv", "PUT", b"x,y\n1,nonsense\n", **ours)
+    assert status == 422 and body.startswith(b"a.csv") and b"/" not in body.split(b":")[0]
+    assert get(served, "/open/a.exe", "PUT", b"x", **ours)[0] == 422
+    again = page()
+    again.until(lambda t: t.state is not None)
+    assert again.state.point_xy.tobytes() == points
+
+
+def test_commands_are_answered_and_errors_told(served, page):
+    talk = page()
+    talk.until(lambda t: t.state is not None and "scene" in t.told)
+    origin, step = np.array(talk.told["scene"]["origin"]), talk.state.step
+    assert "error" not in talk.ask("step", count=3)
+    talk.until(lambda t: t.state.step == step + 3)
+    channel, place = int(talk.state.channel_id[0]), talk.state.point_xy[20] + origin
+    edit = {
+        "edit": "MovePoint",
+        "channel": channel,
+        "at": place.tolist(),
+        "to": (place + 60.0).tolist(),
+        "radius": 500.0,
+    }
+    before = talk.state.point_xy.copy()
+    assert "error" not in talk.ask("edit", edit=edit)
+    talk.until(
+        lambda t: (
+            t.told["session"]["undo"] == 1 and len(t.state.point_xy) and not np.array_equal(t.state.point_xy, before)
+        )
+    )
+    assert "error" not in talk.ask("undo")
+    talk.until(lambda t: np.array_equal(t.state.point_xy, before))
+    assert "there is no edit to undo" in talk.ask("undo")["error"]
+    for what, rest, words in (
+        ("edit", {"edit": edit | {"channel": 999}}, "999"),
+        ("edit", {"edit": {"edit": "Nothing"}}, "there is no edit 'Nothing'"),
+        ("edit", {}, "edit has wrong arguments"),
+        ("step", {"number_of": 3}, "it takes count"),
+        ("step", {"count": 10**9}, "1 to 10,000"),
+        ("play", {"rate": -1}, "0.1 to 240"),
+        ("dance", {}, "there is no command 'dance'"),
+        ("params", {"friction": -1.0}, "friction"),
+        ("export", {"name": "../x"}, "there is no export"),
+        ("open_saved", {"saved": "../run"}, "was saved here"),
+        ("record", {"index": 10**6}, "the timeline has"),
+        ("paint", {"center": [0, 0], "radius": "x", "amount": 1}, "radius"),
+    ):
+        assert words in talk.ask(what, **rest)["error"], what
+
+
+def test_messages_at_random_do_no_harm(served, page):
+    rng = random.Random(0)
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    good = json.dumps(
+        {"number": 1, "do": "edit", "edit": {"edit": "MovePoint", "channel": 0, "at": 3, "to": [1, 2], "radius": 9}}
+    )
+    for k in range(1000):
+        text = list(good)
+        for _ in range(rng.randrange(1, 6)):
+            text[rng.randrange(len(text))] = chr(rng.randrange(1, 0x2FF))
+        sent = "".join(text)[: rng.randrange(len(text))] if k % 3 else "".join(text)
+        if k % 50 == 0:
+            sent = "[" * 5000 if k % 100 else json.dumps({"number": 5, "do": {"a": [k]}, "count": None})
+        talk.socket.send(sent)
+    talk.numbers = itertools.count(100_000)
+    end = talk.ask("step")
+    assert "error" not in end or "too many" in end["error"]
+    again = page()
+    assert "error" not in again.ask("step")
+
+
+def test_binary_and_oversized_messages_close_the_socket(served, page):
+    for message in (b"\1\2\3", "x" * (2**20 + 100)):
+        talk = page()
+        with pytest.raises(ConnectionClosed):
+            talk.socket.send(message)
+            for _ in range(10_000):
+                talk.socket.recv(timeout=30)
+
+
+def test_many_pages_at_once(served, page):
+    """Fifty: as many as there is room for see the session, the others are told."""
+    pages, refused = [], 0
+    for _ in range(50):
+        talk = page()
+        try:
+            talk.until(lambda t: "scene" in t.told)
+            pages.append(talk)
+        except ConnectionClosed:
+            refused += 1
+    assert len(pages) == 32 and refused == 18
+    pages[0].until(lambda t: t.state is not None)
+    step = pages[0].state.step + 1
+    assert "error" not in pages[0].ask("step")
+    for talk in pages:
+        talk.until(lambda t: t.state is not None and t.state.step >= step)
+    for talk in pages:
+        talk.close()
+
+
+def test_a_page_that_takes_nothing_holds_nobody_up(served, page):
+    """States are left out for it, and the run goes on for the others."""
+    idle, talk = page(), page()
+    talk.until(lambda t: t.state is not None)
+    step = talk.state.step
+    assert "error" not in talk.ask("play", rate=200)
+    talk.until(lambda t: t.state.step >= step + 60)
+    talk.ask("pause")
+    idle.until(lambda t: t.state is not None)
+    assert idle.frames <= 2
+
+
+def test_a_saved_session_has_the_same_bits(page):
+    talk = page()
+    talk.until(lambda t: t.state is not None and "scene" in t.told)
+    origin, step = np.array(talk.told["scene"]["origin"]), talk.state.step
+    place, channel = talk.state.point_xy[30] + origin, int(talk.state.channel_id[0])
+    edit = {"edit": "MovePoint", "channel": channel, "at": place.tolist(), "to": (place + 50).tolist(), "radius": 400.0}
+    assert "error" not in talk.ask("edit", edit=edit)
+    talk.ask("step", count=20)
+    name = talk.ask("save")["saved"]
+    talk.ask("step", count=5)
+    talk.until(lambda t: t.state.step == step + 25)
+    live = talk.state
+    assert "error" not in talk.ask("open_saved", saved=name)
+    talk.until(lambda t: t.state.step == step + 20)
+    talk.ask("step", count=5)
+    talk.until(lambda t: t.state.step == step + 25)
+    assert talk.state.point_xy.tobytes() == live.point_xy.tobytes()
+
+
+def test_a_process_that_dies_is_told_and_the_session_goes_on(served, page):
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    step = talk.state.step
+    talk.ask("step", count=5)
+    talk.until(lambda t: t.state.step == step + 5)
+    children = [
+        int(pid)
+        for pid in os.listdir("/proc")
+        if pid.isdigit() and _parent(pid) == served.process.pid and "spawn_main" in _command(pid)
+    ]
+    os.kill(children[-1], signal.SIGKILL)
+    talk.until(lambda t: "crashed" in t.told)
+    assert "does not run" in talk.ask("step")["error"]
+    assert "error" not in talk.ask("restart")
+    talk.told.clear()
+    talk.until(lambda t: "session" in t.told)
+    assert "error" not in talk.ask("step")
+    # All edits are there; of the steps those since the last edit, or the last two seconds of playing, are lost.
+    talk.until(lambda t: t.state.step <= step + 6)
+
+
+def _parent(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return int(file.read().rpartition(")")[2].split()[1])
+    except OSError:
+        return -1
+
+
+def _command(pid):
+    try:
+        with open(f"/proc/{pid}/cmdline") as file:
+            return file.read()
+    except OSError:
+        return ""

@@ -1,0 +1,148 @@
+"""What the studio sends to its pages, as bytes: a header of little-endian numbers, then arrays.
+
+A frame begins with its kind (uint32). STATE holds all channels, PATCH a window of a raster, LOOPS lines that are left
+behind. Arrays of doubles come first, so that each array lies where a browser can take it without a copy. Positions are
+float32, relative to the origin of the map that the page is told.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from warpriver.errors import InputError
+
+__all__ = [
+    "LOOPS",
+    "PATCH",
+    "RASTERS",
+    "STATE",
+    "State",
+    "decode_state",
+    "encode_loops",
+    "encode_patch",
+    "encode_state",
+]
+
+STATE, PATCH, LOOPS = 1, 2, 3
+# Rasters of which a page holds a copy.
+RASTERS = ("height", "control")
+# kind, sequence, edits done, flags, channels, points, step; time in yr and ms a step.
+_STATE = struct.Struct("<7I4xdd")
+_PATCH = struct.Struct("<IIIIIIII")
+_LOOPS = struct.Struct("<4I")
+PLAYING, LOCKED = 1, 2
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """All channels at one time, as a page draws them.
+
+    Attributes:
+        sequence: Number of the frame.
+        edits: Number of the last command that is in it.
+        step: Steps done.
+        time: yr.
+        step_ms: What a step took, ms.
+        playing: Whether the run goes on by itself.
+        channel_id: (C,) float64, identities.
+        channel_size: (C, 4) float32: width and depth in m, discharge in m3/s, Strahler order.
+        channel_start: (C + 1,) uint32, offsets of the channels' points.
+        point_xy: (P, 2) float32, m, relative to the origin of the map.
+    """
+
+    sequence: int
+    edits: int
+    step: int
+    time: float
+    step_ms: float
+    playing: bool
+    channel_id: np.ndarray
+    channel_size: np.ndarray
+    channel_start: np.ndarray
+    point_xy: np.ndarray
+
+
+def encode_state(state: State) -> bytes:
+    """Return a state as bytes."""
+    channels, points = len(state.channel_id), len(state.point_xy)
+    head = _STATE.pack(
+        STATE, state.sequence, state.edits, PLAYING * state.playing, channels, points, state.step,
+        state.time, state.step_ms,
+    )  # fmt: skip
+    return b"".join(
+        [
+            head,
+            np.ascontiguousarray(state.channel_id, "<f8").tobytes(),
+            np.ascontiguousarray(state.channel_size, "<f4").tobytes(),
+            np.ascontiguousarray(state.channel_start, "<u4").tobytes(),
+            np.ascontiguousarray(state.point_xy, "<f4").tobytes(),
+        ]
+    )
+
+
+def decode_state(frame: bytes) -> State:
+    """Return the state that bytes hold; pages do the same in JavaScript.
+
+    Raises:
+        ValueError: They hold none, or are cut short.
+    """
+    if len(frame) < _STATE.size:
+        raise InputError(f"a state of {len(frame)} bytes is shorter than its header")
+    kind, sequence, edits, flags, channels, points, step, time, step_ms = _STATE.unpack_from(frame)
+    if kind != STATE or len(frame) != _STATE.size + channels * 24 + (channels + 1) * 4 + points * 8:
+        raise InputError(f"a frame of kind {kind} and {len(frame)} bytes is no state")
+    at = _STATE.size
+
+    def taken(kind: str, *shape: int) -> np.ndarray:
+        nonlocal at
+        count = int(np.prod(shape))
+        array = np.frombuffer(frame, kind, count, at).reshape(shape)
+        at += array.nbytes
+        return array
+
+    return State(
+        sequence, edits, step, time, step_ms, bool(flags & PLAYING),
+        taken("<f8", channels), taken("<f4", channels, 4), taken("<u4", channels + 1), taken("<f4", points, 2),
+    )  # fmt: skip
+
+
+def encode_patch(raster: str, window: Sequence[int], values: npt.NDArray[np.floating]) -> bytes:
+    """Return a window of a raster as bytes.
+
+    Args:
+        raster: One of RASTERS.
+        window: First row, first column, rows, columns.
+        values: (rows, columns).
+    """
+    row, column, rows, columns = (int(v) for v in window)
+    head = _PATCH.pack(PATCH, RASTERS.index(raster), row, column, rows, columns, 0, 0)
+    return head + np.ascontiguousarray(values, "<f4").tobytes()
+
+
+def encode_loops(
+    lines: Sequence[npt.NDArray[np.float64]], widths: Sequence[float], kind: int, origin: npt.NDArray[np.float64]
+) -> bytes:
+    """Return lines that channels left behind as bytes.
+
+    Args:
+        lines: (n, 2) points each, m.
+        widths: Of each line, m.
+        kind: 0 for oxbow lakes, 1 for abandoned courses.
+        origin: Origin of the map, m.
+    """
+    points = np.concatenate([np.asarray(line) - origin for line in lines]) if lines else np.empty((0, 2))
+    starts = np.cumsum([0, *map(len, lines)])
+    head = _LOOPS.pack(LOOPS, kind, len(lines), len(points))
+    return b"".join(
+        [
+            head,
+            np.asarray(widths, "<f4").tobytes(),
+            starts.astype("<u4").tobytes(),
+            np.ascontiguousarray(points, "<f4").tobytes(),
+        ]
+    )

@@ -1,0 +1,87 @@
+"""What a session begins with: made of a file, or the built-in basin."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from warpriver.errors import InputError, WarpriverError
+from warpriver.generate import intermontane_basin
+from warpriver.history import History
+from warpriver.hydrology import extract_network
+from warpriver.io import read_network, read_terrain
+from warpriver.scenes import read_scene
+from warpriver.simulation import Simulation
+
+__all__ = ["basin", "opened"]
+
+RASTERS = (".tif", ".tiff", ".asc", ".grd", ".npz", ".sdat", ".bil", ".img", ".dem", ".hgt")
+LINES = (".gpkg", ".geojson", ".json", ".shp", ".csv", ".txt", ".parquet", ".fgb")
+# Cells that drain into the smallest river of a terrain, as a fraction of all.
+AREA_FRACTION = 1.0 / 300.0
+
+
+def basin() -> Simulation:
+    """Return the built-in scene: a basin between mountains, with its rivers."""
+    terrain = intermontane_basin(100.0, seed=1)
+    return Simulation(extract_network(terrain, min_drainage_area=3e7), terrain=terrain)
+
+
+def opened(path: Path) -> Simulation:
+    """Return a simulation of a file at its beginning: a scene, a stored run, a terrain, or river lines.
+
+    Raises:
+        ValueError: The file is none of these, or cannot be read.
+        OSError: It cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        history = History.load(path)
+        return Simulation.replay(history, [], steps=0)
+    if suffix == ".toml":
+        return read_scene(path).simulation()
+    if suffix in LINES:
+        return Simulation(read_network(path, to_crs="utm") if _in_degrees(path) else read_network(path))
+    if suffix in RASTERS:
+        try:
+            terrain = read_terrain(path)
+        except WarpriverError as error:
+            if "to_crs" not in str(error):
+                raise
+            terrain = read_terrain(path, to_crs="utm")
+        rows, columns = terrain.shape
+        area = AREA_FRACTION * rows * columns * terrain.cell_size**2
+        return Simulation(extract_network(terrain, min_drainage_area=area), terrain=terrain)
+    raise InputError(
+        f"{path.name}: the studio opens scenes (.toml), terrains ({', '.join(RASTERS)}) and lines ({', '.join(LINES)})"
+    )
+
+
+def _in_degrees(path: Path) -> bool:
+    try:
+        read_network(path)
+    except WarpriverError as error:
+        return "to_crs" in str(error)
+    return False
+
+
+def _main(path: str, folder: str, memory: str) -> int:
+    """Make the folder of a session of a file; for a process of its own, which gets no more memory than that."""
+    from warpriver.studio.worker import begin_folder
+
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
+    except (ImportError, ValueError, OSError):  # not on this system
+        pass
+    try:
+        begin_folder(Path(folder), opened(Path(path)))
+    except (WarpriverError, OSError, ValueError, MemoryError) as error:
+        print(f"{error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(*sys.argv[1:4]))

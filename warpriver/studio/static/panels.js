@@ -1,0 +1,164 @@
+// Everything beside the map: layers, figures, constants, timeline.
+
+import { facts } from "./rivers.js";
+
+const element = (name, properties = {}, ...children) => {
+  const made = Object.assign(document.createElement(name), properties);
+  made.append(...children);
+  return made;
+};
+export const $ = (id) => document.getElementById(id);
+export const number = (value, digits = 3) => (Number.isFinite(value) ? Number(value.toPrecision(digits)).toLocaleString("en") : "–");
+
+const LAYERS = [
+  ["rivers", "Rivers", true], ["oxbows", "Oxbow lakes", true], ["old", "Abandoned courses", true], ["relief", "Shaded relief", true],
+  ["contours", "Contours", true], ["field", "Painted control field", true], ["controls", "Attractors, repellers, guides, regions", true],
+  ["locks", "Locked points", true],
+];
+
+export function makeLayers(studio) {
+  for (const [id, name, on] of LAYERS) {
+    const box = element("input", { type: "checkbox", checked: on, id: `layer-${id}` });
+    box.addEventListener("change", () => studio.showLayer(id, box.checked));
+    $("layers").append(element("label", { title: `Show or hide: ${name}` }, box, name));
+  }
+}
+
+export function showChannel(studio) {
+  const holder = $("channel"), state = studio.state;
+  const channel = state && studio.chosen !== null ? state.id.indexOf(studio.chosen) : -1;
+  if (channel < 0) {
+    if (!holder.querySelector(".quiet")) holder.replaceChildren(element("p", { className: "quiet", textContent: "Choose a channel with the Inspect tool." }));
+    return;
+  }
+  const f = facts(state, channel);
+  const rows = [["Identity", f.id], ["Length", `${number(f.length / 1000)} km`], ["Sinuosity", number(f.sinuosity)], ["Strahler order", f.order], ["Width", `${number(f.width)} m`], ["Depth", `${number(f.depth)} m`], ["Discharge", `${number(f.discharge)} m³/s`]];
+  const list = element("dl", {}, ...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
+  const old = holder.querySelector("dl");
+  if (old && holder.dataset.id === String(f.id)) { old.replaceWith(list); return; }
+  holder.dataset.id = f.id;
+  const form = element("form");
+  for (const [name, unit] of [["width", "m"], ["depth", "m"], ["discharge", "m³/s"]]) {
+    form.append(element("label", { title: `Set the ${name} of this channel` }, `Set ${name} (${unit})`, element("input", { type: "number", name, min: "0.01", step: "any", placeholder: number(f[name]) })));
+  }
+  form.append(element("button", { textContent: "Set", title: "Set what is filled in; the water goes on downstream" }));
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const values = Object.fromEntries([...new FormData(form)].filter(([, v]) => v !== "").map(([k, v]) => [k, Number(v)]));
+    if (Object.keys(values).length) studio.ask("edit", { edit: { edit: "SetChannel", channel: studio.chosen, ...values } });
+    form.reset();
+  });
+  holder.replaceChildren(list, form);
+}
+
+const PLOTS = [["sinuosity", "Sinuosity", "-"], ["cutoffs", "Cutoffs", ""], ["wavelength", "Wavelength", "m"]];
+
+export class Plots {
+  constructor() {
+    this.series = Object.fromEntries(PLOTS.map(([id]) => [id, []]));
+    for (const [id, name, unit] of PLOTS) {
+      const value = element("b");
+      value.id = `plot-${id}`;
+      const canvas = element("canvas", { width: 480, height: 88 });
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${name} over time`);
+      $("plots").append(element("div", { className: "plot", title: `${name} over the run${unit && unit !== "-" ? `, ${unit}` : ""}` }, element("div", {}, element("span", { textContent: name }), value), canvas));
+    }
+    $("plots").append(element("p", { className: "quiet", id: "counts" }));
+  }
+
+  clear() { for (const list of Object.values(this.series)) list.length = 0; }
+
+  add(told) {
+    for (const [id, , unit] of PLOTS) {
+      const list = this.series[id], value = told[id];
+      while (list.length && list[list.length - 1][0] >= told.time) list.pop();
+      if (value !== null && value !== undefined) list.push([told.time, value]);
+      if (list.length > 600) this.series[id] = list.filter((_, k) => k % 2 === 0);
+      $(`plot-${id}`).textContent = `${number(value)}${unit && unit !== "-" ? ` ${unit}` : ""}`;
+      this.draw(id);
+    }
+    $("counts").textContent = `${told.channels.toLocaleString("en")} channels, ${told.points.toLocaleString("en")} points, ${told.collisions} collisions, ${told.avulsions} avulsions`;
+  }
+
+  draw(id) {
+    const canvas = $(`plot-${id}`).parentElement.nextElementSibling, g = canvas.getContext("2d"), list = this.series[id];
+    g.clearRect(0, 0, canvas.width, canvas.height);
+    if (list.length < 2) return;
+    const t0 = list[0][0], t1 = list[list.length - 1][0];
+    let low = Infinity, high = -Infinity;
+    for (const [, v] of list) { low = Math.min(low, v); high = Math.max(high, v); }
+    if (high - low < 1e-9) { high += 0.5; low -= 0.5; }
+    g.beginPath();
+    list.forEach(([t, v], k) => {
+      const x = 2 + (canvas.width - 4) * (t - t0) / Math.max(1e-9, t1 - t0), y = canvas.height - 4 - (canvas.height - 8) * (v - low) / (high - low);
+      if (k) g.lineTo(x, y); else g.moveTo(x, y);
+    });
+    g.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--accent");
+    g.lineWidth = 3; g.stroke();
+  }
+}
+
+export function showConstants(studio, scene) {
+  const form = $("constants");
+  form.replaceChildren();
+  for (const { name, unit, doc, choices } of scene.constants) {
+    const value = scene.params[name];
+    if (value === null || value === undefined) continue;
+    const input = choices.length
+      ? element("select", { name }, ...choices.map((c) => element("option", { value: c, textContent: c, selected: c === value })))
+      : element("input", { name, type: "number", step: "any", value });
+    form.append(element("label", { title: doc }, `${name.replaceAll("_", " ")}${unit && unit !== "-" ? ` (${unit})` : ""}`, input));
+  }
+  form.append(element("button", { textContent: "Begin anew with these", title: "Other constants hold from a new beginning: the rivers as they are now" }));
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    const given = {};
+    for (const [name, text] of new FormData(form)) {
+      const value = Number.isNaN(Number(text)) ? text : Number(text);
+      if (value !== scene.params[name]) given[name] = value;
+    }
+    if (Object.keys(given).length) studio.ask("params", given);
+  };
+}
+
+export function showSession(studio, told) {
+  $("undo").disabled = !told.undo;
+  $("redo").disabled = !told.redo;
+  $("play").textContent = told.playing ? "Pause" : "Play";
+  $("play").setAttribute("aria-pressed", String(told.playing));
+  const names = told.edits.map(([step, name]) => element("li", { textContent: `${name.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase()} – step ${step}` }));
+  $("edits").replaceChildren(...names.reverse());
+  const items = told.controls.map((c, k) => {
+    const drop = element("button", { textContent: "Remove", title: `Remove this ${c.kind}` });
+    drop.setAttribute("aria-label", `Remove ${c.kind} ${k + 1}`);
+    drop.addEventListener("click", () => studio.ask("controls", { controls: studio.controls.filter((_, j) => j !== k) }));
+    return element("li", {}, `${c.kind}${c.radius ? `, ${number(c.radius)} m` : ""} `, drop);
+  });
+  $("controls").replaceChildren(...items);
+}
+
+export function showTimeline(studio) {
+  const records = studio.records, slider = $("timeline");
+  const live = studio.shown === null;
+  slider.max = String(Math.max(0, records.length));
+  if (live) slider.value = slider.max;
+  const at = live ? null : records[studio.shown];
+  $("timeline-text").textContent = live ? "now" : `${number(at ? at[1] : 0)} yr`;
+  slider.setAttribute("aria-valuetext", $("timeline-text").textContent);
+  $("rewind").disabled = live;
+  const last = records.length ? records[records.length - 1][1] : 0, first = records.length ? records[0][1] : 0;
+  const marks = studio.events.filter(([, t]) => t >= first && t <= last).slice(-400).map(([kind, t]) => {
+    const mark = element("i", { className: kind });
+    mark.style.left = `${100 * (t - first) / Math.max(1e-9, last - first)}%`;
+    return mark;
+  });
+  $("marks").replaceChildren(...marks);
+}
+
+export function showScale(metres) {
+  const aim = 120 * metres, power = 10 ** Math.floor(Math.log10(aim));
+  const length = power * [5, 2, 1].find((k) => k * power <= aim);
+  $("scale-bar").style.width = `${length / metres}px`;
+  $("scale-text").textContent = length >= 1000 ? `${length / 1000} km` : `${length} m`;
+}

@@ -1,0 +1,586 @@
+"""The process that owns the simulation of a session: it steps, does what pages ask for, and sends what has changed."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import math
+import secrets
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.edits import Edit, read_edits
+from warpriver.edits.values import edit_of
+from warpriver.errors import InputError, WarpriverError
+from warpriver.history import Avulsion, Cutoff, Event
+from warpriver.hydrology import strahler_order
+from warpriver.io import read_terrain, write_network, write_terrain
+from warpriver.meander import Attractor, Control, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
+from warpriver.metrics import sinuosity, wavelength
+from warpriver.params import MeanderParams
+from warpriver.raster import Raster
+from warpriver.simulation import Simulation
+from warpriver.studio.author import Author
+from warpriver.studio.frames import State, encode_loops, encode_patch, encode_state
+
+__all__ = ["KEPT", "RUN", "SAVED", "begin_folder", "work"]
+
+# What a session's folder holds: the run at its beginning, the ground that it began with, and its edits.
+RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.json", "saved"
+KEPT = (RUN, TERRAIN, EDITS)
+# Steps a second at most, and frames that may be on their way.
+RATE, WINDOW = 30.0, 2
+# States that the timeline holds at most; when there are more, every other one is given up.
+RECORDS = 240
+# Seconds between two sets of figures for the plots.
+STATS_SECONDS = 0.5
+# Seconds between two notes of how far a run has come.
+KEEP_SECONDS = 2.0
+CONTROLS: dict[str, Callable[..., Control]] = {
+    "Attractor": Attractor, "Repeller": Repeller, "Guide": Guide,
+    "DampingRegion": DampingRegion, "ErodibilityField": ErodibilityField,
+}  # fmt: skip
+
+
+def begin_folder(folder: Path, simulation: Simulation) -> None:
+    """Write what a session begins with: a run of one record, and its ground."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if simulation.terrain is not None:
+        write_terrain(simulation.terrain, folder / TERRAIN)
+    simulation.history.save(folder / RUN)
+
+
+def taken_up(folder: Path) -> Author:
+    """Return the session of a folder, with the edits and steps that it has."""
+    ground = folder / TERRAIN
+    terrain = read_terrain(ground) if ground.exists() else None
+    author = Author(Simulation.replay(folder / RUN, [], steps=0, terrain=terrain))
+    if (folder / EDITS).exists():
+        author.take_up(read_edits(folder / EDITS))
+    return author
+
+
+class Worker:
+    """A session in its process."""
+
+    def __init__(self, folder: Path, send: Callable[[bytes], None]):
+        """Take up the session of a folder.
+
+        Args:
+            folder: It.
+            send: Sends a message: "J" and a text in JSON, or "B" and a frame.
+        """
+        self.folder, self._send = folder, send
+        self.author = taken_up(folder)
+        self.playing, self.rate = False, RATE
+        self.credits = WINDOW
+        self._sequence = self._command = 0
+        self._step_ms = 0.0
+        self._changed, self._due, self._told, self._kept = True, 0.0, 0.0, 0.0
+        self._order: tuple[int, np.ndarray] = (-1, np.empty(0))
+        west, south, east, north = self._bounds()
+        self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
+        self._records: list[tuple[int, float, bytes]] = []
+        self._every = 1
+        self.tell_scene()
+        self._keep_record()
+
+    # ---- the loop
+
+    def wait(self) -> float | None:
+        """Return the seconds until there is something to do; None if only a command can bring that."""
+        if self._changed and self.credits > 0:
+            return 0.0
+        return max(0.0, self._due - time.monotonic()) if self.playing else None
+
+    def turn(self) -> None:
+        """Do a step if one is due, and send what has changed."""
+        now = time.monotonic()
+        if self.playing and now >= self._due:
+            # At most one period late, so that a slow step is not followed by a burst.
+            self._due = max(self._due + 1.0 / self.rate, now)
+            self._step()
+        if self._changed and self.credits > 0:
+            self.credits -= 1
+            self._changed = False
+            self._send(b"B" + self._frame())
+        if now - self._told >= STATS_SECONDS:
+            self._tell_figures(now)
+        if self.playing and now - self._kept >= KEEP_SECONDS:
+            self._keep()
+
+    def _keep(self) -> None:
+        """Note edits and steps in the folder, from which the session is taken up again."""
+        self.author.write_session(self.folder / EDITS)
+        self._kept = time.monotonic()
+
+    def _step(self, count: int = 1) -> None:
+        begin = time.perf_counter()
+        try:
+            events = self.author.step(count)
+        except FloatingPointError as error:
+            self.playing = False
+            self._tell(type="error", text=f"the run has stopped: {error}")
+            return
+        self._step_ms = 1e3 * (time.perf_counter() - begin) / count
+        self._changed = True
+        self._tell_events(events)
+        self._keep_record()
+
+    # ---- commands
+
+    def obey(self, number: int, command: Any) -> None:
+        """Do what a page asks for; an answer tells that it is done, or why it cannot be."""
+        self._command = number
+        try:
+            answer = self._do(command) or {}
+        except (WarpriverError, ValueError, OSError) as error:
+            self._answer(number, error=str(error))
+            return
+        self._answer(number, **answer)
+
+    def _do(self, command: Any) -> dict[str, Any] | None:
+        if not isinstance(command, dict) or not isinstance(command.get("do"), str):
+            raise InputError("a command is an object with the key 'do'")
+        name = command["do"]
+        method = getattr(self, f"do_{name}", None)
+        if method is None:
+            names = ", ".join(sorted(each[3:] for each in dir(self) if each.startswith("do_")))
+            raise InputError(f"there is no command {name[:40]!r}; there are {names}")
+        arguments = {key: value for key, value in command.items() if key != "do"}
+        takes = inspect.signature(method)
+        try:
+            takes.bind(**arguments)
+        except TypeError as error:
+            known = ", ".join(takes.parameters) or "nothing"
+            raise InputError(f"{name} has wrong arguments: {error}; it takes {known}") from error
+        answer: dict[str, Any] | None = method(**arguments)
+        return answer
+
+    def do_play(self, rate: float | None = None) -> None:
+        """Go on by itself, at so many steps a second."""
+        if rate is not None:
+            self.rate = _rate(rate)
+        if not self.playing:
+            self.playing, self._due = True, time.monotonic()
+        self._tell_session()
+
+    def do_pause(self) -> None:
+        """Stand still."""
+        self.playing, self._changed = False, True
+        self._tell_session()
+
+    def do_step(self, count: int = 1) -> None:
+        """Do so many steps."""
+        if not isinstance(count, int) or not 1 <= count <= 10_000:
+            raise InputError(f"count is {count!r}; give 1 to 10,000 steps")
+        self._step(count)
+
+    def do_rate(self, rate: float) -> None:
+        """Set the steps a second."""
+        self.rate = _rate(rate)
+        self._tell_session()
+
+    def do_scene(self) -> None:
+        """Tell everything again."""
+        self.tell_scene()
+
+    def do_edit(self, edit: Any, group: Any = None) -> None:
+        """Do an edit, as ``warpriver.edits`` describes it in JSON."""
+        value = edit_of(edit)
+        carves = value.name in ("AvulseChannel", "DivertChannel")
+        before = self._ground_sum() if carves else None
+        self.author.apply(value, _group(group))
+        self._after_edit(value, before)
+
+    def do_paint(self, center: Any, radius: Any, amount: Any, group: Any = None) -> None:
+        """Paint on the control field."""
+        had = self._field() is not None
+        for each in self.author.paint(center, radius, amount, _group(group)):
+            self._after_edit(each, None)
+        if not had:
+            self.tell_scene()
+
+    def do_controls(self, controls: Any) -> None:
+        """Let other controls steer the channels."""
+        if not isinstance(controls, list):
+            raise InputError("controls is a list of objects with the key 'kind'")
+        self._after_edit(self.author.set_controls([_control_of(each) for each in controls]), None)
+
+    def do_undo(self) -> None:
+        """Take the last edit back."""
+        self._back(self.author.undo)
+
+    def do_redo(self) -> None:
+        """Do it again."""
+        self._back(self.author.redo)
+
+    def do_rewind(self, step: Any) -> dict[str, Any]:
+        """Go on from an earlier step; edits after it are forgotten."""
+        lost = self.author.rewind(step)
+        self._records = [each for each in self._records if each[0] <= self.author.simulation.step_count]
+        self._tell_all_again()
+        return {"forgotten": lost}
+
+    def do_params(self, **constants: Any) -> None:
+        """Begin anew from the rivers as they are now, with other constants."""
+        now = self.author.simulation
+        names = set(_SHOWN)
+        if unknown := sorted(set(constants) - names):
+            raise InputError(f"there is no constant {unknown[0]!r}; there are {', '.join(sorted(names))}")
+        params = MeanderParams(**{**{name: getattr(now.params, name) for name in _params_fields()}, **constants})
+        self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
+
+    def do_save(self) -> dict[str, Any]:
+        """Keep the session as it is now under a new name."""
+        self._keep()
+        name = secrets.token_hex(8)
+        place = self.folder / SAVED / name
+        place.mkdir(parents=True)
+        for each in KEPT:
+            source = self.folder / each
+            if source.is_dir():
+                shutil.copytree(source, place / each)
+            elif source.exists():
+                shutil.copy2(source, place / each)
+        return {"saved": name}
+
+    def do_record(self, index: Any) -> None:
+        """Send a state of the timeline."""
+        if not isinstance(index, int) or not 0 <= index < len(self._records):
+            raise InputError(f"index is {index!r}; the timeline has {len(self._records)} states")
+        self._send(b"B" + self._records[index][2])
+
+    def do_export(self, name: str) -> dict[str, Any]:
+        """Write a file into the folder of the session, and return its name."""
+        exports = {
+            "rivers.gpkg": lambda path: write_network(self.author.simulation.network, path),
+            "rivers.geojson": lambda path: write_network(self.author.simulation.network, path),
+            "terrain.tif": self._write_terrain,
+            "terrain.png": self._write_terrain,
+            EDITS: self.author.write_session,
+        }
+        if name not in exports:
+            raise InputError(f"there is no export {name!r}; there are {', '.join(exports)}")
+        place = self.folder / "exports"
+        place.mkdir(exist_ok=True)
+        exports[name](place / name)
+        return {"file": name}
+
+    def begin(self, simulation: Simulation) -> None:
+        """Begin the session anew from a simulation."""
+        fresh = self.folder.with_name(self.folder.name + ".new")
+        shutil.rmtree(fresh, ignore_errors=True)
+        begin_folder(fresh, simulation)
+        for name in KEPT:
+            old, new = self.folder / name, fresh / name
+            if old.is_dir():
+                shutil.rmtree(old)
+            else:
+                old.unlink(missing_ok=True)
+            if new.exists():
+                new.replace(old)
+        shutil.rmtree(fresh, ignore_errors=True)
+        self.author = taken_up(self.folder)
+        self._records.clear()
+        self._every = 1
+        self._tell_all_again()
+
+    def _write_terrain(self, path: Path) -> None:
+        if self.author.simulation.terrain is None:
+            raise InputError("this session has no terrain")
+        write_terrain(self.author.simulation.terrain, path)
+
+    def _back(self, way: Callable[[], list[Edit]]) -> None:
+        """Undo or redo, which may change everything."""
+        ground, field = self._ground_sum(), self._field_sum()
+        way()
+        if self._ground_sum() != ground:
+            self._send_raster("height")
+        painted = self._field_sum()
+        if (painted is None) != (field is None):
+            self.tell_scene()
+        elif painted != field:
+            self._send_raster("control")
+        self._changed = True
+        self._tell_loops()
+        self._records = [each for each in self._records if each[0] <= self.author.simulation.step_count]
+        self._keep()
+        self._tell_session()
+
+    def _after_edit(self, edit: Edit, ground: int | None) -> None:
+        self._changed = True
+        box = _touched(edit)
+        if edit.name == "EditTerrain":
+            self._send_raster("height", box)
+        elif edit.name in ("AvulseChannel", "DivertChannel") and ground != self._ground_sum():
+            self._send_raster("height")
+        elif edit.name == "PaintControl":
+            self._send_raster("control", window=edit.window)  # type: ignore[attr-defined]
+        self._keep()
+        self._tell_session()
+
+    # ---- what pages are told
+
+    def tell_scene(self) -> None:
+        """Tell a page all that it needs to begin."""
+        simulation = self.author.simulation
+        terrain, network = simulation.terrain, simulation.network
+        ground = None
+        if terrain is not None:
+            ground = {
+                "rows": terrain.shape[0], "columns": terrain.shape[1], "cell": terrain.cell_size,
+                "west": terrain.origin[0], "north": terrain.origin[1],
+            }  # fmt: skip
+        field = self._field()
+        painted = None
+        if field is not None:
+            painted = {
+                "rows": field.shape[0], "columns": field.shape[1], "cell": field.cell_size,
+                "west": field.origin[0], "north": field.origin[1],
+            }  # fmt: skip
+        self._tell(
+            type="scene", origin=self._origin.tolist(), bounds=list(self._bounds()), crs=network.crs, terrain=ground,
+            control=painted, params={name: getattr(simulation.params, name, None) for name in _SHOWN},
+            constants=_constants(), time_step=simulation.params.time_step,
+        )  # fmt: skip
+        self._send_raster("height")
+        self._send_raster("control")
+        self._tell_loops()
+        self._tell_session()
+        self._changed = True
+
+    def _tell_all_again(self) -> None:
+        self._keep()
+        self.tell_scene()
+
+    def _tell_session(self) -> None:
+        author = self.author
+        controls = [_described(each) for each in author.simulation.controls if not isinstance(each, ControlField)]
+        locks = [tuple(float(v) for v in xy - self._origin) for xy in _locked(author.simulation)]
+        self._tell(
+            type="session", playing=self.playing, rate=self.rate, undo=author.undoable, redo=author.redoable,
+            edits=[[step, edit.name] for step, edit in author.edits[-50:]], controls=controls, locks=locks,
+            records=[[step, at] for step, at, _ in self._records],
+        )  # fmt: skip
+
+    def _tell_figures(self, now: float) -> None:
+        self._told = now
+        network, history = self.author.simulation.network, self.author.simulation.history
+        lines, widths = network.polylines(), network.channel_width
+        if not lines:
+            return
+        longest = int(np.argmax(network.channel_lengths()))
+        wave = wavelength(lines[longest], float(widths[longest])) if len(lines[longest]) > 8 else math.nan
+        wave = float(np.mean(wave)) if np.size(wave) else math.nan
+        winding = [float(sinuosity(xy)) for xy in lines if len(xy) > 2]
+        self._tell(
+            type="figures", time=self.author.simulation.time, sinuosity=float(np.mean(winding)) if winding else None,
+            wavelength=wave if math.isfinite(wave) else None, cutoffs=len(history.cutoffs),
+            collisions=len(history.collisions), avulsions=len(history.avulsions), points=network.point_count,
+            channels=network.channel_count, step_ms=self._step_ms,
+            records=[[step, at] for step, at, _ in self._records],
+        )  # fmt: skip
+
+    def _tell_loops(self) -> None:
+        cutoffs = list(self.author.simulation.history.cutoffs)
+        frame = encode_loops([c.xy for c in cutoffs], [c.width for c in cutoffs], 2, self._origin)
+        self._send(b"B" + frame)
+        courses = list(self.author.simulation.history.avulsions)
+        if courses:
+            self._send(b"B" + encode_loops([a.xy for a in courses], [a.width for a in courses], 1, self._origin))
+
+    def _tell_events(self, events: list[Event]) -> None:
+        cutoffs = [event for event in events if isinstance(event, Cutoff)]
+        avulsions = [event for event in events if isinstance(event, Avulsion)]
+        if cutoffs:
+            self._send(b"B" + encode_loops([c.xy for c in cutoffs], [c.width for c in cutoffs], 0, self._origin))
+        if avulsions:
+            self._send(b"B" + encode_loops([a.xy for a in avulsions], [a.width for a in avulsions], 1, self._origin))
+            self._send_raster("height")
+        told = [[event.kind, event.time] for event in events if event.kind in ("cutoff", "collision", "avulsion")]
+        if told:
+            self._tell(type="events", events=told)
+
+    def _frame(self) -> bytes:
+        self._sequence += 1
+        simulation = self.author.simulation
+        network = simulation.network
+        size = np.stack(
+            [network.channel_width, network.channel_depth, network.channel_discharge, self._orders(network)], axis=1
+        )
+        state = State(
+            sequence=self._sequence,
+            edits=self._command,
+            step=simulation.step_count,
+            time=simulation.time,
+            step_ms=self._step_ms,
+            playing=self.playing,
+            channel_id=network.channel_id,
+            channel_size=size,
+            channel_start=network.starts(),
+            point_xy=network.points() - self._origin,
+        )
+        return encode_state(state)
+
+    def _orders(self, network: Any) -> np.ndarray:
+        """Strahler orders, which only edits of the graph change."""
+        key = hash((network.channel_from.tobytes(), network.channel_to.tobytes()))
+        if self._order[0] != key:
+            self._order = (key, strahler_order(network.channel_from, network.channel_to))
+        return self._order[1]
+
+    def _keep_record(self) -> None:
+        step = self.author.simulation.step_count
+        if step % self._every or (self._records and self._records[-1][0] >= step):
+            return
+        self._records.append((step, self.author.simulation.time, self._frame()))
+        if len(self._records) > RECORDS:
+            self._every *= 2
+            self._records = [each for each in self._records if each[0] % self._every == 0]
+
+    def _send_raster(self, name: str, box: Any = None, window: Any = None) -> None:
+        terrain = self.author.simulation.terrain
+        raster = (terrain.raster if terrain is not None else None) if name == "height" else self._field()
+        if raster is None:
+            return
+        if window is None:
+            window = (0, 0, *raster.shape) if box is None else raster.window(*box)
+        if window is not None:
+            self._send(b"B" + encode_patch(name, window, raster.cells(window)))
+
+    def _field(self) -> Raster | None:
+        return next((c.raster for c in self.author.simulation.controls if isinstance(c, ControlField)), None)
+
+    def _ground_sum(self) -> int | None:
+        terrain = self.author.simulation.terrain
+        return None if terrain is None else _sum(terrain.raster)
+
+    def _field_sum(self) -> int | None:
+        field = self._field()
+        return None if field is None else _sum(field)
+
+    def _bounds(self) -> tuple[float, float, float, float]:
+        """Bounds of the map: of the ground, or of the rivers as they were at the beginning."""
+        simulation = self.author.simulation
+        return simulation.history.network(0).bounds() if simulation.terrain is None else simulation.terrain.bounds
+
+    def _answer(self, number: int, **told: Any) -> None:
+        self._tell(type="answer", number=number, **told)
+
+    def _tell(self, **told: Any) -> None:
+        self._send(b"J" + json.dumps(told, allow_nan=False, default=float).encode())
+
+
+# Constants that pages show and set.
+_SHOWN = (
+    "migration_rate", "friction", "local_weight", "upstream_weight", "sinuosity_scaling", "cutoff_distance",
+    "collision_distance", "slope_threshold", "end_damping", "spacing_in_widths", "time_step",
+)  # fmt: skip
+
+
+def _rate(rate: Any) -> float:
+    if not isinstance(rate, (int, float)) or not 0.1 <= rate <= 240.0:
+        raise InputError(f"rate is {rate!r}; give 0.1 to 240 steps a second")
+    return float(rate)
+
+
+def _group(group: Any) -> str | None:
+    if group is not None and (not isinstance(group, str) or len(group) > 80):
+        raise InputError("group is a short text")
+    return group
+
+
+def _params_fields() -> list[str]:
+    return [field.name for field in dataclasses.fields(MeanderParams) if field.init]
+
+
+def _constants() -> list[dict[str, Any]]:
+    """What the shown constants are: name, unit, default, meaning."""
+    fields = {field.name: field for field in dataclasses.fields(MeanderParams)}
+    return [
+        {
+            "name": name, "unit": fields[name].metadata.get("unit", ""), "doc": fields[name].metadata.get("doc", ""),
+            "default": fields[name].default, "choices": list(fields[name].metadata.get("choices") or []),
+        }
+        for name in _SHOWN if name in fields
+    ]  # fmt: skip
+
+
+def _sum(raster: Raster) -> int:
+    return int(raster.numpy().view(np.uint64).sum()) if raster.dtype == np.float64 else hash(raster.numpy().tobytes())
+
+
+def _touched(edit: Any) -> tuple[float, float, float, float] | None:
+    """Bounds of what an edit of the ground changes, m; None for all of it."""
+    if edit.name != "EditTerrain":
+        return None
+    points = np.array(edit.line if edit.line is not None else [edit.center])
+    reach = edit.width if edit.line is not None else edit.radius
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _control_of(values: Any) -> Control:
+    if not isinstance(values, dict) or values.get("kind") not in CONTROLS:
+        raise InputError(f"a control needs a kind: {', '.join(CONTROLS)}")
+    fields = {key: value for key, value in values.items() if key != "kind"}
+    return CONTROLS[values["kind"]](**fields)
+
+
+def _described(control: Control) -> dict[str, Any]:
+    told: dict[str, Any] = {"kind": type(control).__name__}
+    for name in ("center", "radius", "strength", "factor", "blend"):
+        if hasattr(control, name):
+            value = getattr(control, name)
+            told[name] = list(value) if isinstance(value, tuple) else value
+    for name, key in (("xy", "xy"), ("polygon", "area")):
+        if getattr(control, name, None) is not None:
+            told[key] = np.asarray(getattr(control, name)).tolist()
+    return told
+
+
+def _locked(simulation: Simulation) -> list[np.ndarray]:
+    """Places of the locked points, m."""
+    network = simulation.network
+    from warpriver.channel_table import JOINT_LOCK
+
+    ends = network.channel_to[network.channel_joint == JOINT_LOCK]
+    return [network.node_xy[node] for node in ends]
+
+
+def work(connection: Connection, folder: str) -> None:
+    """Run a session until the other end closes: the target of its process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+
+    def send(message: bytes) -> None:
+        connection.send_bytes(message)
+
+    try:
+        worker = Worker(Path(folder), send)
+        while True:
+            while connection.poll(worker.wait()):
+                message = connection.recv_bytes()
+                if message[:1] == b"A":
+                    worker.credits = min(WINDOW, worker.credits + 1)
+                elif message[:1] == b"S":
+                    worker.tell_scene()
+                else:
+                    told = json.loads(message[1:])
+                    worker.obey(int(told["number"]), told["command"])
+                if worker.playing:
+                    break
+            worker.turn()
+    except (EOFError, BrokenPipeError, OSError):
+        return
