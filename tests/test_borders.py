@@ -401,6 +401,16 @@ CALLS = {
     "strahler_order": lambda t: (wr.hydrology.strahler_order, topology(t)),
     "tokunaga": lambda t: (wr.hydrology.tokunaga, topology(t)),
     "stream_power": lambda t: (wr.hydrology.stream_power, {"surface": t["flow"], "area": None, "m": 0.5, "n": 1.0}),
+    "make_app": lambda t: (
+        wr.studio.make_app,
+        {
+            "start": t["network"],
+            "token": "a secret",
+            "terrain": None,
+            "folder": t["folder"] / f"studio-{len(list(t['folder'].iterdir()))}",
+            "hosts": ("localhost",),
+        },
+    ),
     "arrival_angles": lambda t: (wr.meander.arrival_angles, {"network": t["network"], "reach": 1.5}),
     "to_xarray_history": lambda t: (t["history"].to_xarray, {"every": 1}),
     "to_zarr": lambda t: (t["history"].to_zarr, {"path": t["folder"] / f"{len(list(t['folder'].iterdir()))}.zarr"}),
@@ -465,7 +475,7 @@ CALLS = {
     "ground_of_run": lambda t: (wr.landscape.ground_of_run, {"history": t["history"], "terrain": None}),
     "channel_ribbons": lambda t: (wr.landscape.channel_ribbons, {"network": t["network"]}),
     "channel_splines": lambda t: (wr.landscape.channel_splines, {"network": t["network"]}),
-    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "most_points": 1000}),
+    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "max_points": 1000}),
     "write_surfaces": lambda t: (
         wr.landscape.write_surfaces,
         {

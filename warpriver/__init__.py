@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         metrics,
         riverscape,
         scenes,
+        studio,
         valley,
         viz,
     )
@@ -70,6 +71,7 @@ __all__ = [
     "read_terrain",
     "riverscape",
     "scenes",
+    "studio",
     "synthetic_valley",
     "to_xarray",
     "valley",
@@ -132,6 +134,7 @@ _ROOMS = (
     "metrics",
     "riverscape",
     "scenes",
+    "studio",
     "valley",
     "viz",
 )

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -130,3 +132,12 @@ def test_two_kinds_cannot_have_one_name():
     with pytest.raises(InputTypeError, match="both have an edit RemoveChannel"):
         type("RemoveChannel", (edits.Edit,), {"__module__": "elsewhere"})
     assert wr.edits is edits
+
+
+def test_a_session_with_controls_is_read_by_a_program_that_uses_nothing_else(tmp_path):
+    """Edits of controls are at home in another room, which nobody has imported yet."""
+    path = tmp_path / "edits.json"
+    wr.edits.write_edits(path, [(0, wr.meander.SetControls(wr.Attractor(center=(0.0, 0.0))))])
+    script = f"import warpriver as wr; print(wr.edits.read_edits({str(path)!r}).edits[0][1].name)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip().splitlines()[-1:] == ["SetControls"], done.stderr

@@ -53,7 +53,7 @@ def tree_in_parts(**options):
     """Channels of very different widths, steps of many parts, and ground: some rest while others join."""
     network = random_tree(11, sources=8, size=6000.0, width=12.0)
     params = plain_params(spacing_in_widths=0.8, reference_width=0.0, time_step=1.0)
-    return Simulation(network, params, terrain=hills(network, 0.16), **options)
+    return Simulation(network, params, terrain=hills(network, 0.25), **options)
 
 
 def paths(**options):

@@ -25,7 +25,7 @@ from warpriver.public import public
 from warpriver.simulation import Simulation
 from warpriver.validate import floats, not_negative, one_of, positive, shown
 
-__all__ = ["Forecast", "Hindcast", "Score", "hindcast"]
+__all__ = ["Forecast", "Hindcast", "Score", "hindcast", "nearest_distances"]
 
 # Surveys of another age than was asked for, as a fraction of it, and in years.
 AGE_TOLERANCE, MOST_TOLERANCE = 0.25, 0.5
@@ -435,6 +435,11 @@ def _fine(polylines: list[FloatArray], gap: float) -> FloatArray:
         t = np.linspace(0.0, s[-1], max(2, math.ceil(s[-1] / gap)) + 1)
         parts.append(np.column_stack([np.interp(t, s, xy[:, 0]), np.interp(t, s, xy[:, 1])]))
     return np.concatenate(parts)
+
+
+def nearest_distances(points: FloatArray, polylines: list[FloatArray], gap: float = 20.0) -> FloatArray:
+    """Distance of points to lines, (n,), m, measured to points of these ``gap`` m apart."""
+    return _nearest(points, _fine(polylines, gap))[0]
 
 
 def _nearest(points: FloatArray, others: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
