@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.landscape import GROUND, landscape_maps
@@ -11,7 +12,9 @@ from warpriver.viz.landscape import DEEP, LANDSCAPE_LAYERS, landscape_picture, l
 @pytest.fixture(scope="module")
 def history():
     line = wr.generate.noisy_line(length=5_000, spacing=50, amplitude=80, seed=1)
-    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=90.0), threads=1).run(years=60, record_every=15)
+    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=90.0), plain_params(), threads=1).run(
+        years=60, record_every=15
+    )
 
 
 @pytest.fixture(scope="module")
