@@ -17,6 +17,7 @@ SUITE = {
     "startup": ("--rounds 2", ""),
     "erosion": ("--quick", ""),
     "hydrology": ("--quick", ""),
+    "riverscape": ("--quick", ""),
     "carving": ("--quick", ""),
 }
 # Routing runs on one core of the host, and the file of its figures is named without a device.

@@ -1,4 +1,4 @@
-"""Beds, lakes and water: two rivers meander over a plain for 200 years, and are carved into its ground.
+"""Beds, bars, lakes and water: two rivers meander over a plain for 200 years, and are carved into their deposits.
 
 Call it as `python demos/landscape.py FOLDER`.
 """
@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 
 import warpriver as wr
-from warpriver.landscape import CarveParams, carve, export_landscape
+from warpriver.landscape import LandscapeMaps, carve, export_landscape, landscape_maps
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -19,7 +19,7 @@ from matplotlib import pyplot as plt
 CELL, SHAPE, SLOPE = 6.0, (640, 1500), 5e-4
 # Colours of the materials, and of shallow and deep water.
 COLORS = {"ground": "#a3ab7a", "bank": "#c9bb92", "wall": "#a58a6a", "deposit": "#d8c9a0", "bed": "#8aa7a4"}
-SHALLOW, DEEP = "#7fa9ad", "#1f4e66"
+SHALLOW, DEEP, PLANTS = "#7fa9ad", "#1f4e66", "#4f6b3a"
 
 
 def rivers() -> wr.RiverNetwork:
@@ -33,11 +33,13 @@ def rivers() -> wr.RiverNetwork:
     return wr.RiverNetwork.from_polylines([main[: joint + 1], side, main[joint:]], [55.0, 26.0, 62.0])
 
 
-def draw(carved: wr.landscape.Carved, path: Path) -> None:
-    """The materials in the light of the hillshade, and water that is darker where it is deeper."""
+def draw(carved: wr.landscape.Carved, maps: LandscapeMaps, path: Path) -> None:
+    """Materials under their plants, in the light of the hillshade, and water that is darker where it is deeper."""
     rgb = sum(np.array(matplotlib.colors.to_rgb(COLORS[name])) * raster.numpy()[..., None] / 255.0
               for name, raster in carved.materials.items())  # fmt: skip
-    light = wr.viz.hillshade(carved.terrain, exaggeration=30.0) / np.sin(np.radians(45.0))
+    cover = 0.5 * np.nan_to_num(maps.vegetation.numpy())[..., None]
+    rgb += cover * (np.array(matplotlib.colors.to_rgb(PLANTS)) - rgb)
+    light = wr.viz.hillshade(carved.terrain, exaggeration=22.0) / np.sin(np.radians(45.0))
     rgb *= (0.5 + 0.5 * np.clip(light, 0.0, 1.4))[..., None]
     depth = carved.depth.numpy()
     part = np.clip(depth / np.nanmax(depth), 0.0, 1.0)[..., None]
@@ -46,7 +48,7 @@ def draw(carved: wr.landscape.Carved, path: Path) -> None:
     west, south, east, north = (1e-3 * v for v in carved.terrain.bounds)
     figure, axes = plt.subplots(figsize=(12.0, 5.6), dpi=110)
     axes.imshow(np.clip(rgb, 0.0, 1.0), extent=(west, east, south, north))
-    axes.set(xlabel="easting, km", ylabel="northing, km", title="Carved into the plain after 200 years")
+    axes.set(xlabel="easting, km", ylabel="northing, km", title="Carved into their deposits after 200 years")
     figure.tight_layout()
     figure.savefig(path)
     plt.close(figure)
@@ -61,12 +63,16 @@ def main(folder: Path) -> None:
     sim = wr.Simulation(rivers(), params, seed=1)
     history = sim.run(years=200, record_every=wr.Every(years=5), progress=True)
 
+    maps = landscape_maps(history, ground, CELL)
+    change = maps.elevation_change
+    deposits = change.like(np.maximum(change.numpy(), 0.0), unit="m")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # no cut is held up
-        carved = carve(ground, sim.network, CarveParams(bank_reach=1.5), history=history)
+        carved = carve(ground, sim.network, deposits=deposits, history=history)
     print(f"{sim.network!r}\n{carved.report}")
-    draw(carved, folder / "landscape.png")
-    files = export_landscape(carved, folder / "landscape", targets=["blender"], history=history)
+    draw(carved, maps, folder / "landscape.png")
+    layers = {"vegetation": maps.vegetation}
+    files = export_landscape(carved, folder / "landscape", targets=["blender"], history=history, maps=layers)
     print(f"{len(files)} files in {folder / 'landscape'}; see {folder / 'landscape.png'}")
 
     level, network = carved.network.point_z, carved.network
@@ -76,7 +82,8 @@ def main(folder: Path) -> None:
     mouths = level[network.starts()[1:] - 1]
     assert mouths[0] >= level[network.starts()[2]] and mouths[1] >= level[network.starts()[2]], "nor into a junction"
     outside = carved.support.numpy() == 0
-    assert (carved.terrain.to_numpy() == ground.to_numpy())[outside].all(), "beyond the banks nothing changes"
+    laid = ground.to_numpy() + deposits.numpy()
+    assert (carved.terrain.to_numpy() == laid)[outside].all(), "beyond the banks nothing changes"
     assert carved.report.lakes >= 3 and 0.02 < 1.0 - outside.mean() < 0.5
 
 

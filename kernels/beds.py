@@ -194,8 +194,8 @@ def build(scalar):
         return vec4(t, left, wp.max(-fa, ZERO), wp.max(fb, ZERO))
 
     @wp.func(module=name)
-    def segment_cut(stations: Stations, i: int, xy: vec2, base: wp.float64) -> scalar:
-        """Depth of what a segment cuts out of ground of that height at a place, m."""
+    def segment_cut(stations: Stations, i: int, xy: vec2, base: wp.float64, deepest: scalar) -> scalar:
+        """Depth of what a segment cuts out of ground of that height at a place, m; 0 where it is below ``deepest``."""
         limit = stations.segment[i]
         a = stations.line[i]
         x, y = xy[0] - a[0], xy[1] - a[1]
@@ -206,17 +206,21 @@ def build(scalar):
         fb = (xy[0] - b[0]) * b[2] + (xy[1] - b[1]) * b[3]
         if -fa >= limit[0] or fb >= limit[1]:
             return ZERO
+        first, second = stations.section[i], stations.section[i + 1]
+        level, below = stations.water[i], stations.water[i + 1]
+        soft_a, soft_b = stations.shape[i][3], stations.shape[i + 1][3]
+        if scalar(base - wp.min(level, below)) + wp.max(first[1], second[1]) + wp.max(soft_a, soft_b) <= deepest:
+            return ZERO
         at = segment_place(a, b, fa, fb, xy)
         t = at[0]
-        section = (ONE - t) * stations.section[i] + t * stations.section[i + 1]
+        section = (ONE - t) * first + t * second
         half, reach = section[0], section[2]
         beyond = wp.max(at[2], at[3])
         outside = wp.max(wp.abs(at[1]) - half, ZERO)
         away = wp.sqrt(outside * outside + beyond * beyond)
         if away >= reach:
             return ZERO
-        water = stations.water[i] + wp.float64(t) * (stations.water[i + 1] - stations.water[i])
-        over = scalar(base - water)
+        over = scalar(base - (level + wp.float64(t) * (below - level)))
         if wp.abs(at[1]) < half and section[1] > ZERO:
             over += section[1] * section_depth(stations, i, t, HALF - HALF * at[1] / half)
         weight = ONE - smoother((away / reach - FADE) / (ONE - FADE))
@@ -229,8 +233,7 @@ def build(scalar):
                 if at[3] > ZERO:
                     limited = limit[1]
                 weight *= ONE - smoother(beyond / limited)
-        soft = stations.shape[i][3] + t * (stations.shape[i + 1][3] - stations.shape[i][3])
-        return weight * soft_positive(over, soft)
+        return weight * soft_positive(over, soft_a + t * (soft_b - soft_a))
 
     @wp.func(module=name)
     def index_cell(index: Index, xy: vec2) -> int:
@@ -270,7 +273,7 @@ def build(scalar):
                 group = own
                 deepest = ZERO
             if k < end:
-                deepest = wp.max(deepest, segment_cut(stations, segment, xy, base))
+                deepest = wp.max(deepest, segment_cut(stations, segment, xy, base, deepest))
         if norm > ONE:
             greatest = greatest * wp.pow(norm, ROOT)
         return greatest

@@ -69,12 +69,16 @@ def build(scalar):
 
     @wp.struct
     class Tiles:
-        """Tiles that segments reach: number on the raster, ``columns`` of them a row, and the segments of each."""
+        """Tiles that segments reach: number on the raster, ``columns`` of them a row, and the segments of each.
+
+        ``raster``: rows and columns of cells.
+        """
 
         number: wp.array[int]
         start: wp.array[int]
         segment: wp.array[int]
         columns: int
+        raster: wp.vec2i
 
     @wp.func(module=name)
     def between(pair: vec2, part: scalar) -> scalar:
@@ -157,8 +161,6 @@ def build(scalar):
         segments: Segments,
         tiles: Tiles,
         # terrain
-        rows: int,
-        columns: int,
         grid: RasterGrid,
         # params
         section: wp.array2d[scalar],
@@ -181,7 +183,7 @@ def build(scalar):
         depth = scalar(0.0)
         # Parts of the way from the water's edge to where banks and walls end.
         bank, wall = scalar(1.0), scalar(1.0)
-        if cell[0] < rows and cell[1] < columns:
+        if cell[0] < tiles.raster[0] and cell[1] < tiles.raster[1]:
             xy = cells.center_of_cell(grid, cell[0], cell[1])
             for k in range(tiles.start[slot], tiles.start[slot + 1]):
                 s = tiles.segment[k]
@@ -268,8 +270,7 @@ def build(scalar):
         # network
         tiles: Tiles,
         # params
-        cells_per_meter: wp.float64,
-        repose: wp.float64,
+        per_repose: wp.float64,
         # in
         shape: wp.array2d[wp.vec3d],
         cell_height: wp.array2d[wp.float64],
@@ -281,8 +282,8 @@ def build(scalar):
     ):
         """Parts of bed, bank and wall at the cells of tiles, in 255ths; the rest of 255 is ground as it was.
 
-        Bed lies under water. Walls are what was cut, where the ground is steep beside the angle of repose, whose
-        tangent is ``repose``; banks are the rest by their weight.
+        Bed lies under water. Walls are what was cut, where the ground is steep beside the angle of repose;
+        ``per_repose`` is one over the rise of that from cell to cell, 1/m. Banks are the rest by their weight.
         """
         slot, place = wp.tid()
         cell = tile_cell(tiles, slot, place)
@@ -294,7 +295,7 @@ def build(scalar):
                 bed = ZERO_64
                 if form[0] > ZERO_64:
                     bed = left
-                steep = wp.length(cells.cell_difference(cell_height, cell[0], cell[1])) * cells_per_meter / repose
+                steep = wp.length(cells.cell_difference(cell_height, cell[0], cell[1])) * per_repose
                 changed = rising(TWO_64 * wp.abs(cell_before[cell[0], cell[1]] - height))
                 wall = wp.floor((left - bed) * form[2] * changed * rising((steep - WALL_FROM) / WALL_SPAN) + HALF_64)
                 bank = wp.floor((left - bed - wall) * form[1] + HALF_64)

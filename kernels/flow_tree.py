@@ -11,8 +11,9 @@ PERIOD, TEXELS, TABLES = 8, 256, 3
 SMOOTH, LIVELY, RIDGED = range(TABLES)
 OCTAVES = (3, 4, 4)
 PERSISTENCE = (0.3, 0.42, 0.45)
-# Mean of (1 - |n|)^2 over gradient noise n in [-1, 1].
-RIDGE_MEAN = 0.5803
+# Mean of (1 - |n|)^2 over gradient noise n in [-1, 1]. Turbulent water has ridges in its longest octaves, beside waves.
+RIDGE_MEAN, RIDGED_OCTAVES = 0.5771, 2
+RIDGE_SHARE, WAVE_SHARE = 0.6, 0.55
 # A primitive ends where 1 - r^2 is this small: its weight is 1e-12 there, and squares of weights are still numbers.
 EDGE = 1.0e-4
 # Direction, in a table of noise, that water drifts in: the golden ratio's, along which a torus is long without repeat.

@@ -27,7 +27,7 @@ def build(scalar):
     # Refraction from air into water, and the share that is reflected straight up [Schlick1994].
     AIR_OVER_WATER, STRAIGHT = scalar(1.0 / 1.333), scalar(0.02)
     # Absorption of red, green, blue in clear brook water with fine silt, 1/m, and what the water itself scatters.
-    ABSORBED, MURK = vec3(1.9, 0.85, 0.95), vec3(0.07, 0.13, 0.11)
+    ABSORBED, MURK = vec3(1.7, 0.9, 1.15), vec3(0.085, 0.12, 0.085)
     MURKY = scalar(0.9)
     SUN, AMBIENT = vec3(1.16, 1.08, 0.94), vec3(0.34, 0.4, 0.48)
     ZENITH, HORIZON, TREES = vec3(0.2, 0.4, 0.72), vec3(0.74, 0.82, 0.88), vec3(0.05, 0.075, 0.045)
@@ -36,8 +36,9 @@ def build(scalar):
     TREE_LINE, TREE_EDGE = scalar(0.28), scalar(0.12)
     FIFTH, TENTH, QUARTER, THREE_FIFTHS = (scalar(v) for v in (0.2, 0.1, 0.25, 0.6))
     GLINT, GLOW, GLINT_SIZE, GLOW_SIZE = scalar(6.0), scalar(0.25), scalar(900.0), scalar(40.0)
-    FOCUS, MOST_FOCUS = scalar(0.33), scalar(0.7)
+    FOCUS, MOST_FOCUS = scalar(0.33), scalar(0.35)
     WET = scalar(0.62)
+    FOAM_LOW, FOAM_HIGH, FOAM_EDGE, CRESTED = scalar(0.2), scalar(0.95), scalar(0.35), scalar(0.06)
     SHADE_STEPS, SHADE_FIRST = 14, scalar(0.06)
 
     @wp.struct
@@ -191,8 +192,9 @@ def build(scalar):
         down = wp.max(-below[2], FIFTH)
         depth = wp.max(level - between(scene.bed, column, row), ZERO)
         p, q = x + depth * below[0] / down, y + depth * below[1] / down
-        depth = wp.max(level - between(scene.bed, p / size, -q / size), ZERO)
-        path = depth * (ONE + ONE / down)
+        # Where the ray ends in a rock it has come a part of the way.
+        deep = wp.max(level - between(scene.bed, p / size, -q / size), depth * QUARTER)
+        path = deep * (ONE + ONE / down)
         # Waves gather the sun's light on the bed, or spread it.
         bent = between(scene.water, column + ONE, row) + between(scene.water, column - ONE, row)
         bent += between(scene.water, column, row + ONE) + between(scene.water, column, row - ONE)
@@ -205,6 +207,9 @@ def build(scalar):
         color = (ONE - reflected) * (bed + murk) + reflected * sky(mirror, sun)
         finer = scene.white_scale
         white = between(scene.white, (column + HALF) * finer - HALF, (row + HALF) * finer - HALF)
+        # Foam lies on the crests and leaves the troughs: its edges are ragged and move with the water.
+        ragged = white + FOAM_EDGE * wp.clamp(-bent * CRESTED, -ONE, ONE)
+        white = smooth(FOAM_LOW, FOAM_HIGH, ragged) * smooth(ZERO, TENTH, white)
         shade = wp.max(wp.dot(normal, sun), ZERO) * SUN + AMBIENT
         foam = scalar(0.71875) * wp.cw_mul(FOAM, shade)
         # Thin water at the edge shows the bed.

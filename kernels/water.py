@@ -20,7 +20,9 @@ from warpriver.kernels.flow_tree import (
     PERIOD,
     PERSISTENCE,
     RIDGE_MEAN,
+    RIDGE_SHARE,
     RIDGED,
+    RIDGED_OCTAVES,
     SMOOTH,
     STACK,
     TEXELS,
@@ -28,6 +30,7 @@ from warpriver.kernels.flow_tree import (
     UPSTREAM,
     VORTEX,
     WAVE,
+    WAVE_SHARE,
 )
 from warpriver.kernels.variants import named, once
 
@@ -50,11 +53,12 @@ def build(scalar):
     ZERO, HALF, ONE, TWO, SIX, TEN, FIFTEEN = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 6.0, 10.0, 15.0))
     THREE_QUARTERS = scalar(0.75)
     EDGE_, UPSTREAM_, CREST_, RIDGE_ = scalar(EDGE), scalar(UPSTREAM), scalar(CREST), scalar(RIDGE_MEAN)
+    RIDGE_SHARE_, WAVE_SHARE_ = scalar(RIDGE_SHARE), scalar(WAVE_SHARE)
     TURN, STILL = scalar(2.0 * math.pi), scalar(1.0e-12)
     TEXELS_PER_UNIT = scalar(TEXELS / PERIOD)
     ROW = TEXELS + 2
     TABLE = ROW * ROW
-    SMOOTH_OCTAVES, LIVELY_OCTAVES, RIDGED_OCTAVES = OCTAVES
+    SMOOTH_OCTAVES, LIVELY_OCTAVES, ROUGH_OCTAVES = OCTAVES
     SMOOTH_SHARE, LIVELY_SHARE, RIDGED_SHARE = (scalar(v) for v in PERSISTENCE)
     FEW = wp.float64(1.0e-30)
     ZERO64, ONE64, PERIOD64 = wp.float64(0.0), wp.float64(1.0), wp.float64(PERIOD)
@@ -127,19 +131,21 @@ def build(scalar):
 
     @wp.func(module=name)
     def exact_noise(table: int, xy: vec2) -> scalar:
-        """Octaves of periodic gradient noise [Perlin2002]; ridged: of (1 - |n|)^2 less its mean [Musgrave1989]."""
+        """Octaves of periodic gradient noise [Perlin2002]; ridged: with (1 - |n|)^2 less its mean [Musgrave1989]."""
         total, size = scalar(0.0), scalar(1.0)
         octaves, persistence = SMOOTH_OCTAVES, SMOOTH_SHARE
         if table == LIVELY:
             octaves, persistence = LIVELY_OCTAVES, LIVELY_SHARE
         if table == RIDGED:
-            octaves, persistence = RIDGED_OCTAVES, RIDGED_SHARE
+            octaves, persistence = ROUGH_OCTAVES, RIDGED_SHARE
         at, period = xy, int(PERIOD)
         for octave in range(octaves):
             value = field.periodic_noise(table * 16 + octave, at, period)
             if table == RIDGED:
                 ridge = ONE - wp.abs(value)
-                value = ridge * ridge - RIDGE_
+                value = WAVE_SHARE_ * value
+                if octave < RIDGED_OCTAVES:
+                    value += RIDGE_SHARE_ * (ridge * ridge - RIDGE_)
             total += size * value
             size = size * persistence
             at = TWO * at

@@ -475,7 +475,7 @@ CALLS = {
     "ground_of_run": lambda t: (wr.landscape.ground_of_run, {"history": t["history"], "terrain": None}),
     "channel_ribbons": lambda t: (wr.landscape.channel_ribbons, {"network": t["network"]}),
     "channel_splines": lambda t: (wr.landscape.channel_splines, {"network": t["network"]}),
-    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "most_points": 1000}),
+    "landscape_surfaces": lambda t: (wr.landscape.landscape_surfaces, {"carved": t["carved"], "max_points": 1000}),
     "write_surfaces": lambda t: (
         wr.landscape.write_surfaces,
         {

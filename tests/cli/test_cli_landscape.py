@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.cli import main
@@ -26,8 +27,8 @@ def files(tmp_path_factory):
     hills = wr.generate.fluvial_terrain((80, 90), 30.0, 60.0, 1)
     ground = wr.Terrain(hills.to_numpy(), 30.0, (-100.0, 1800.0), "EPSG:32619")
     wr.write_terrain(ground, folder / "ground.npz")
-    wr.Simulation(network, threads=1).run(steps=4, record_every=2, store=folder / "run")
-    wr.Simulation(network, terrain=wr.read_terrain(folder / "ground.npz"), threads=1).run(
+    wr.Simulation(network, plain_params(), threads=1).run(steps=4, record_every=2, store=folder / "run")
+    wr.Simulation(network, plain_params(), terrain=wr.read_terrain(folder / "ground.npz"), threads=1).run(
         steps=4, record_every=2, store=folder / "over" / "run"
     )
     return folder
@@ -57,6 +58,21 @@ def test_a_run_finds_its_ground_again(files, tmp_path, capsys):
     assert wr.landscape.ground_of_run(wr.read_history(files / "over" / "run")).cell_size == 30.0
 
 
+def test_maps_of_a_run_are_layers_and_their_deposits_lie_on_the_ground(files, tmp_path, capsys):
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("rasterio")
+    words = ["--maps", "--export", "gis", "blender", "--resolution", 15]
+    code, _, err = run(capsys, "landscape", files / "run", "-o", tmp_path / "a", *words)
+    assert code == 0, err
+    gis = tmp_path / "a" / "gis"
+    for name in ("moisture", "sediment", "vegetation", "age", "plants"):
+        assert (gis / f"{name}.tif").exists(), name
+    change, deposit = (wr.io.read_raster(gis / f"{n}.tif").numpy() for n in ("elevation_change", "material_deposit"))
+    assert change.max() > 0.05 and (deposit[change > 0.05] > 0).mean() > 0.3 and (deposit[change <= 0.0] == 0).all()
+    with image.open(tmp_path / "a" / "blender" / "map_plants.png") as picture:
+        np.testing.assert_array_equal(np.array(picture), wr.io.read_raster(gis / "plants.tif").numpy())
+
+
 def test_lines_on_a_terrain_and_rivers_of_a_terrain(files, tmp_path, capsys):
     pytest.importorskip("PIL")
     flags = ["--section", "trapezoid", "--max-cut", 80, "--keep-junctions", "--export", "blender"]
@@ -79,6 +95,7 @@ def test_lines_on_a_terrain_and_rivers_of_a_terrain(files, tmp_path, capsys):
         ("line.csv --min-area 2", "--min-area is for rivers that are found on a terrain"),
         ("ground.npz --terrain ground.npz", "--terrain goes with rivers"),
         ("ground.npz --width 30", "--width says how river lines are read"),
+        ("line.csv --maps", "--maps are made from a run"),
         ("run --width 30", "--width says how river lines are read"),
         ("line.csv --size 1000 --export unreal", "size is 1000; Unreal Engine takes 505"),
         ("line.csv --repose-angle 0", "--repose-angle"),
@@ -94,7 +111,7 @@ def test_bad_input_is_one_line(files, tmp_path, capsys, arguments, words):
 
 def test_every_constant_is_a_flag(files, tmp_path, capsys):
     flags = (
-        "--section trapezoid --side-part 0.3 --bank-reach 2 --repose-angle 20 --max-cut 70 --fill-part 0.5 "
+        "--section trapezoid --side-fraction 0.3 --bank-reach 2 --repose-angle 20 --max-cut 70 --fill-fraction 0.5 "
         "--smoothing 3 --lake-time 20 --plug-length 1 --keep-junctions --export mesh"
     ).split()
     code, _, err = run(

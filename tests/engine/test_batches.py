@@ -14,7 +14,7 @@ from warpriver.kernels.status import CUT_POINTS_NEEDED, CUTS_NEEDED, DONE, FAULT
 
 # Launches and memsets of one sub-step of networks of some hundred points, each a node of a recording; before scans of
 # our own there were 39 to 51, of which those of the library's scans allocated.
-NODES = {"plain": 25, "on hills": 26, "tree": 36, "paths": 31, "rings": 27}
+NODES = {"plain": 25, "on hills": 26, "tree": 41, "paths": 31, "rings": 27}
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_a_sub_step_has_few_nodes_and_allocates_nothing(chunked, monkeypatch, na
     sim.step()
     counts = count_nodes(sim, monkeypatch)
     assert sum(counts.values()) <= NODES[name], counts
-    assert counts["memset"] <= (4 if name == "tree" else 3)  # links of stems hand on their memory in eight
+    assert counts["memset"] <= (5 if name == "tree" else 3)  # links of stems hand on their memory in eight
 
 
 def test_scans_of_a_large_network_take_three_launches_each(chunked, monkeypatch):

@@ -47,7 +47,8 @@ def noise(table, at):
     for k in range(kernels.OCTAVES[table]):
         value = periodic_noise(16 * table + k, *(2.0**k * at), kernels.PERIOD * 2**k)
         if table == kernels.RIDGED:
-            value = (1.0 - abs(value)) ** 2 - kernels.RIDGE_MEAN
+            ridge = (1.0 - abs(value)) ** 2 - kernels.RIDGE_MEAN if k < kernels.RIDGED_OCTAVES else 0.0
+            value = kernels.WAVE_SHARE * value + kernels.RIDGE_SHARE * ridge
         total += kernels.PERSISTENCE[table] ** k * value
     return total
 

@@ -3,13 +3,14 @@
 import functools
 
 import numpy as np
+from plain import plain_params
 
 import warpriver as wr
 
 WIDTH = 100.0
 # About those of surveyed rivers.
 TRUE = {"migration_rate": 20.0, "memory_length": 2.5, "curvature_saturation": 0.2}
-LAW = wr.MeanderParams(**TRUE, sinuosity_scaling="none")
+LAW = plain_params(**TRUE, sinuosity_scaling="none")
 
 
 @functools.cache

@@ -66,6 +66,7 @@ class Bench:
         self.tiles, columns = self.kernel.Tiles(), -(-COLUMNS // carving.TILE)
         self.number = np.arange(columns * -(-ROWS // carving.TILE))
         self.tiles.number, self.tiles.columns = to_device(self.number.astype(np.int32), wp.int32, device), columns
+        self.tiles.raster = wp.vec2i(ROWS, COLUMNS)
         count = len(seg["first"])
         starts, every = count * np.arange(len(self.number) + 1), np.tile(np.arange(count), len(self.number))
         self.tiles.start = to_device(starts.astype(np.int32), wp.int32, device)
@@ -136,7 +137,7 @@ def test_water_at_cells_is_that_of_the_twin(dtype, device, wanted):
     bench = Bench(dtype, device, river())
     section = to_device(table().astype(bench.real), bench.scalar, device)
     outputs = [bench.unwritten(bench.dim, kind) for kind in (wp.float64, wp.float64, wp.vec3d)]
-    inputs = [bench.segments, bench.tiles, ROWS, COLUMNS, bench.grid, section]
+    inputs = [bench.segments, bench.tiles, bench.grid, section]
     level, cut, shape = (bench.on_raster(v) for v in bench.launch(bench.kernel.find_water, inputs, outputs))
     assert 0.2 < np.isnan(wanted[..., 0]).mean() < 0.8 and 0.05 < (wanted[..., 2] > 0.0).mean() < 0.5
     found = np.concatenate([level[..., None], cut[..., None], shape], axis=-1)
@@ -167,7 +168,7 @@ def test_materials_are_those_of_the_twin(dtype, device, wanted):
     shape = wanted[..., 2:]
     after = before - shape[..., 2] * np.random.default_rng(1).uniform(0.0, 3.0, before.shape)
     repose = 2.0
-    inputs = [bench.tiles, wp.float64(1.0 / CELL), wp.float64(repose), bench.in_tiles(shape, wp.vec3d)]
+    inputs = [bench.tiles, wp.float64(1.0 / (CELL * repose)), bench.in_tiles(shape, wp.vec3d)]
     inputs += [to_device(v, wp.float64, device) for v in (after, before)]
     outputs = [to_device(np.zeros(before.shape, np.uint8), wp.uint8, device) for _ in range(3)]
     found = np.stack(bench.launch(bench.kernel.weigh_materials, inputs, outputs), axis=-1)

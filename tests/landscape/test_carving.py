@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from data_folder import data_folder
+from plain import plain_params
 from test_real_terrains import TERRAINS, read
 
 import warpriver as wr
@@ -76,7 +77,7 @@ def assert_holds(carved, ground):
 @pytest.mark.parametrize("section", ["parabola", "trapezoid"])
 def test_a_straight_channel_has_its_section(section, device):
     ground = plane().to(device)
-    carved = carve(ground, straight(), CarveParams(section=section, side_part=0.25, **LEVEL))
+    carved = carve(ground, straight(), CarveParams(section=section, side_fraction=0.25, **LEVEL))
     n = offsets(ground)
     part = np.abs(n) / (0.5 * WIDTH)
     form = 1.0 - part**2 if section == "parabola" else np.minimum(1.0, 2.0 * (1.0 - part))
@@ -145,7 +146,7 @@ def test_filling_in_part_lies_between_cutting_and_filling():
     rng = np.random.default_rng(2)
     ground = wr.Terrain(plane().to_numpy() + rng.normal(0.0, 0.3, (150, 300)), CELL)
     levels = [
-        carve(ground, straight(), CarveParams(fill_part=part, **LEVEL)).network.point_z for part in (0.0, 0.25, 1.0)
+        carve(ground, straight(), CarveParams(fill_fraction=part, **LEVEL)).network.point_z for part in (0.0, 0.25, 1.0)
     ]
     np.testing.assert_allclose(levels[1], 0.75 * levels[0] + 0.25 * levels[2], atol=1e-12)
     assert (levels[2] >= levels[0]).all() and (levels[2] > levels[0]).any()
@@ -212,7 +213,8 @@ def test_there_are_no_seams_at_junctions_and_inside_of_bends():
     assert steepest < 4.0 * 2.0 / 12.0 + 0.05
     level = carved.water.numpy()
     step = np.concatenate([np.abs(np.diff(level, axis=axis)).ravel() for axis in (0, 1)])
-    assert np.nanmax(step) < 0.02
+    # The plain falls by 4 mm a cell; where two limbs lie side by side their levels differ by some cells.
+    assert np.nanmax(step) < 0.03
 
 
 def test_a_ring_is_level():
@@ -254,7 +256,7 @@ def test_order_and_direction_of_arrays_cannot_be_seen_by_the_device(device):
 def run_with_loop(age, years_after=0.0):
     """A history of a straight river with one loop that was cut off so many years before its end."""
     network = straight()
-    history = wr.Simulation(network, threads=1).run(steps=2, record_every=1)
+    history = wr.Simulation(network, plain_params(), threads=1).run(steps=2, record_every=1)
     a = np.linspace(0.0, np.pi, 60)
     loop = np.column_stack([300.0 + 110.0 * np.cos(a[::-1]), -95.0 + 85.0 * np.sin(a)])
     end = float(history.times[-1])

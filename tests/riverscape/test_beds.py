@@ -74,7 +74,7 @@ def test_nothing_is_raised_and_ground_away_from_rivers_stays(scenes, name):
 
 @pytest.mark.parametrize("name", ["C", "D", "junction"])
 def test_banks_are_no_steeper_than_35_degrees(scenes, name):
-    """By steps of 2 cm; a bank that is too short for the ground fades at its far end."""
+    """By steps of 2 cm; beside steps of the water banks have faces as well, at a few places in a thousand."""
     scene = scenes[name]
     xy, step = places(scene, 30000, 3), 0.02
     located = scene.rivers.beds.locate(xy)
@@ -82,7 +82,7 @@ def test_banks_are_no_steeper_than_35_degrees(scenes, name):
     slope = np.hypot(*[(scene.rivers.beds.heights(xy + step * e)[0] - height) / step for e in np.eye(2)])
     slope = np.nan_to_num(slope)  # beyond the terrain
     bank = located.edge > 0.05
-    assert bank.mean() > 0.3 and np.percentile(slope[bank], 99.9) < BANK + 0.1
+    assert bank.mean() > 0.3 and np.percentile(slope[bank], 99.5) < BANK + 0.05
     # Sections: half a bed's depth over a tenth of its width, about vertical for a semicircle alone.
     assert slope.max() < 6.0
 
@@ -186,6 +186,23 @@ def test_there_is_no_step_across_cells_of_the_index_or_at_nodes(scenes, name):
     line = xy[:, None] + way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None]
     height = scene.rivers.beds.heights(line.reshape(-1, 2))[0].reshape(40, -1)
     assert np.abs(np.diff(height, axis=1)).max() < 1e-3 * 12.0
+
+
+@pytest.mark.parametrize("kinds", [("B", "A", "C"), ("A+", "G", "D"), ("E", "F", "DA")])
+def test_there_is_no_seam_where_one_type_goes_over_into_the_next(kinds):
+    """Lines along the main stem through its node, at some places across: heights 5 mm apart, no step in them."""
+    scene = junction(kinds)
+    stations = scene.stations
+    node = np.array([240.0, 120.0])
+    k = int(np.flatnonzero((stations.channel == 2) & (stations.thread == 0))[0])
+    ahead = stations.tangent[stations.start[k]]
+    left = np.array([-ahead[1], ahead[0]])
+    way = np.arange(-400, 400) * 5e-3
+    for off in (-0.4, -0.2, 0.0, 0.2, 0.4):
+        line = node + off * stations.width[stations.start[k]] * left + way[:, None] * ahead
+        height = scene.bed(line, rocks=False)
+        # Steps of the water apart, whose faces are steep, nothing is steeper than a section at its banks.
+        assert np.abs(np.diff(height)).max() < 5e-3 * 4.0
 
 
 def test_basins_lie_in_pools_and_rocks_in_the_water(scenes):

@@ -6,7 +6,8 @@ from river_scenes import junction, one_river
 
 import warpriver as wr
 from warpriver.errors import InputError
-from warpriver.riverscape import TYPES, Course, Riverscape, read_riverscape
+from warpriver.landscape import SectionTable
+from warpriver.riverscape import TYPES, Course, Riverscape, read_riverscape, unit_sections
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +73,19 @@ def test_courses_of_ones_own_have_no_types():
     for call in (lambda: own.stations, lambda: own.bed_at([(50.0, 50.0)]), lambda: Riverscape(ground, [course], "C")):
         with pytest.raises(InputError):
             call()
+
+
+def test_templates_serve_rivers_that_are_carved_into_a_landscape():
+    """The same section of unit area in ``wr.carve``: what is cut across a straight river has the area of its water."""
+    ground = wr.generate.tilted_plain((60, 120), 1.0, 0.004)
+    x = np.linspace(5.0, 115.0, 60)
+    kind, width = TYPES.index("E"), 8.0
+    unit = unit_sections()
+    scale = width / unit.width[kind]
+    depth = scale * unit.depth[kind].max()
+    network = wr.RiverNetwork.from_polylines([np.column_stack([x, 30.0 + 0.0 * x])], width=width, depth=depth)
+    row = np.full(network.point_count, kind)
+    carved = wr.carve(ground, network, sections=SectionTable(unit.depth, row))
+    cut = (ground.to_numpy() - carved.terrain.to_numpy())[:, 60]
+    # In cells of an eighth of the width; banks and the depth of the water below the ground add to it.
+    assert scale**2 * 0.95 < cut.sum() < scale**2 * 2.0

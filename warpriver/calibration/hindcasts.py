@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray
 from warpriver.calibration.courses import Lines
-from warpriver.calibration.fits import NAMES, Fit, checked_names, fit_observed
+from warpriver.calibration.fits import NAMES, Fit, checked_names, fit_observed, measured_law
 from warpriver.calibration.observed import Observed, Survey, match_all, observe, survey
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
@@ -217,7 +217,7 @@ def hindcast(
     if not ahead:
         raise InputError("leads is empty; give years ahead, such as (1, 3, 5)")
     smoothing = not_negative(smoothing, "smoothing", "widths")
-    law = (params or MeanderParams(sinuosity_scaling="none")).for_widths(surveys[0].channel_width)
+    law = (params or measured_law()).for_widths(surveys[0].channel_width)
     lines = [survey(network, f"networks[{k}]", smoothing) for k, network in enumerate(surveys)]
     device = surveys[0].device
     if split == "reach":

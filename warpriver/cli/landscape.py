@@ -7,6 +7,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from warpriver.cli.output import say
 from warpriver.cli.parser import area, number, whole_number
 from warpriver.cli.shared import (
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from warpriver.history import History
     from warpriver.landscape import CarveReport
     from warpriver.network import RiverNetwork
+    from warpriver.raster import Raster
     from warpriver.terrain import Terrain
 
 __all__ = ["add"]
@@ -77,6 +80,12 @@ def add(commands: Any) -> None:
         metavar="N",
         help="vertices along the longer side of height maps: of Unreal Engine 505, 1009, 2017, 4033 or 8129, of Unity "
         "and Godot 33 to 4097 (default: the next number above that of the cells)",
+    )
+    out.add_argument(
+        "--maps",
+        action="store_true",
+        help="of a run: also maps of moisture, deposits, vegetation, old courses and their age; deposits, bars and "
+        "lobes are laid on the ground before it is carved",
     )
     out.add_argument(
         "--every", type=whole_number(1), metavar="N", help="for ParaView: records from frame to frame (default 1)"
@@ -130,11 +139,12 @@ def _landscape(options: argparse.Namespace) -> int:
     history, network, ground = _given(source, options)
     if options.resolution is not None and options.resolution != ground.cell_size:
         ground = ground.resampled(options.resolution)
-    carved = carve(ground, network, params, history=history)
+    maps, deposits = _maps(history, ground) if options.maps and history is not None else ({}, None)
+    carved = carve(ground, network, params, deposits=deposits, history=history)
     told = _report(carved.report)
     with results_in(folder):
         files = export_landscape(
-            carved, folder, targets=options.export, history=history, size=options.size, every=options.every
+            carved, folder, targets=options.export, history=history, maps=maps, size=options.size, every=options.every
         )
         for target in dict.fromkeys(options.export):
             count = sum(file.is_relative_to(folder / target) for file in files)
@@ -142,7 +152,12 @@ def _landscape(options: argparse.Namespace) -> int:
         if can_draw():
             from warpriver import viz
 
-            viz.draw_network(carved.network, folder / PICTURE, terrain=carved.terrain)
+            if maps and history is not None:
+                # A plain that was made has no relief, and its water no valleys.
+                made = history.last_ground is None and options.terrain is None
+                viz.draw_landscape(history, folder / PICTURE, terrain=None if made else ground)
+            else:
+                viz.draw_network(carved.network, folder / PICTURE, terrain=carved.terrain)
             told.append(f"  map      {folder / PICTURE}")
     for line in told:
         say(line)
@@ -156,6 +171,8 @@ def _given(source: Path, options: argparse.Namespace) -> tuple[History | None, R
     from warpriver.landscape import ground_of_run, plain_under
 
     run = stored_run(source)
+    if options.maps and run is None:
+        raise InputError(f"--maps are made from a run, and {source} is none; leave it out")
     is_ground = run is None and ending_of(source, SUFFIXES) in SUFFIXES and source.suffix.lower() not in line_formats()
     if options.min_area is not None and not is_ground:
         raise InputError(f"--min-area is for rivers that are found on a terrain, and {source} is none; leave it out")
@@ -175,6 +192,15 @@ def _given(source: Path, options: argparse.Namespace) -> tuple[History | None, R
     if ground is None:
         ground = plain_under(network, options.resolution, history=history)
     return history, network, ground
+
+
+def _maps(history: History, ground: Terrain) -> tuple[dict[str, Raster], Raster]:
+    """Return maps of a run, and what it has laid on the ground; hollows of old courses are lakes, which are carved."""
+    from warpriver.landscape import landscape_maps
+
+    maps = landscape_maps(history, ground, ground.cell_size).rasters
+    change = maps["elevation_change"]
+    return maps, change.like(np.maximum(change.numpy(), 0.0), unit="m", name="deposits")
 
 
 def _found(source: Path, options: argparse.Namespace) -> tuple[RiverNetwork, Terrain]:

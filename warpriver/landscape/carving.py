@@ -40,12 +40,12 @@ VISIT_CELLS, BANK_CELLS = 0.45, 1.5
 NARROW_CELLS = 4.0
 # Half of a cell's diagonal, in cells, and the cosine of a turn at which a line is no longer straight.
 DIAGONAL, STRAIGHT = math.sqrt(0.5), 0.8
-# The greatest slope of 1 - 3 p^2 + 2 p^3.
+# The maximum slope of 1 - 3 p^2 + 2 p^3.
 STEEPEST = 1.5
-# Depth of a deposit that covers the ground, and of a lake that is still one; m and parts of the channel's depth.
+# Depth of a deposit that covers the ground, and of a lake that is still one; m and fractions of the channel's depth.
 COVER, SHALLOW = 0.5, 0.05
-# Courses of a run at most that lakes are held against, and the widths beside a course that the river has worked over.
-MOST_COURSES, SWEPT = 24, 0.5
+# Maximum of courses of a run that lakes are held against, and widths beside a course that the river has worked over.
+MAX_COURSES, SWEPT = 24, 0.5
 WHOLE = 255
 
 
@@ -60,7 +60,7 @@ class CarveReport:
         deepest_cut: Greatest lowering of a cell, m.
         highest_fill: Greatest raising of a cell, m.
         held_points: Number of points of the network at which ``max_cut`` held the water up.
-        excess: How much deeper than ``max_cut`` a cut would have had to be there at most, m.
+        excess: Maximum of how much deeper than ``max_cut`` a cut would have had to be there, m.
         lakes: Number of oxbow lakes.
     """
 
@@ -154,7 +154,7 @@ def carve(
     profile = water_profile(
         carved.terrain(),
         network,
-        fill_part=params.fill_part,
+        fill_fraction=params.fill_fraction,
         max_cut=params.max_cut,
         smoothing=params.smoothing,
     )
@@ -168,7 +168,7 @@ def carve(
 
 
 def _form(params: CarveParams) -> Any:
-    return parabola if params.section == "parabola" else lambda y: trapezoid(y, params.side_part)
+    return parabola if params.section == "parabola" else lambda y: trapezoid(y, params.side_fraction)
 
 
 def _with_deposits(ground: Terrain, deposits: Raster | None) -> Terrain:
@@ -260,19 +260,18 @@ class _Carving:
             setattr(segments, name, wp.array(values, dtype=kind, device=device))
         for name in ("number", "start", "segment"):
             setattr(held, name, wp.array(tiles[name].astype(np.int32), dtype=wp.int32, device=device))
-        held.columns = tiles["columns"]
+        held.columns, held.raster = tiles["columns"], wp.vec2i(*self._base.shape)
         dim = (count, kernels.TILE**2)
         level, cut = (wp.empty(dim, dtype=wp.float64, device=device) for _ in range(2))
         shape = wp.empty(dim, dtype=wp.vec3d, device=device)
-        rows, columns = self._base.shape
-        inputs = [segments, held, rows, columns, self._base.grid(), self._section]
+        inputs = [segments, held, self._base.grid(), self._section]
         launch_kernel(made.find_water, dim, inputs, [level, cut, shape], device=device)
         _let_fall(level, shape, body, graph, tiles, self._base)
         before = wp.clone(self.height)
         outputs = [self.height, self.water, self.depth, self.support]
         launch_kernel(made.carve_cells, dim, [held, level, cut, shape], outputs, device=device)
-        slope = math.tan(math.radians(params.repose_angle))
-        inputs = [held, 1.0 / size, slope, shape, self.height, before]
+        per_repose = 1.0 / (size * math.tan(math.radians(params.repose_angle)))
+        inputs = [held, per_repose, shape, self.height, before]
         launch_kernel(made.weigh_materials, dim, inputs, list(self.materials.values()), device=device)
 
     def settle_lakes(self, lake_water: FloatArray) -> None:
@@ -459,7 +458,7 @@ class _Visits:
 
 
 def _visits(lines: Lines, base: Terrain, tiles: Mapping[str, Any]) -> _Visits:
-    """Visit the cells that lines run through, at places no farther apart than a part of a cell."""
+    """Visit the cells that lines run through, at places no farther apart than a fraction of a cell."""
     xy, point, part = fine_lines(lines, np.full(len(lines.xy), VISIT_CELLS * base.cell_size))
     after = np.minimum(point + 1, len(lines.xy) - 1)
     half, depth = (v[point] + part * (v[after] - v[point]) for v in (lines.half, lines.depth))
@@ -514,12 +513,12 @@ def _lakes(history: History | None, params: CarveParams) -> list[_Lake]:
 
 
 def _later_courses(history: History, since: float) -> list[tuple[float, Any, float]]:
-    """Return time, tree of the points and greatest width of some recorded courses, the last one among them."""
+    """Return time, tree of the points and maximum width of some recorded courses, the last one among them."""
     with IMPORTING:
         from scipy.spatial import cKDTree
 
     later = np.flatnonzero(history.times > since)
-    some = later[np.unique(np.linspace(0, len(later) - 1, min(len(later), MOST_COURSES)).astype(int))]
+    some = later[np.unique(np.linspace(0, len(later) - 1, min(len(later), MAX_COURSES)).astype(int))]
     found = []
     for k in some.tolist():
         network = history.network(k)

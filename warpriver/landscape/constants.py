@@ -16,8 +16,13 @@ class CarveParams(Params):
     section: str = parameter(
         "parabola", "-", choices=("parabola", "trapezoid"), source="warpriver", doc="form of the cross sections"
     )
-    side_part: float = parameter(
-        0.2, "-", low=0.01, high=0.5, source="warpriver", doc="part of the width that each side of a trapezoid takes up"
+    side_fraction: float = parameter(
+        0.2,
+        "-",
+        low=0.01,
+        high=0.5,
+        source="warpriver",
+        doc="fraction of the width that each side of a trapezoid takes up",
     )
     bank_reach: float = parameter(
         1.0,
@@ -32,7 +37,7 @@ class CarveParams(Params):
         low=1.0,
         high=85.0,
         source="warpriver",
-        doc="slope that walls of deep cuts have at most, over that of the ground before",
+        doc="maximum slope of the walls of deep cuts, over that of the ground before",
     )
     max_cut: float = parameter(
         60.0,
@@ -41,7 +46,7 @@ class CarveParams(Params):
         source="warpriver",
         doc="limit of how far water is led below the ground; beyond it hollows upstream are filled instead",
     )
-    fill_part: float = parameter(
+    fill_fraction: float = parameter(
         0.0,
         "-",
         low=0.0,

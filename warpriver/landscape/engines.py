@@ -35,7 +35,7 @@ POWERS = (33, 65, 129, 257, 513, 1025, 2049, 4097)
 # A landscape of Unreal Engine at a scale of 100 has a step of 1/128 m; step 32,768 is its own height.
 UNREAL_STEPS, UNREAL_ZERO, CENTIMETERS = 128.0, 32768, 100.0
 # Points of the ground in a mesh, and pixels that are worked at at a time.
-MOST_POINTS, BLOCK = 500_000, 1_000_000
+MAX_POINTS, BLOCK = 500_000, 1_000_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +118,7 @@ def write_engine(carved: Carved, folder: Path, name: str, size: int | None, maps
     masks, told = _write_masks(carved, folder, engine, shape, maps)
     splines = folder / "splines.json"
     mesh = folder / engine.mesh
-    surfaces = landscape_surfaces(carved, most_points=MOST_POINTS)
+    surfaces = landscape_surfaces(carved, max_points=MAX_POINTS)
     if engine.sizes:
         surfaces = [surface for surface in surfaces if surface.name != "terrain"]
     write_surfaces(surfaces, mesh, origin=grid.mesh_origin(engine), y_up=engine.axes.split(", ")[1] == "y up")
@@ -276,6 +276,12 @@ def _write_masks(
             write(f"mask_{name}.png", weight[..., k])
             told[name] = {"file": f"mask_{name}.png"}
     for name, raster in maps.items():
+        if raster.is_integer:
+            # Kinds, of which there is nothing in between.
+            at = [np.rint(np.linspace(0, n - 1, m)).astype(int) for n, m in zip(raster.shape, shape, strict=True)]
+            write(f"map_{name}.png", raster.numpy()[np.ix_(*at)].astype(np.uint8))
+            told[name] = {"file": f"map_{name}.png", "values": "as they are"}
+            continue
         values = without_gaps(raster.numpy().astype(np.float64))
         low, high = float(values.min()), float(values.max())
         part = (values - low) / (high - low if high > low else 1.0)

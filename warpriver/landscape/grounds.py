@@ -17,7 +17,7 @@ from warpriver.validate import not_negative, positive
 __all__ = ["ground_of_run", "plain_under"]
 
 # Cells across the narrowest channel, and cells at most, of a plain for which no cell size is given.
-CELLS_ACROSS, MOST_CELLS = 6.0, 4_000_000
+CELLS_ACROSS, MAX_CELLS = 6.0, 4_000_000
 
 
 @public
@@ -46,7 +46,7 @@ def plain_under(
         (left, low), (right, high) = cutoff.xy.min(axis=0), cutoff.xy.max(axis=0)
         west, south, east, north = min(west, left), min(south, low), max(east, right), max(north, high)
     west, south, east, north = west - rim, south - rim, east + rim, north + rim
-    size = max(float(widths.min()) / CELLS_ACROSS, math.sqrt((east - west) * (north - south) / MOST_CELLS))
+    size = max(float(widths.min()) / CELLS_ACROSS, math.sqrt((east - west) * (north - south) / MAX_CELLS))
     if cell_size is not None:
         size = positive(cell_size, "cell_size", "m")
     shape = max(2, math.ceil((north - south) / size)), max(2, math.ceil((east - west) / size))

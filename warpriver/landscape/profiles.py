@@ -71,18 +71,18 @@ def lines_of(network: RiverNetwork) -> Lines:
 
 
 def water_profile(
-    ground: Terrain, network: RiverNetwork, *, fill_part: float, max_cut: float, smoothing: float
+    ground: Terrain, network: RiverNetwork, *, fill_fraction: float, max_cut: float, smoothing: float
 ) -> WaterProfile:
     """Find levels of the water that the ground can hold.
 
     The lowest ground across the section at each point counts. Of levels that never rise, the highest ones that are
     nowhere above it take cutting alone, the lowest ones that are nowhere below it filling alone; what lies between them
-    at any fixed part never rises either, nor does the higher of that and the second less the limit of cuts.
+    at any fixed fraction never rises either, nor does the higher of that and the second less the limit of cuts.
 
     Args:
         ground: The terrain.
         network: The channels.
-        fill_part: Part of the way from cutting to filling, 0 to 1.
+        fill_fraction: Fraction of the way from cutting to filling, 0 to 1.
         max_cut: Limit of cuts below that ground, m.
         smoothing: Length along the channel over which the levels are averaged, in its widths.
     """
@@ -98,7 +98,7 @@ def water_profile(
         ::-1
     ]
     filling = np.where(np.repeat(rings, np.diff(start)), cutting, filling)
-    wanted = _smoothed(cutting + fill_part * (filling - cutting), xy, start, smoothing * 2.0 * half)
+    wanted = _smoothed(cutting + fill_fraction * (filling - cutting), xy, start, smoothing * 2.0 * half)
     wanted = _drowned(wanted, network, xy, start, half)
     level = np.maximum(wanted, filling - max_cut)
     # To the bit: sums round.
@@ -112,10 +112,10 @@ def fine_lines(lines: Lines, step: FloatArray) -> tuple[FloatArray, IndexArray, 
 
     Args:
         lines: The lines.
-        step: (Q,) greatest distance of the points of the finer line, m.
+        step: (Q,) maximum distance of the points of the finer line, m.
 
     Returns:
-        (F, 2) points; (F,) point of the lines at or before each, and the part of the way to the next one, 0 at the
+        (F, 2) points; (F,) point of the lines at or before each, and the fraction of the way to the next one, 0 at the
         points themselves.
     """
     xy, owner = lines.xy, lines.owner

@@ -26,11 +26,11 @@ class SectionTable:
     """Forms of cross sections, and which of them the points of a network have.
 
     A form is a row of depths below the water's edge, at places spaced evenly from the left bank to the right one. Each
-    is scaled to a greatest depth of 1: that of a channel is the depth of its point, its width that of its point. So
+    is scaled to a maximum depth of 1: that of a channel is the depth of its point, its width that of its point. So
     forms of unit area are as good as those of unit depth; ``fraction`` says how much water they hold.
 
     Attributes:
-        depth: (K, M) depths in greatest depths, read-only.
+        depth: (K, M) depths over the maximum of the form, read-only.
         row: (P,) row of each point of the network; between two points their forms are blended. None: the first one for
             all.
     """
@@ -89,7 +89,7 @@ class SectionTable:
 
     @property
     def fraction(self) -> FloatArray:
-        """(K,) mean depth of each form in greatest depths: the area of a section is this times width times depth."""
+        """(K,) mean depth of each form over its maximum: the area of a section is this times width times depth."""
         mean: FloatArray = 0.5 * (self.depth[:, 1:] + self.depth[:, :-1]).mean(axis=1)
         return mean
 
@@ -100,5 +100,5 @@ def parabola(y: FloatArray) -> FloatArray:
 
 
 def trapezoid(y: FloatArray, side: float = 0.2) -> FloatArray:
-    """Depth of a trapezoid whose sides take up that part of the width each."""
+    """Depth of a trapezoid whose sides take up that fraction of the width each."""
     return np.minimum(1.0, np.minimum(y, 1.0 - y) / side)

@@ -55,7 +55,7 @@ class Surface:
 
 
 @public
-def landscape_surfaces(carved: Carved, *, most_points: int = 1_000_000) -> list[Surface]:
+def landscape_surfaces(carved: Carved, *, max_points: int = 1_000_000) -> list[Surface]:
     """Return the ground, the water and the ribbons of a carved terrain as triangles.
 
     The water is that of the raster, led a cell into the banks, where the ground hides it: so the shore is where both
@@ -63,12 +63,12 @@ def landscape_surfaces(carved: Carved, *, most_points: int = 1_000_000) -> list[
 
     Args:
         carved: The landscape.
-        most_points: Points of the ground at most; where there are more cells it is resampled to larger ones.
+        max_points: Maximum of points of the ground; where there are more cells it is resampled to larger ones.
 
     Raises:
         ValueError: A terrain of which no three cells meet.
     """
-    most = whole(most_points, "most_points", 4)
+    most = whole(max_points, "max_points", 4)
     surfaces = [_ground_surface(carved, most)]
     if np.isfinite(carved.water.numpy()).any():
         surfaces.append(_water_surface(carved))

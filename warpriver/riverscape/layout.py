@@ -526,7 +526,9 @@ def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: St
         above = np.maximum(above, 0)
         pool = np.clip((at.axis - steps.axis[above]) / (steps.end[above] - steps.axis[above]), 0.0, 1.0)
         stepped = np.isin(kind[at.channel], [TYPES.index(name) for name in ROCKS])
-        vary -= np.where(stepped, layout.bed.pool_width * np.cos(2.0 * np.pi * pool), 0.0)
+        # Each pool bulges by an amount of its own; the lips between them are alike.
+        bulge = 0.5 * (1.0 - np.cos(2.0 * np.pi * pool)) * random.uniform(0.3, 1.7, len(steps.channel))[above]
+        vary += np.where(stepped, layout.bed.pool_width * (2.0 * bulge - 1.0), 0.0)
     ends = np.minimum(at.along, at.along[at.start[1:] - 1][at.course] - at.along)
     return 1.0 + vary * np.clip(ends / np.maximum(sizes.width, 1e-9), 0.0, 1.0)
 

@@ -46,7 +46,7 @@ class ProfileParams(Params):
         3.0, "-", low=1.0, source="warpriver", doc="greatest slope of a reach over the mean slope of its channel"
     )
     steepening: float = parameter(
-        0.05, "m/m", low=0.0, source="warpriver", doc="slope that is added to that greatest slope"
+        0.3, "m/m", low=0.0, source="warpriver", doc="slope that is added to that greatest slope"
     )
     step_coefficient: float = parameter(
         8.25, "widths", low=0.0, low_open=True, source="Rosgen2001", doc="spacing of steps at a slope of 1 %, in widths"

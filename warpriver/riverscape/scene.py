@@ -190,7 +190,7 @@ class Riverscape:
     def water_surface(self) -> Water:
         """The blend-flow tree of the water."""
         made = seed_water(self.courses, self.detail, self.seed, self.params) if self._tree is None else self._tree
-        return Water(made, cell_size=0.5 * self.detail, device=self.device)
+        return Water(made, device=self.device)
 
     @public
     def water(self, xy: ArrayLike, t: float = 0.0) -> WaterSample:
@@ -394,7 +394,7 @@ class Riverscape:
         key = (*origin, cell_size, shape)
         if self._bed is None or self._bed[0] != key:
             if self.rivers is not None:
-                bed = self.rivers.beds.raster(cell_size, *origin, shape)
+                bed: DeviceArray = self.rivers.beds.raster(cell_size, *origin, shape)
             else:
                 x = origin[0] + cell_size * (np.arange(shape[1]) + 0.5)
                 y = origin[1] - cell_size * (np.arange(shape[0]) + 0.5)
