@@ -13,7 +13,8 @@ WIDTH = 100.0  # m
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     start = wr.generate.sine_generated(wavelength=1600.0, angle=1.0, wavelengths=8, spacing=25.0)
-    params = wr.MeanderParams(spacing=25.0, time_step=0.1)
+    # All bends alike: neither banks of their own nor what enters upstream.
+    params = wr.MeanderParams(spacing=25.0, time_step=0.1, bank_spread=0.0, inlet="none")
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([start], width=WIDTH), params)
     history = sim.run(years=60, record_every=wr.Every(years=3))
     print(sim)

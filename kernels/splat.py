@@ -14,8 +14,8 @@ from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
 
-# Cells along the side of a block and of a tile; candidates that a tile has room for.
-BLOCK, TILE, NEAR_LIMIT = 32, 8, 64
+# Cells along the side of a block, of a tile and of a part of it; candidates that a tile or a part has room for.
+BLOCK, TILE, PART, NEAR_LIMIT = 32, 8, 4, 64
 TILES_IN_BLOCK = BLOCK // TILE
 
 
@@ -31,8 +31,9 @@ def build(scalar):
     ZERO, HALF, ONE, TWO, THREE, FOUR = (scalar(v) for v in (0.0, BANK, 1.0, 2.0, 3.0, 4.0))
     # What is farther away than any channel is felt.
     FAR, REACH = scalar(FELT + 1.0), scalar(FELT)
-    # Half the diagonal between the centres of a tile's outer cells, in cells.
+    # Of the centres of a tile's, or a part's, cells: their middle, and half of the diagonal, in cells.
     MIDDLE, RADIUS = scalar(0.5 * (TILE - 1)), scalar(0.5 * (TILE - 1) * 2.0**0.5)
+    PART_MIDDLE, PART_RADIUS = scalar(0.5 * (PART - 1)), scalar(0.5 * (PART - 1) * 2.0**0.5)
     SLACK = scalar(1.0e-9 if scalar is wp.float64 else 1.0e-4)
     # Distances whose squares differ by less are the same: those to a corner that two segments share.
     ALIKE = scalar(1.0 + (1.0e-12 if scalar is wp.float64 else 1.0e-5))
@@ -75,6 +76,8 @@ def build(scalar):
 
         ``tile`` are the tiles that are worked at, ``tile_slot`` the place of a tile among them, -1 for none. ``near``
         has a row for each: how many candidates there are, -1 for those of the whole block, and their segments.
+        ``part``: the same for the part of a tile that is worked at.
+        ``worked``: 1 for those whose cells a channel reaches, or did before. ``felt``: of all tiles, whether one does.
         """
 
         block_start: wp.array[int]
@@ -82,6 +85,9 @@ def build(scalar):
         tile: wp.array[int]
         tile_slot: wp.array[int]
         near: wp.array2d[int]
+        part: wp.array2d[int]
+        worked: wp.array[int]
+        felt: wp.array[int]
 
     @wp.struct
     class Profile:
@@ -213,19 +219,26 @@ def build(scalar):
         That is so where the least distance in widths that the place can have is below the greatest of any other.
         """
         bound = REACH
+        reached = int(0)
         for k in range(first, last):
             i = segment[k]
             form = course.form[i]
             away = squared_to(course.line[i], form, place)
-            least = bound * form[3] - place[2]
-            if least > ZERO and away < least * least:
-                bound = (wp.sqrt(away) + place[2]) / form[3]
+            most = REACH * wp.max(form[1], form[1] + form[2]) + place[2]
+            if away <= most * most:
+                reached += 1
+                least = bound * form[3] - place[2]
+                if least > ZERO and away < least * least:
+                    bound = (wp.sqrt(away) + place[2]) / form[3]
+        near_out[0] = 0
+        if reached == 0:
+            return
         count = int(0)
         for k in range(first, last):
             chosen = segment[k]
             shape = course.form[chosen]
-            most = (bound + SLACK) * wp.max(shape[1], shape[1] + shape[2]) + place[2]
-            if squared_to(course.line[chosen], shape, place) <= most * most:
+            limit = (bound + SLACK) * wp.max(shape[1], shape[1] + shape[2]) + place[2]
+            if squared_to(course.line[chosen], shape, place) <= limit * limit:
                 if count < NEAR_LIMIT:
                     near_out[count + 1] = chosen
                 count += 1
@@ -344,6 +357,38 @@ def build(scalar):
                     cells_io.deep[row, column] = cells_io.deep[row, column] + quanta(deep)
         cover_cell(course, near, row, column, wp.vec2d(begin, interval.end), vec2(before, after), cells_io)
 
+    @wp.func(module=name)
+    def advance_part(
+        course: Course,
+        interval: Interval,
+        grid: Grid,
+        block: int,
+        slot: int,
+        top: int,
+        west: int,
+        bins_io: Bins,
+        cells_io: Cells,
+    ):
+        """Bring the cells of a part of a tile to the end of an interval; they look at what may be the nearest to it."""
+        middle = vec3(scalar(west) + PART_MIDDLE, -(scalar(top) + PART_MIDDLE), PART_RADIUS) * grid.cell_size
+        count = bins_io.near[slot, 0]
+        if count >= 0:
+            choose_near(course, bins_io.near[slot], 1, count + 1, middle, bins_io.part[slot])
+        else:
+            first, last = bins_io.block_start[block], bins_io.block_start[block + 1]
+            choose_near(course, bins_io.block_segment, first, last, middle, bins_io.part[slot])
+        begin = interval.block_time[block]
+        part = bins_io.part[slot]
+        for row in range(top, wp.min(top + PART, grid.rows)):
+            for column in range(west, wp.min(west + PART, grid.columns)):
+                p = vec2(scalar(column), -scalar(row)) * grid.cell_size
+                if part[0] >= 0:
+                    found = nearest_of(course, part, 1, part[0] + 1, p)
+                    advance_cell(course, interval, begin, found, row, column, cells_io)
+                else:
+                    nearest = nearest_near(course, bins_io, block, slot, p)
+                    advance_cell(course, interval, begin, nearest, row, column, cells_io)
+
     # ---- kernels
 
     @wp.func(module=name)
@@ -443,11 +488,15 @@ def build(scalar):
         middle = vec3(scalar(west) + MIDDLE, -(scalar(top) + MIDDLE), RADIUS) * grid.cell_size
         first_listed, last_listed = bins_io.block_start[block], bins_io.block_start[block + 1]
         choose_near(course, bins_io.block_segment, first_listed, last_listed, middle, bins_io.near[slot])
-        for row in range(top, wp.min(top + TILE, grid.rows)):
-            for column in range(west, wp.min(west + TILE, grid.columns)):
-                p = vec2(scalar(column), -scalar(row)) * grid.cell_size
-                found = nearest_near(course, bins_io, block, slot, p)
-                advance_cell(course, interval, interval.block_time[block], found, row, column, cells_io)
+        felt = bins_io.near[slot, 0]
+        bins_io.worked[slot] = 0
+        if felt == 0 and bins_io.felt[tile] == 0:
+            return
+        bins_io.worked[slot] = 1
+        bins_io.felt[tile] = felt
+        for row in range(top, wp.min(top + TILE, grid.rows), PART):
+            for column in range(west, wp.min(west + TILE, grid.columns), PART):
+                advance_part(course, interval, grid, block, slot, row, column, bins_io, cells_io)
 
     @wp.kernel(module=name, enable_backward=False)
     def lay_courses(

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 from models import many_channels, tree
+from plain import plain_params
 
 import warpriver as wr
-from warpriver import History, MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver import History, PathMeander, RiverNetwork, Simulation, Terrain, generate
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Stage, launch
 from warpriver.errors import InputError
@@ -43,13 +44,15 @@ def points(run):
 
 def test_a_run_finds_its_ground_again(ground_file, tmp_path, device):
     """From its file, to the bits of a run without a stop; on a plain it is another river."""
-    whole = Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(years=60)
-    Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(years=30, store=tmp_path / "run")
+    whole = Simulation(river(), plain_params(), terrain=wr.read_terrain(ground_file), device=device).run(years=60)
+    Simulation(river(), plain_params(), terrain=wr.read_terrain(ground_file), device=device).run(
+        years=30, store=tmp_path / "run"
+    )
     again = Simulation.resume(tmp_path / "run", device=device)
     assert again.terrain is not None and again.history.ground.path == str(ground_file)
     again.run(steps=whole.steps[-1] - again.step_count)
     np.testing.assert_array_equal(whole.networks[-1].points(), again.network.points())
-    plain = Simulation(river(), device=device).run(years=60)
+    plain = Simulation(river(), plain_params(), device=device).run(years=60)
     assert plain.networks[-1].point_count != whole.networks[-1].point_count
 
 
@@ -61,7 +64,7 @@ def test_a_terrain_is_read_as_it_was_read_before(tmp_path, device):
     np.save(tmp_path / "feet.npy", steps)
     told = {"cell_size": 50.0, "origin": np.array([-1000.0, 1500.0]), "z_factor": 0.3048, "nodata": -5.0}
     terrain = wr.read_terrain(tmp_path / "feet.npy", **told)
-    Simulation(river(), terrain=terrain, device=device).run(steps=5, store=tmp_path / "run")
+    Simulation(river(), plain_params(), terrain=terrain, device=device).run(steps=5, store=tmp_path / "run")
     header = json.loads((tmp_path / "run" / "run.json").read_text())["ground"]
     assert header["options"] == {**told, "origin": [-1000.0, 1500.0]}
     again = Simulation.resume(tmp_path / "run", device=device)
@@ -71,7 +74,7 @@ def test_a_terrain_is_read_as_it_was_read_before(tmp_path, device):
 
 def test_the_terrain_of_a_run_may_be_given(ground_file, tmp_path, device):
     """It is known by its heights and place, not by its name."""
-    Simulation(river(), terrain=bank(), device=device).run(years=10, store=tmp_path / "run")
+    Simulation(river(), plain_params(), terrain=bank(), device=device).run(years=10, store=tmp_path / "run")
     again = Simulation.resume(tmp_path / "run", terrain=wr.read_terrain(ground_file), device=device)
     again.run(years=10)
     assert len(again.history.events.of(GroundChange)) == 0
@@ -91,7 +94,7 @@ def moved(by):
     ],
 )
 def test_other_ground_is_refused(terrain, words, tmp_path, device):
-    Simulation(river(), terrain=bank(), device=device).run(steps=3, store=tmp_path / "run")
+    Simulation(river(), plain_params(), terrain=bank(), device=device).run(steps=3, store=tmp_path / "run")
     before = (tmp_path / "run" / "segments.jsonl").read_bytes()
     with pytest.raises(InputError, match=words):
         Simulation.resume(tmp_path / "run", terrain=terrain and terrain(), device=device)
@@ -100,7 +103,9 @@ def test_other_ground_is_refused(terrain, words, tmp_path, device):
 
 @pytest.mark.parametrize("fate", ["removed", "changed", "no terrain any more"])
 def test_a_file_that_is_not_what_it_was_is_told(fate, ground_file, tmp_path, device):
-    Simulation(river(), terrain=wr.read_terrain(ground_file), device=device).run(steps=3, store=tmp_path / "run")
+    Simulation(river(), plain_params(), terrain=wr.read_terrain(ground_file), device=device).run(
+        steps=3, store=tmp_path / "run"
+    )
     if fate == "changed":
         wr.write_terrain(bank(0.31), ground_file)
     else:
@@ -115,7 +120,7 @@ def test_a_file_that_is_not_what_it_was_is_told(fate, ground_file, tmp_path, dev
 
 
 def test_a_run_on_a_plain_takes_no_terrain_unless_that_is_wanted(tmp_path, device):
-    Simulation(river(), device=device).run(years=5, store=tmp_path / "run")
+    Simulation(river(), plain_params(), device=device).run(years=5, store=tmp_path / "run")
     with pytest.raises(InputError, match="it lies on a plain"):
         Simulation.resume(tmp_path / "run", terrain=bank(), device=device)
     changed = Simulation.resume(tmp_path / "run", terrain=bank(), change_terrain=True, device=device)
@@ -130,7 +135,7 @@ def test_a_run_on_a_plain_takes_no_terrain_unless_that_is_wanted(tmp_path, devic
 
 def test_an_edit_of_the_ground_is_an_event(tmp_path, device):
     """Between two runs, or by a callback: from then on the run needs the edited ground."""
-    sim = Simulation(river(), terrain=bank(), device=device)
+    sim = Simulation(river(), plain_params(), terrain=bank(), device=device)
     sim.run(steps=10, store=tmp_path / "run")
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     sim.run(steps=10)
@@ -150,7 +155,7 @@ def test_an_edit_of_the_ground_is_an_event(tmp_path, device):
 
 
 def test_an_edited_terrain_from_a_file_is_not_read_again(ground_file, tmp_path, device):
-    sim = Simulation(river(), terrain=wr.read_terrain(ground_file), device=device)
+    sim = Simulation(river(), plain_params(), terrain=wr.read_terrain(ground_file), device=device)
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     sim.run(steps=10, store=tmp_path / "run")
     with pytest.raises(InputError, match="was edited during the run"):
@@ -159,7 +164,7 @@ def test_an_edited_terrain_from_a_file_is_not_read_again(ground_file, tmp_path, 
 
 def test_a_pickled_simulation_knows_its_ground(device):
     """Also one that was brushed before it was pickled and before the history knew."""
-    sim = Simulation(river(), terrain=bank(), device=device)
+    sim = Simulation(river(), plain_params(), terrain=bank(), device=device)
     sim.run(steps=5)
     sim.terrain.brush("raise", (2000.0, 100.0), 400.0, 30.0)
     copy = pickle.loads(pickle.dumps(sim))
@@ -197,7 +202,7 @@ def test_files_of_terrains_are_noted_and_kept_by_copies(ground_file):
 def test_a_simulation_on_another_device_has_a_terrain_of_its_own(device):
     """On the same device it is shared, as the docstring says."""
     land = bank()
-    sim = Simulation(river(), terrain=land, device=device)
+    sim = Simulation(river(), plain_params(), terrain=land, device=device)
     assert (sim.terrain is land) == (wp.get_device(device) == land.device)
     assert sim.terrain.device == wp.get_device(device)
 
@@ -219,14 +224,14 @@ def test_a_simulation_on_another_device_has_a_terrain_of_its_own(device):
     ids=lambda changed: ",".join(changed),
 )
 def test_changed_constants_are_taken_and_told(changed, tmp_path, device):
-    first = Simulation(river(), MeanderParams(), device=device)
+    first = Simulation(river(), plain_params(), device=device)
     first.run(steps=20, store=tmp_path / "run")
     params = first.params.replace(**changed)
     again = Simulation.resume(tmp_path / "run", params=params, device=device)
-    assert again.params == params and again.history.params == MeanderParams()
+    assert again.params == params and again.history.params == plain_params()
     again.run(steps=20)
     loaded = wr.read_history(tmp_path / "run")
-    assert loaded.params == MeanderParams() and loaded.last_params == params
+    assert loaded.params == plain_params() and loaded.last_params == params
     events = loaded.events.of(ParameterChange)
     assert {event.name: json.loads(event.after) for event in events} == changed
     assert {event.time for event in events} == {20 * params.time_step}
@@ -242,9 +247,9 @@ def test_changed_constants_are_taken_and_told(changed, tmp_path, device):
 
 
 def test_unchanged_constants_are_no_event(tmp_path, device):
-    whole = Simulation(river(), device=device).run(steps=40)
-    Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
-    again = Simulation.resume(tmp_path / "run", params=MeanderParams(), device=device)
+    whole = Simulation(river(), plain_params(), device=device).run(steps=40)
+    Simulation(river(), plain_params(), device=device).run(steps=20, store=tmp_path / "run")
+    again = Simulation.resume(tmp_path / "run", params=plain_params(), device=device)
     again.run(steps=20)
     assert len(again.history.events.of(ParameterChange)) == 0
     np.testing.assert_array_equal(whole.networks[-1].points(), again.network.points())
@@ -252,26 +257,26 @@ def test_unchanged_constants_are_no_event(tmp_path, device):
 
 def test_a_change_before_a_record_that_never_came_has_not_happened(tmp_path, device):
     """A run that is killed right after it was resumed goes on from its last record with the constants of that."""
-    Simulation(river(), device=device).run(steps=20, store=tmp_path / "run")
-    lost = Simulation.resume(tmp_path / "run", params=MeanderParams(migration_rate=5.0), device=device)
+    Simulation(river(), plain_params(), device=device).run(steps=20, store=tmp_path / "run")
+    lost = Simulation.resume(tmp_path / "run", params=plain_params(migration_rate=5.0), device=device)
     lost.step(3)
     lost.history.flush()
     again = Simulation.resume(tmp_path / "run", device=device)
-    assert again.params == MeanderParams() and again.step_count == 20
+    assert again.params == plain_params() and again.step_count == 20
 
 
 @pytest.mark.parametrize(
     ("params", "words"),
     [
         (PathMeander(), "goes by MeanderParams and cannot go on by PathMeander"),
-        (MeanderParams(time_step=1.0), "time_step is 1 yr"),
-        (MeanderParams(collision_distance=0.0, cutoff_distance=0.0), "add or remove collide"),
-        (MeanderParams(spacing=500.0, spacing_in_widths=0.0), "coarser than channel 0 is wide"),
+        (plain_params(time_step=1.0), "time_step is 1 yr"),
+        (plain_params(collision_distance=0.0, cutoff_distance=0.0), "add or remove collide"),
+        (plain_params(spacing=500.0, spacing_in_widths=0.0), "coarser than channel 0 is wide"),
     ],
     ids=["solver", "time step", "collisions", "spacing"],
 )
 def test_changes_that_a_run_cannot_make_are_refused(params, words, tmp_path, device):
-    Simulation(river(), device=device).run(steps=2, store=tmp_path / "run")
+    Simulation(river(), plain_params(), device=device).run(steps=2, store=tmp_path / "run")
     with pytest.raises(InputError, match=words):
         Simulation.resume(tmp_path / "run", params=params, device=device)
 
@@ -287,9 +292,9 @@ def test_a_history_in_memory_is_left_as_it_was_when_resuming_is_refused(device):
 
 
 def test_constants_and_columns_of_a_simulation_are_read_only(device):
-    sim = Simulation(many_channels(3), MeanderParams(spacing=25.0), device=device)
+    sim = Simulation(many_channels(3), plain_params(spacing=25.0), device=device)
     with pytest.raises(AttributeError, match=r"read-only; go on with others by Simulation.resume"):
-        sim.params = MeanderParams(migration_rate=1.0)
+        sim.params = plain_params(migration_rate=1.0)
     for name in ("history", "seed", "network", "terrain", "time", "step_count", "threads", "check", "stepper"):
         with pytest.raises(AttributeError):
             setattr(sim, name, None)
@@ -325,25 +330,28 @@ class Shake(Phase):
 
 def test_the_seed_is_that_of_phases_that_draw(tmp_path, device):
     """The same numbers for the same seed, also in a run that goes on; those of the models draw none."""
-    runs = [Simulation(river(), seed=seed, phases=[Shake()], device=device).run(steps=6) for seed in (1, 1, 2)]
+    runs = [
+        Simulation(river(), plain_params(), seed=seed, phases=[Shake()], device=device).run(steps=6)
+        for seed in (1, 1, 2)
+    ]
     same, again, other = (run.networks[-1].points() for run in runs)
     np.testing.assert_array_equal(same, again)
     assert np.abs(same - other).max() > 1e-3
-    half = Simulation(river(), seed=np.int64(2), phases=[Shake()], device=device)
+    half = Simulation(river(), plain_params(), seed=np.int64(2), phases=[Shake()], device=device)
     half.run(steps=3, store=tmp_path / "run")
     rest = Simulation.resume(tmp_path / "run", phases=[Shake()], device=device)
     assert rest.seed == 2
     rest.step(3)
     np.testing.assert_array_equal(rest.network.points(), other)
     with pytest.raises(InputError, match="seed is -1"):
-        Simulation(river(), seed=-1, device=device)
+        Simulation(river(), plain_params(), seed=-1, device=device)
 
 
 # ---- where a history is
 
 
 def test_the_path_of_a_run_is_no_history(tmp_path, device):
-    Simulation(river(), device=device).run(steps=2, store=tmp_path / "run")
+    Simulation(river(), plain_params(), device=device).run(steps=2, store=tmp_path / "run")
     for path in (tmp_path / "run", str(tmp_path / "run")):
         with pytest.raises(TypeError, match=r"would be empty; read a stored run with read_history"):
             History(path)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 from models import MODELS
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver import RiverNetwork, Simulation, generate
 from warpriver.engine.state import arrays_of
 
 # What builds a simulation, or a part of one, and has a default for the device.
@@ -36,7 +37,7 @@ def test_a_model_lies_on_its_device(name, device):
 def test_a_run_resumed_lies_on_its_device(tmp_path, device):
     network = RiverNetwork.from_polylines([generate.noisy_line(3000.0, 50.0, 50.0, 0)], width=50.0, device=device)
     ground = generate.tilted_plain((100, 100), 100.0, 0.01)
-    sim = Simulation(network, MeanderParams(), terrain=ground)
+    sim = Simulation(network, plain_params(), terrain=ground)
     assert sim.device.alias == device, "by default that of the network"
     sim.run(steps=3, store=tmp_path / "run")
     again = Simulation.resume(tmp_path / "run", terrain=ground, device=device)

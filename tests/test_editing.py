@@ -6,10 +6,11 @@ import models
 import numpy as np
 import pytest
 from edited import SOLVERS, bends, bits, do_random, lines, river, tree
+from plain import plain_params
 from scipy.spatial import cKDTree
 
 import warpriver as wr
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits
+from warpriver import PathMeander, RiverNetwork, Simulation, Terrain, edits
 from warpriver.engine import state as engine_state
 from warpriver.errors import InputError, InputTypeError
 from warpriver.history import AppliedEdit, History, StopReason
@@ -63,7 +64,7 @@ def test_split_and_join_are_the_identity_to_the_bit(device):
 @pytest.mark.parametrize("memory", ["stem", "channel"])
 def test_a_river_that_was_split_goes_on_as_if_it_was_not(memory, device):
     network = river().network
-    params = MeanderParams(spacing=50.0, upstream_memory=memory)
+    params = plain_params(spacing=50.0, upstream_memory=memory)
     apart, whole = (Simulation(network, params, device=device) for _ in range(2))
     for sim in (apart, whole):
         sim.run(steps=20)
@@ -428,13 +429,13 @@ def ridge():
 def ring():
     angle = 2.0 * np.pi * np.arange(120) / 120
     line = 1_000.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return Simulation(RiverNetwork.from_polylines([line], 60.0, closed=True), MeanderParams(spacing=50.0), device="cpu")
+    return Simulation(RiverNetwork.from_polylines([line], 60.0, closed=True), plain_params(spacing=50.0), device="cpu")
 
 
 def evenly():
     """Points 50 m apart, however narrow the channels are."""
     line = river().network.polylines()[0]
-    params = MeanderParams(spacing=50.0, spacing_in_widths=0.0)
+    params = plain_params(spacing=50.0, spacing_in_widths=0.0)
     return Simulation(RiverNetwork.from_polylines([line], width=60.0), params, device="cpu")
 
 
@@ -447,7 +448,7 @@ def far_sighted():
 def two_rivers():
     line = river().network.polylines()[0]
     network = RiverNetwork.from_polylines([line, line + [0.0, 6_000.0]], width=60.0)
-    return Simulation(network, MeanderParams(spacing=50.0), terrain=None, device="cpu")
+    return Simulation(network, plain_params(spacing=50.0), terrain=None, device="cpu")
 
 
 def locked():

@@ -8,6 +8,7 @@ import signal
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.errors import PathError, WarpriverError
@@ -40,7 +41,9 @@ def grid(k):
 @functools.cache
 def history(k):
     line = wr.generate.noisy_line(4000.0, 40.0, 50.0, seed=k)
-    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=50.0)).run(steps=4, record_every=2)
+    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=50.0), plain_params()).run(
+        steps=4, record_every=2
+    )
 
 
 WRITERS = {

@@ -15,6 +15,7 @@ import numpy as np
 import phases
 import pytest
 from data_folder import data_folder
+from plain import plain_params
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import warpriver as wr
@@ -191,9 +192,7 @@ def test_peers_do_not_see_a_zigzag(device):
 def test_rates_meet_as_the_spacing_falls(name, device):
     case = golden(f"b_rate_{name}")
     alpha, width, depth = float(case["alpha"]), float(case["W"]), float(case["D"])
-    params = wr.MeanderParams(
-        migration_rate=float(case["kl"]) * YEAR, friction=float(case["Cf"]), sinuosity_scaling="none"
-    )
+    params = plain_params(migration_rate=float(case["kl"]) * YEAR, friction=float(case["Cf"]), sinuosity_scaling="none")
     below, all_of_it = [], []
     for times in REFINEMENTS:
         xy, _ = refined(case, times)
@@ -221,7 +220,7 @@ def test_rates_meet_as_the_spacing_falls(name, device):
 def test_one_move(name, device):
     case = golden(f"c_migrate_{name}")
     xy, years = np.column_stack([case["x"], case["y"]]), float(case["dt"]) / YEAR
-    params = wr.MeanderParams(
+    params = plain_params(
         migration_rate=float(case["kl"]) * YEAR,
         friction=float(case["Cf"]),
         sinuosity_scaling="whole",  # as theirs
@@ -255,7 +254,7 @@ def test_resampling(name, device):
     case = golden(f"d_resample_{name}")
     xy, there = np.column_stack([case["x"], case["y"]]), np.column_stack([case["x_new"], case["y_new"]])
     spacing = float(case["deltas"])
-    here = phases.resampled(xy, 100.0, wr.MeanderParams(spacing=spacing), device=device)
+    here = phases.resampled(xy, 100.0, plain_params(spacing=spacing), device=device)
     smooth = CubicSpline(np.arange(len(there)), there)(np.linspace(0, len(there) - 1, 32 * (len(there) - 1) + 1))
     sideways = abs(wr.metrics.migration(here, smooth))
     chords = wr.metrics.arc_length(xy)[-1]
@@ -280,7 +279,7 @@ def test_cutoffs_are_the_same(name, device):
     case = golden(f"e_cutoff_{name}")
     distance, spacing = float(case["crdist"]), float(case["deltas"])
     # They leave out neighbours by index: more than (crdist + 20 deltas) / deltas apart.
-    params = wr.MeanderParams(spacing=spacing, cutoff_min_arc=(distance + 20.0 * spacing) / distance)
+    params = plain_params(spacing=spacing, cutoff_min_arc=(distance + 20.0 * spacing) / distance)
     channel, loops = phases.cut(np.column_stack([case["x"], case["y"]]), distance, params, spacing, device=device)
     there = np.column_stack([case["x_new"], case["y_new"]])
     sizes = [len(loop) for loop in loops]
@@ -303,7 +302,7 @@ def discrete_growth(width, alpha, wavelength, spacing, rate):
 
 
 def cpp_params(case):
-    return wr.MeanderParams(
+    return plain_params(
         time_step=float(case["Dt"]) / YEAR,
         spacing=float(case["sampling"]),
         migration_rate=float(case["K1"]) * YEAR,

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 from edited import SOLVERS, bends, bits, river
+from plain import plain_params
 
 from warpriver import MeanderParams, RiverNetwork, Simulation, edits, generate
 from warpriver.engine import state as engine_state
@@ -148,7 +149,7 @@ def test_a_tributary_that_touches_does_not_take_a_lock_away(device):
     large = np.stack([x, np.zeros(121)], axis=1)
     small = np.stack([x, 600.0 - 560.0 * np.exp(-(((x - 2_000.0) / 500.0) ** 2))], axis=1)
     network = RiverNetwork.from_polylines([large, small], width=[80.0, 50.0])
-    free, held = (Simulation(network, MeanderParams(spacing=40.0), device=device) for _ in range(2))
+    free, held = (Simulation(network, plain_params(spacing=40.0), device=device) for _ in range(2))
     held.lock(1, 4_000.0)
     place = locked_points(held)[0].copy()
     for sim in (free, held):
@@ -195,7 +196,7 @@ def test_junctions_wander_but_locks_do_not(device):
     side = np.stack([np.linspace(2_000.0, x[50], 60), np.linspace(3_000.0, main[50, 1], 60)], axis=1)
     network = RiverNetwork.from_polylines([main[:51], main[50:], side], width=[50.0, 60.0, 30.0])
     for memory in ("stem", "channel"):
-        params = MeanderParams(spacing=30.0, junction_drift=0.5, upstream_memory=memory)
+        params = plain_params(spacing=30.0, junction_drift=0.5, upstream_memory=memory)
         sim = Simulation(network, params, device=device)
         sim.lock(1, 1_500.0)
         place, junction = locked_points(sim)[0].copy(), sim.network.node_xy[network.channel_to[0]].copy()
@@ -208,7 +209,7 @@ def test_junctions_wander_but_locks_do_not(device):
 def test_a_river_has_no_corner_at_a_lock():
     """After 60 years in which its bends went on it turns there no more than twice as sharply as its sharpest bends."""
     line = generate.noisy_line(12_000.0, 30.0, 60.0, 0)
-    params = MeanderParams(spacing=30.0, sinuosity_scaling="whole")
+    params = plain_params(spacing=30.0, sinuosity_scaling="whole")
     sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), params)
     sim.run(years=80.0, record_every=10_000)
     length = sim.network.channel_lengths()[0]

@@ -3,8 +3,9 @@ import pickle
 
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation
+from warpriver import RiverNetwork, Simulation
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge, bankfull_width
 from warpriver.meander import taubin_smooth
 
@@ -118,7 +119,7 @@ def test_bad_input_gets_one_clear_error(lines, arguments, words):
 def test_columns_cannot_be_written_into():
     """A width set in place would move nothing: what a step needs of the channels was made of it before."""
     network = RiverNetwork.from_polylines([LINE, LINE + [0.0, 9e3]], width=20.0, drainage_area=1e6, slope=0.01)
-    simulated = Simulation(network, MeanderParams(spacing=20.0)).network
+    simulated = Simulation(network, plain_params(spacing=20.0)).network
     for net in (network, simulated, network.to(dtype="float32"), pickle.loads(pickle.dumps(network))):
         for name in ("width", "depth", "discharge", "drainage_area", "slope", "id", "from", "to", "closed"):
             column = getattr(net, f"channel_{name}")
@@ -166,7 +167,7 @@ def test_elevations_belong_to_the_line_as_given():
     np.testing.assert_array_equal(network.to(dtype="float32").point_z, network.point_z)
     with pytest.raises(ValueError, match="read-only"):
         network.point_z[:] = 0.0
-    assert Simulation(network, MeanderParams(spacing=20.0)).network.point_z is None
+    assert Simulation(network, plain_params(spacing=20.0)).network.point_z is None
     assert taubin_smooth(network, 1).point_z is None and network.point_z is not None
     assert RiverNetwork.from_polylines([LINE], width=20.0).point_elevations() is None
 

@@ -6,8 +6,9 @@ import models
 import numpy as np
 import pytest
 import warp as wp
+from plain import plain_params
 
-from warpriver import MeanderParams, Simulation
+from warpriver import Simulation
 from warpriver.engine import state as engine_state
 from warpriver.engine.checks import PhaseError
 from warpriver.engine.phase import Phase
@@ -78,7 +79,7 @@ class Drift(Phase):
 def still(**options):
     """Channels that nothing but the wind moves."""
     network = models.many_channels()
-    params = MeanderParams(spacing=25.0, migration_rate=1e-9, collision_distance=0.0)
+    params = plain_params(spacing=25.0, migration_rate=1e-9, collision_distance=0.0)
     return Simulation(network, params, **options)
 
 

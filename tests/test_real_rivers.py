@@ -7,6 +7,7 @@ import phases
 import pytest
 from crossings import crossings
 from data_folder import data_folder
+from plain import plain_params
 
 import warpriver as wr
 
@@ -87,7 +88,7 @@ def test_river_runs_for_200_years(name, device):
     widths = network.point_widths()[0]
     before = network.polylines()[0]
     spacing = min(SPACING, float(widths.min()))
-    sim = wr.Simulation(network, wr.MeanderParams(spacing=spacing), device=device)
+    sim = wr.Simulation(network, plain_params(spacing=spacing), device=device)
     highest = [wr.metrics.sinuosity(before)]
 
     def look(sim):
@@ -121,12 +122,12 @@ def years_between(days):
 def compare(before, after, width, years, scaling, *, device):
     """Best fit of the rate law to the migration between two lines, and the lags of both behind curvature."""
     spacing = min(0.5 * width, 100.0)
-    line = phases.resampled(before, width, wr.MeanderParams(spacing=spacing), device=device)
+    line = phases.resampled(before, width, plain_params(spacing=spacing), device=device)
     seen = wr.metrics.migration(line, after, years=years, max_distance=LARGEST_DISPLACEMENT * width)
     found = np.isfinite(seen)
     fits = []
     for friction in FRICTIONS:
-        params = wr.MeanderParams(
+        params = plain_params(
             migration_rate=1.0, friction=float(friction), sinuosity_scaling=scaling, end_damping=0.0, spacing=spacing
         )
         # The law's rate is positive to the right, a measured displacement to the left.

@@ -6,9 +6,10 @@ import warnings
 import numpy as np
 import pytest
 from data_folder import data_folder
+from plain import plain_params
 from trees import assert_forest
 
-from warpriver import MeanderParams, Simulation, read_terrain
+from warpriver import Simulation, read_terrain
 from warpriver.history import StopReason
 from warpriver.hydrology import carve_depressions, channel_width, drainage_area, extract_network, route
 
@@ -126,7 +127,7 @@ def test_the_network_lives_through_300_years(name):
     terrain, threshold = read(name)
     network = extract_network(terrain, min_drainage_area=threshold * COARSER.get(name, 1.0))
     widest = max(float(width.max()) for width in network.point_widths())
-    params = MeanderParams(spacing_in_widths=1.0, reference_width=widest)
+    params = plain_params(spacing_in_widths=1.0, reference_width=widest)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulation = Simulation(network, params, terrain=terrain)

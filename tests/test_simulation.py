@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import warp as wp
 from insides import loops_of, tighten
+from plain import plain_params
 from trees import random_tree
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, generate
+from warpriver import PathMeander, RiverNetwork, Simulation, generate
 from warpriver.engine.checks import PhaseError
 from warpriver.history import Every, History, StopReason
 from warpriver.meander.resampling import Resample
@@ -32,7 +33,7 @@ def states_equal(a, b):
 @pytest.fixture(scope="module")
 def long_run(device):
     """300 years of one channel, with cutoffs, every phase checked."""
-    sim = Simulation(wandering(), check=True, device=device)
+    sim = Simulation(wandering(), plain_params(), check=True, device=device)
     return sim, sim.run(years=300, record_every=50)
 
 
@@ -67,7 +68,7 @@ def test_points_are_evenly_spaced(long_run):
 
 
 def test_same_seed_same_bits(device):
-    one, two = (Simulation(wandering(seed=3), device=device) for _ in range(2))
+    one, two = (Simulation(wandering(seed=3), plain_params(), device=device) for _ in range(2))
     one.run(steps=700)
     two.run(steps=700)
     assert states_equal(one, two)
@@ -78,8 +79,8 @@ def test_same_seed_same_bits(device):
 @pytest.mark.parametrize("options", [{"capture": False}, {"check": True}])
 def test_replayed_plain_and_checked_steps_are_equal_to_the_bit(options, device):
     replayed, other = (
-        Simulation(wandering(channels=3), device=device),
-        Simulation(wandering(channels=3), **options, device=device),
+        Simulation(wandering(channels=3), plain_params(), device=device),
+        Simulation(wandering(channels=3), plain_params(), **options, device=device),
     )
     replayed.run(steps=600, record_every=1000)
     other.run(steps=600, record_every=1000)
@@ -88,7 +89,10 @@ def test_replayed_plain_and_checked_steps_are_equal_to_the_bit(options, device):
 
 
 def test_growing_buffers_changes_nothing(device):
-    roomy, tight = Simulation(wandering(channels=2), device=device), Simulation(wandering(channels=2), device=device)
+    roomy, tight = (
+        Simulation(wandering(channels=2), plain_params(), device=device),
+        Simulation(wandering(channels=2), plain_params(), device=device),
+    )
     tighten(tight, points=8)
     for sim in (roomy, tight):
         sim.run(steps=700, record_every=1000)
@@ -100,9 +104,9 @@ def test_growing_buffers_changes_nothing(device):
 
 @pytest.mark.parametrize("where", ["folder", "file", "memory"])
 def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where, device):
-    whole = Simulation(wandering(seed=5), device=device)
+    whole = Simulation(wandering(seed=5), plain_params(), device=device)
     whole.run(steps=600, record_every=7)
-    half = Simulation(wandering(seed=5), device=device)
+    half = Simulation(wandering(seed=5), plain_params(), device=device)
     history = half.run(steps=300, record_every=7, store=tmp_path / "run" if where == "folder" else None)
     if where == "file":
         history.save(tmp_path / "run.npz")
@@ -121,7 +125,7 @@ def test_save_reload_continue_is_the_uninterrupted_run(tmp_path, where, device):
 def test_width_that_varies_is_carried_along(device):
     line = generate.noisy_line(12_000.0, 50.0, 50.0, 1)
     width = np.linspace(60.0, 120.0, len(line))
-    sim = Simulation(RiverNetwork.from_polylines([line], width=[width]), check=True, device=device)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=[width]), plain_params(), check=True, device=device)
     sim.run(steps=500)
     now = sim.network.point_widths()[0]
     assert len(now) == sim.network.point_count
@@ -135,8 +139,8 @@ def test_a_constant_width_given_per_point_is_the_same_channel(device):
     line = generate.noisy_line(12_000.0, 50.0, 50.0, 2)
     width = np.full(len(line), 50.0)
     width[-1] += 1e-9  # enough to be carried per point
-    plain = Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device)
-    varied = Simulation(RiverNetwork.from_polylines([line], width=[width]), device=device)
+    plain = Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(), device=device)
+    varied = Simulation(RiverNetwork.from_polylines([line], width=[width]), plain_params(), device=device)
     for sim in (plain, varied):
         sim.run(steps=50)
     # A relative change of 2e-11 at one end grows with the bends, e-fold in some 8 years here.
@@ -145,8 +149,8 @@ def test_a_constant_width_given_per_point_is_the_same_channel(device):
 
 def test_float32_follows_float64(device):
     double, single = (
-        Simulation(wandering(seed=1), device=device),
-        Simulation(wandering(seed=1), dtype="float32", device=device),
+        Simulation(wandering(seed=1), plain_params(), device=device),
+        Simulation(wandering(seed=1), plain_params(), dtype="float32", device=device),
     )
     for sim in (double, single):
         sim.run(steps=20)
@@ -158,7 +162,7 @@ def test_float32_follows_float64(device):
 
 def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
     """With sub-steps and cutoffs among them; nothing is recorded but events."""
-    params = MeanderParams(time_step=1.0)
+    params = plain_params(time_step=1.0)
     one_by_one, at_once = (Simulation(wandering(width=60.0), params, device=device) for _ in range(2))
     for _ in range(150):
         one_by_one.step()
@@ -173,7 +177,7 @@ def test_steps_asked_for_at_once_are_those_of_as_many_calls(device):
 
 @pytest.mark.parametrize("count", [0, -3, 1.5, np.nan, np.inf])
 def test_a_number_of_steps_that_is_none_is_refused(count, device):
-    sim = Simulation(wandering(), device=device)
+    sim = Simulation(wandering(), plain_params(), device=device)
     with pytest.raises(ValueError, match=r"count is .*; give a whole number"):
         sim.step(count)
     assert sim.step_count == 0
@@ -182,7 +186,7 @@ def test_a_number_of_steps_that_is_none_is_refused(count, device):
 def test_the_network_given_is_left_alone(device):
     network = wandering()
     before = network.polylines()[0]
-    Simulation(network, device=device).run(steps=50)
+    Simulation(network, plain_params(), device=device).run(steps=50)
     np.testing.assert_array_equal(network.polylines()[0], before)
 
 
@@ -192,43 +196,45 @@ def test_a_figure_of_eight_is_allowed_and_cut_at_its_crossing(device):
     angle = np.linspace(0.0, 2.0 * np.pi, 120)[1:]
     circle = np.stack([3000.0 + 600.0 * np.sin(angle), 600.0 - 600.0 * np.cos(angle)], axis=1)
     tail = np.stack([3000.0 + 3000.0 * t[5:], np.zeros(195)], axis=1)
-    sim = Simulation(RiverNetwork.from_polylines([np.concatenate([loop, circle, tail])], width=60.0), device=device)
+    sim = Simulation(
+        RiverNetwork.from_polylines([np.concatenate([loop, circle, tail])], width=60.0), plain_params(), device=device
+    )
     sim.step()
     assert len(sim.history.cutoffs) == 1
     assert len(sim.history.cutoffs[0].xy) == pytest.approx(2 * np.pi * 600.0 / 50.0, rel=0.1)
 
 
 def test_long_steps_are_done_in_parts(device):
-    sim = Simulation(wandering(width=60.0), MeanderParams(time_step=2.0), device=device)
+    sim = Simulation(wandering(width=60.0), plain_params(time_step=2.0), device=device)
     sim.step()
     assert 1 < sim.substeps <= int(np.ceil(2.0 / sim.stable_dt))
     assert sim.time == 2.0
     narrow = generate.noisy_line(600.0, 2.0, 1.0, 0)
     sim = Simulation(
-        RiverNetwork.from_polylines([narrow], width=2.0), MeanderParams(spacing=2.0), check=True, device=device
+        RiverNetwork.from_polylines([narrow], width=2.0), plain_params(spacing=2.0), check=True, device=device
     )
     assert sim.run(years=20).stop_reason is StopReason.COMPLETED
 
 
 def test_a_time_step_out_of_proportion_is_refused():
     with pytest.raises(ValueError, match="is it in years"):
-        Simulation(wandering(), MeanderParams(time_step=106.0 * 86400.0))
+        Simulation(wandering(), plain_params(time_step=106.0 * 86400.0))
 
 
 def test_spacing_wider_than_a_channel_is_refused():
     with pytest.raises(ValueError, match=r"spacing 50 m is coarser than channel 0 is wide \(20 m\)"):
-        Simulation(wandering(width=20.0), MeanderParams(spacing_in_widths=0.0))
+        Simulation(wandering(width=20.0), plain_params(spacing_in_widths=0.0))
 
 
 def test_a_ring_is_refused():
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     ring = 800.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     with pytest.raises(ValueError, match="channel 0: its ends coincide"):
-        Simulation(RiverNetwork.from_polylines([ring], width=50.0))
+        Simulation(RiverNetwork.from_polylines([ring], width=50.0), plain_params())
 
 
 def test_schedules(device):
-    sim = Simulation(wandering(), device=device)
+    sim = Simulation(wandering(), plain_params(), device=device)
     seen = []
     history = sim.run(
         steps=40, record_every=Every(years=2.0), callbacks=[(Every(steps=10), lambda s: seen.append(s.step_count))]
@@ -244,7 +250,7 @@ def test_schedules(device):
 
 
 def test_a_callback_may_stop_the_run(device):
-    sim = Simulation(wandering(), device=device)
+    sim = Simulation(wandering(), plain_params(), device=device)
     history = sim.run(steps=100, callbacks=[lambda s: s.step_count == 13])
     assert history.stop_reason is StopReason.CALLBACK and history.steps[-1] == 13
     assert sim.run(steps=2).stop_reason is StopReason.COMPLETED and sim.step_count == 15
@@ -253,16 +259,16 @@ def test_a_callback_may_stop_the_run(device):
 @pytest.mark.parametrize("bad", [{}, {"years": 1, "steps": 1}, {"steps": -1}, {"steps": 1.5}, {"years": np.nan}])
 def test_run_says_what_it_needs(bad):
     with pytest.raises(ValueError, match=r"steps|years"):
-        Simulation(wandering()).run(**bad)
+        Simulation(wandering(), plain_params()).run(**bad)
 
 
 def test_zero_years_record_the_start(device):
-    history = Simulation(wandering(), device=device).run(years=0)
+    history = Simulation(wandering(), plain_params(), device=device).run(years=0)
     assert len(history) == 1 and history.stop_reason is StopReason.COMPLETED
 
 
 def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before(device):
-    sim = Simulation(wandering(), device=device)
+    sim = Simulation(wandering(), plain_params(), device=device)
     sim.run(steps=5)
     before = sim.network.polylines()[0]
     state = sim.stepper.state
@@ -279,7 +285,7 @@ def test_a_point_that_is_not_finite_stops_the_run_and_keeps_the_state_before(dev
 
 
 def test_a_broken_phase_is_found(monkeypatch, device):
-    sim = Simulation(wandering(), check=True, device=device)
+    sim = Simulation(wandering(), plain_params(), check=True, device=device)
     real = Resample.check
 
     def shifted(self, state):
@@ -297,7 +303,7 @@ def test_a_broken_phase_is_found(monkeypatch, device):
 def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path, device):
     assert threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT)
-    sim = Simulation(wandering(), device=device)
+    sim = Simulation(wandering(), plain_params(), device=device)
 
     def interrupt(s):
         if s.step_count == 37:
@@ -312,7 +318,7 @@ def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path, dev
     assert reopened.steps.tolist() == [0, 10, 20, 30, 37]
     rest = Simulation.resume(tmp_path / "run", device=device)
     rest.run(steps=63)
-    whole = Simulation(wandering(), device=device)
+    whole = Simulation(wandering(), plain_params(), device=device)
     whole.run(steps=100)
     assert states_equal(rest, whole)
 
@@ -320,7 +326,7 @@ def test_ctrl_c_stops_at_a_step_boundary_and_leaves_a_readable_run(tmp_path, dev
 def test_a_run_emits_no_warning(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulation(wandering(), device=device).run(steps=50)
+        Simulation(wandering(), plain_params(), device=device).run(steps=50)
 
 
 def test_repr_says_where_the_run_stands(long_run, device):
@@ -330,7 +336,7 @@ def test_repr_says_where_the_run_stands(long_run, device):
 
 
 def test_memory_grows_with_the_points(device):
-    sims = [Simulation(wandering(length=length), device=device) for length in (20_000.0, 200_000.0)]
+    sims = [Simulation(wandering(length=length), plain_params(), device=device) for length in (20_000.0, 200_000.0)]
     per_point = [
         (s.stepper.state.nbytes + len(s.network.point_xy) * wp.types.type_size_in_bytes(s.network.point_xy.dtype))
         / s.network.point_count
@@ -346,7 +352,7 @@ def test_an_error_of_a_callback_is_its_callers_affair(tmp_path, device):
     def write(sim):
         (tmp_path / "no" / "such" / "folder").write_text("x")
 
-    sim = Simulation(wandering(width=60.0), device=device)
+    sim = Simulation(wandering(width=60.0), plain_params(), device=device)
     with pytest.raises(FileNotFoundError):
         sim.run(steps=5, callbacks=[write])
     assert sim.history.stop_reason is None and sim.step_count == 1
@@ -357,7 +363,7 @@ def test_an_error_of_a_callback_is_its_callers_affair(tmp_path, device):
 
 def drifting(device):
     network = random_tree(7, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0, junction_drift=0.5), device=device, threads=2)
+    return Simulation(network, plain_params(spacing=20.0, junction_drift=0.5), device=device, threads=2)
 
 
 def paths(device):
@@ -368,7 +374,7 @@ def paths(device):
 
 def checked(device):
     line = generate.noisy_line(6000.0, 40.0, 40.0, 3)
-    return Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device, check=True)
+    return Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(), device=device, check=True)
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda sim: pickle.loads(pickle.dumps(sim))], ids=["copy", "pickle"])

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.thumbnail import GROUND, WATER, lines_picture, png_of, raster_picture
@@ -57,7 +58,7 @@ def subjects():
     line = wr.generate.noisy_line(length=4000, spacing=50, amplitude=50, seed=0)
     network = wr.RiverNetwork.from_polylines([line], width=60.0, crs="EPSG:32619")
     terrain = wr.Terrain(np.add.outer(np.arange(30.0), np.arange(40.0)), 30.0)
-    sim = wr.Simulation(network, wr.MeanderParams())
+    sim = wr.Simulation(network, plain_params())
     history = sim.run(steps=4, record_every=2)
     raster = terrain.raster.like(np.arange(1200).reshape(30, 40), name="<cells>")
     return {"RiverNetwork": network, "Terrain": terrain, "Raster": raster, "History": history}
@@ -72,7 +73,7 @@ def test_every_noun_shows_itself():
         assert base64.b64decode(inside) == subject._repr_png_()
         assert f"<b>{kind}</b>" in page and "CRS" in page
     assert "&lt;cells&gt;" in subjects()["Raster"]._repr_html_()
-    empty = wr.History(wr.MeanderParams())
+    empty = wr.History(plain_params())
     assert empty._repr_png_() is None and "empty" in empty._repr_html_()
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import phases
 import pytest
 from crossings import crossings
+from plain import plain_params
 
 import warpriver as wr
 from warpriver import models
@@ -14,7 +15,7 @@ from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.meander.migration import explicit_dt, stable_dt
 
 WIDTHS = (50.0, 100.0, 200.0)
-DEFAULT = wr.MeanderParams()
+DEFAULT = plain_params()
 RATE, FRICTION, GAMMA = DEFAULT.migration_rate, DEFAULT.friction, DEFAULT.upstream_weight
 
 # Wavelengths times alpha: the wave that grows fastest, the one that neither grows nor decays, one between, one longer.
@@ -72,7 +73,7 @@ def step_factor(width, wavelength, points, time_step, steps=4, *, device):
     assert h <= width
     x = h * np.arange(round(WAVES * points) + 1)
     start = np.column_stack([x, AMPLITUDE * np.sin(q * x)])
-    params = wr.MeanderParams(spacing=h, end_damping=0.0, cutoff_distance=0.0)
+    params = plain_params(spacing=h, end_damping=0.0, cutoff_distance=0.0)
 
     def amplitude(xy):
         x, y = xy[(xy[:, 0] > ZONE[0] * start[-1, 0]) & (xy[:, 0] < ZONE[1] * start[-1, 0])].T
@@ -85,7 +86,7 @@ def step_factor(width, wavelength, points, time_step, steps=4, *, device):
 
 def longest_explicit(width, spacing):
     """Longest step in which nothing of the local term is implicit, yr (a hair less)."""
-    return 0.99 * float(explicit_dt(width, wr.MeanderParams(spacing=spacing)))
+    return 0.99 * float(explicit_dt(width, plain_params(spacing=spacing)))
 
 
 def space_error(width, wavelength, points, *, device):
@@ -133,7 +134,7 @@ def test_bends_fade_over_five_widths_next_to_a_held_end(term, device):
         # A crest at the place that is looked at: the rate does not vanish there.
         start = np.column_stack([x, 0.1 * np.cos(2.0 * np.pi * (x - x[-1] + distance * width) / wavelength)])
         network = wr.RiverNetwork.from_polylines([start], width=width)
-        sim = wr.Simulation(network, wr.MeanderParams(spacing=h, time_step=0.002, **weights), device=device)
+        sim = wr.Simulation(network, plain_params(spacing=h, time_step=0.002, **weights), device=device)
         before = sim.network.polylines()[0]
         sim.step()
         after = sim.network.polylines()[0]
@@ -218,7 +219,7 @@ def test_bends_converge_with_the_spacing(scaling, device):
     assert years / steps < longest_explicit(100.0, 6.25)
     lines = []
     for spacing in (50.0, 25.0, 12.5, 6.25):
-        params = wr.MeanderParams(spacing=spacing, sinuosity_scaling=scaling, cutoff_distance=0.0)
+        params = plain_params(spacing=spacing, sinuosity_scaling=scaling, cutoff_distance=0.0)
         lines.append(phases.march(bend_train(spacing), 100.0, params, years / steps, steps, device=device))
     rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
     print(f"{scaling}: rms distance {rms.round(4)} m at 50, 25, 12.5 m; falls by {(rms[:-1] / rms[1:]).round(2)}")
@@ -228,7 +229,7 @@ def test_bends_converge_with_the_spacing(scaling, device):
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 def test_bends_converge_with_the_time_step(scaling, device):
     # So fine that the implicit share of the local term, (8/9 D dt - h^2/4) q^2, is that of the step alone.
-    params = wr.MeanderParams(spacing=12.5, sinuosity_scaling=scaling, cutoff_distance=0.0)
+    params = plain_params(spacing=12.5, sinuosity_scaling=scaling, cutoff_distance=0.0)
     lines = [phases.march(bend_train(12.5), 100.0, params, 8.0 / n, n, device=device) for n in (16, 32, 64, 128, 2048)]
     rms = np.array([distance_rms(line, lines[-1]) for line in lines[:-1]])
     gain = rms[:-1] / rms[1:]
@@ -266,7 +267,7 @@ def impulse_response(width, spacing, time_step, monkeypatch, *, device):
     count = 1024
     xy = np.column_stack([spacing * np.arange(count + 1), np.zeros(count + 1)])
     xy[count // 4, 1] = 1e-4
-    params = wr.MeanderParams(spacing=spacing, time_step=time_step, end_damping=0.0, cutoff_distance=0.0)
+    params = plain_params(spacing=spacing, time_step=time_step, end_damping=0.0, cutoff_distance=0.0)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=width), params, capture=False, device=device)
     before = np.fft.rfft(sim.network.polylines()[0][:, 1])
     sim.step()
@@ -306,7 +307,7 @@ def crossing_share(width, multiple, monkeypatch, *, device):
     honest = float(stable_dt(width, bankfull_depth(width), DEFAULT))
     with monkeypatch.context() as patch:
         never_part(patch)
-        sim = noisy_run(width, wr.MeanderParams(spacing=spacing, time_step=multiple * honest), 6, 150.0, device=device)
+        sim = noisy_run(width, plain_params(spacing=spacing, time_step=multiple * honest), 6, 150.0, device=device)
     crossing, bent = [], []
 
     def look(sim):
@@ -343,7 +344,7 @@ def test_tight_bends_behave_in_steps_of_stable_dt_and_far_above(width, multiple,
 
 @pytest.mark.parametrize("time_step", [0.1, 1.0, 10.0])
 def test_long_steps_are_done_in_honest_sub_steps(time_step, device):
-    sim = noisy_run(100.0, wr.MeanderParams(spacing=50.0, time_step=time_step), 3, 200.0, device=device)
+    sim = noisy_run(100.0, plain_params(spacing=50.0, time_step=time_step), 3, 200.0, device=device)
     farthest = []
 
     def travel(sim):
@@ -388,7 +389,7 @@ def necked_line():
 
 def after_steps(xy, dtype="float64", steps=20, *, device, **changes):
     """Line and cutoffs after some steps of the default length."""
-    params = wr.MeanderParams(**({"spacing": 50.0} | changes))
+    params = plain_params(**({"spacing": 50.0} | changes))
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([xy], width=100.0, dtype=dtype), params, device=device)
     history = sim.run(steps=steps)
     return sim.network.polylines()[0], history.cutoffs
@@ -410,7 +411,7 @@ def test_circle_moves_outwards_by_k_w_over_r(turn, device):
     radius, width = 1000.0, 50.0
     angle = np.linspace(0.0, 0.75 * np.pi, 95)
     arc = radius * np.column_stack([np.sin(angle), turn * (1.0 - np.cos(angle))])
-    params = wr.MeanderParams(upstream_weight=0.0, sinuosity_scaling="none")
+    params = plain_params(upstream_weight=0.0, sinuosity_scaling="none")
     # The local weight is -1: the local term alone moves a left turn to the left, towards its centre.
     expected = -RATE * width / radius * turn
     rate = phases.rate_of(arc, width, params, device=device)[3:-3]
@@ -419,7 +420,7 @@ def test_circle_moves_outwards_by_k_w_over_r(turn, device):
     assert rate == pytest.approx(expected, rel=CIRCLE_ERROR)
     assert wr.metrics.curvature(arc) == pytest.approx(turn / radius, rel=CIRCLE_ERROR)
     # With both terms, far down the arc, the rate is (gamma - 1) k w / R to the right: the bend widens.
-    both = phases.rate_of(arc, width, wr.MeanderParams(sinuosity_scaling="none"), device=device)[-10]
+    both = phases.rate_of(arc, width, plain_params(sinuosity_scaling="none"), device=device)[-10]
     assert both == pytest.approx((GAMMA - 1.0) * RATE * width / radius * turn, rel=1e-6)
 
 
@@ -521,7 +522,7 @@ def grown(made_once):
 
 
 def grow(width, scaling, years, *, device):
-    params = wr.MeanderParams(sinuosity_scaling=scaling)
+    params = plain_params(sinuosity_scaling=scaling)
     sim = noisy_run(width, params, CHANNELS, LENGTH, device=device)
     times, lines = [], []
 
@@ -582,7 +583,7 @@ def test_cutoffs_keep_sinuosity_bounded_for_2000_years(grown, width, scaling, de
 
 @pytest.mark.parametrize("scaling", UNCUT)
 def test_without_cutoffs_channels_become_much_more_bent(grown, scaling, device):
-    params = wr.MeanderParams(sinuosity_scaling=scaling, cutoff_distance=0.0)
+    params = plain_params(sinuosity_scaling=scaling, cutoff_distance=0.0)
     sim = noisy_run(100.0, params, 1, LENGTH, device=device)
     history = sim.run(years=500, record_every=10**6)
     bent = wr.metrics.sinuosity(sim.network.polylines()[0])
@@ -599,7 +600,7 @@ def test_without_cutoffs_channels_become_much_more_bent(grown, scaling, device):
 
 def test_bends_travel_downstream(device):
     width, early, late = 100.0, 30.0, 32.0
-    sim = noisy_run(width, wr.MeanderParams(time_step=0.1), 1, LENGTH, device=device)
+    sim = noisy_run(width, plain_params(time_step=0.1), 1, LENGTH, device=device)
     offset = {}
     for years in (early, late):
         sim.run(years=years - sim.time, record_every=10**6)
@@ -618,7 +619,7 @@ def test_bends_travel_downstream(device):
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_migration_lags_curvature(grown, width, scaling, device):
-    params = wr.MeanderParams(sinuosity_scaling=scaling)
+    params = plain_params(sinuosity_scaling=scaling)
     lags = []
     for xy in state_at(grown(width, scaling, device=device), YOUNG):
         away = slice(round(END * width / 50.0), -round(END * width / 50.0))
@@ -672,7 +673,7 @@ def test_narrow_reach_migrates_as_if_the_river_were_narrow_throughout(device):
     rates = []
     for wide in (NARROW, WIDE):
         width = np.where(x < 40 * wavelength, NARROW, wide)
-        params = wr.MeanderParams(spacing=h, end_damping=0.0, cutoff_distance=0.0)
+        params = plain_params(spacing=h, end_damping=0.0, cutoff_distance=0.0)
         sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=[width]), params, device=device)
         amplitude = []
         for _ in range(2):

@@ -319,7 +319,9 @@ AVULSIONS: dict[str, Any] = {
 class MeanderParams(Params):
     """Constants of meander migration and neck cutoffs [Paris2023], Table 1.
 
-    The defaults are the paper's values in metres and years; ``MeanderParams.paper()`` gives its Table 1 to the digit.
+    Rate, friction, weights, spacing and time step are the paper's; memory, saturation, inlets, banks and cutoffs are
+    chosen so that planforms have the statistics of measured rivers (docs/realism.md). ``MeanderParams.paper()`` gives
+    Table 1 to the digit, without any of that.
     """
 
     time_step: float = parameter(
@@ -372,7 +374,7 @@ class MeanderParams(Params):
         doc="f: friction factor; upstream curvature is felt over depth / (2 f) metres",
     )
     memory_length: float = parameter(
-        0.0,
+        2.2,
         "widths",
         low=0.0,
         source="warpriver",
@@ -380,7 +382,7 @@ class MeanderParams(Params):
         "metres; 0: by friction and depth [Paris2023]",
     )
     curvature_saturation: float = parameter(
-        0.0,
+        0.3,
         "-",
         low=0.0,
         source="Blanckaert2011",
@@ -410,7 +412,7 @@ class MeanderParams(Params):
         "moves as one river through the junction (stem), or none, held at both ends as in [Paris2023] (channel)",
     )
     inlet: str = parameter(
-        "none",
+        "edge",
         "-",
         choices=("edge", "all", "none"),
         source="warpriver",
@@ -432,7 +434,7 @@ class MeanderParams(Params):
         doc="width times curvature of the bends beyond an inlet, as its head feels it, root mean square",
     )
     sinuosity_scaling: str = parameter(
-        "upstream",
+        "whole",
         "-",
         choices=("upstream", "whole", "none"),
         source="Paris2023",
@@ -440,11 +442,12 @@ class MeanderParams(Params):
         "or nothing",
     )
     cutoff_distance: float = parameter(
-        1.0,
+        2.0,
         "widths",
         low=0.0,
-        source="Howard1984",
-        doc="two points of a channel closer than this join and cut the loop between them off; 0: never",
+        source="warpriver",
+        doc="two points of a channel closer than this join and cut the loop between them off: 1 where its banks meet "
+        "[Howard1984], 2 where a neck as wide as the river is breached; 0: never",
     )
     cutoff_min_arc: float = parameter(
         5.0,
@@ -518,7 +521,7 @@ class MeanderParams(Params):
     )
 
     bank_spread: float = parameter(
-        0.0,
+        0.6,
         "-",
         low=0.0,
         high=2.0,
@@ -578,6 +581,12 @@ class MeanderParams(Params):
             spacing_in_widths=0.0,
             reference_width=0.0,
             upstream_memory="channel",
+            memory_length=0.0,
+            curvature_saturation=0.0,
+            inlet="none",
+            sinuosity_scaling="upstream",
+            cutoff_distance=1.0,
+            bank_spread=0.0,
             control_steering="printed",
             junction_drift=0.0,
             junctions=None,

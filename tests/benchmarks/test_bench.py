@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, bench, generate
+from warpriver import RiverNetwork, Simulation, bench, generate
 
 SMALL = 2**20
 
@@ -19,7 +20,7 @@ def quick_rivers(monkeypatch):
 
 def pair(**options):
     lines = [generate.noisy_line(3000.0, 50.0, 50.0, k) + [0.0, 900.0 * k] for k in range(2)]
-    return Simulation(RiverNetwork.from_polylines(lines, width=50.0), MeanderParams(), **options)
+    return Simulation(RiverNetwork.from_polylines(lines, width=50.0), plain_params(), **options)
 
 
 def test_min_seconds_is_the_minimum_of_the_rounds(monkeypatch):

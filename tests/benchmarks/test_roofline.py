@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import roofline
 import warp as wp
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver import RiverNetwork, Simulation, generate
 from warpriver.engine import state as buffers
 
 
@@ -32,7 +33,7 @@ def test_the_table_holds_the_kernels_of_a_step_in_order(monkeypatch, chunk, divi
     """Of as many channels and chunks as running sums need to be done in groups."""
     monkeypatch.setattr(buffers, "CPU_CHUNK", chunk)
     lines = [generate.noisy_line(3000.0, 50.0, 50.0, k) + [0.0, 3000.0 * k] for k in range(70)]
-    sim = Simulation(RiverNetwork.from_polylines(lines, width=50.0, device="cpu"), MeanderParams())
+    sim = Simulation(RiverNetwork.from_polylines(lines, width=50.0, device="cpu"), plain_params())
     expected = [(x.phase, x.kernel) for x in roofline.STEP if x.only in ("", division)]
     assert launched(monkeypatch, sim) == expected
 

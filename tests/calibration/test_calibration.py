@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import surveyed
 from data_folder import data_folder
+from plain import plain_params
 from surveyed import LAW, TRUE, WIDTH, grown, measured, moved
 
 import warpriver as wr
@@ -83,7 +84,7 @@ def test_cutoffs_are_left_out_of_the_score_alone(pair, device):
 
 def test_friction_is_found_as_well(device):
     true = {"migration_rate": 25.0, "friction": 0.009}
-    law = wr.MeanderParams(**true, sinuosity_scaling="none")
+    law = plain_params(**true, sinuosity_scaling="none")
     line = grown(device=device)
     after = moved(line, 10.0, law, device=device)[0]
     fit = wr.calibrate(

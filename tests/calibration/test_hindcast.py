@@ -90,19 +90,19 @@ def test_forecasts_are_written_as_a_table(past, tmp_path):
 
 def test_the_posterior_agrees_with_the_normal_law_of_a_fit(surveys):
     pytest.importorskip("emcee")
-    fit = wr.calibrate(surveys[0], surveys[2], 10.0, params=LAW, fit=list(TRUE)[:2])
+    fit = wr.calibrate(surveys[0], surveys[2], 10.0, params=LAW, fit=list(TRUE)[:2], offset=False)
     with pytest.warns(UserWarning, match="too short"):
-        chains = wr.calibration.posterior(fit, walkers=8, steps=20, seed=1)
-    assert chains.samples.shape == (112, 2) and 0.1 < chains.acceptance < 0.9
+        chains = wr.calibration.posterior(fit, walkers=4, steps=30, seed=1)
+    assert chains.samples.shape == (84, 2) and 0.1 < chains.acceptance < 0.9
     for name in fit.constants:
         low, middle, high = (chains.quantile(name, q) for q in (0.05, 0.5, 0.95))
         assert low < middle < high and low < 1.2 * TRUE[name] and high > 0.8 * TRUE[name]
         assert abs(np.log(middle / fit.constants[name])) < 4.0 * max(fit.log_error[name], 0.01)
     with pytest.warns(UserWarning, match="too short"):
-        again = wr.calibration.posterior(fit, walkers=8, steps=20, seed=1)
+        again = wr.calibration.posterior(fit, walkers=4, steps=30, seed=1)
     np.testing.assert_array_equal(again.samples, chains.samples)
     with pytest.raises(wr.errors.InputError, match="walkers"):
-        wr.calibration.posterior(fit, walkers=4)
+        wr.calibration.posterior(fit, walkers=2)
 
 
 def test_a_surveyed_river_is_forecast_beyond_no_change(device):

@@ -378,7 +378,8 @@ def test_demo_goes_from_a_terrain_to_pictures(tmp_path, capsys):
     flags = ["--cell-size", 250, "--min-area", 40, "--relief", 600, "--years", 15, "--seed", 3]
     code, said, err = run(capsys, "demo", *flags, "-o", tmp_path / "demo", "--no-progress")
     assert code == 0, err
-    names = "terrain.npz network.csv channels.csv run/run.json network.png rivers.png before_after.png rivers.gif"
+    names = "terrain.npz network.csv channels.csv run/run.json network.png rivers.png before_after.png"
+    names += " landscape.png rivers.gif"
     for name in names.split():
         assert (tmp_path / "demo" / name).stat().st_size > 0, name
         assert name == "run/run.json" or name in said

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.cli import main
@@ -26,8 +27,8 @@ def files(tmp_path_factory):
     hills = wr.generate.fluvial_terrain((80, 90), 30.0, 60.0, 1)
     ground = wr.Terrain(hills.to_numpy(), 30.0, (-100.0, 1800.0), "EPSG:32619")
     wr.write_terrain(ground, folder / "ground.npz")
-    wr.Simulation(network, threads=1).run(steps=4, record_every=2, store=folder / "run")
-    wr.Simulation(network, terrain=wr.read_terrain(folder / "ground.npz"), threads=1).run(
+    wr.Simulation(network, plain_params(), threads=1).run(steps=4, record_every=2, store=folder / "run")
+    wr.Simulation(network, plain_params(), terrain=wr.read_terrain(folder / "ground.npz"), threads=1).run(
         steps=4, record_every=2, store=folder / "over" / "run"
     )
     return folder

@@ -4,6 +4,7 @@ import argparse
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver import cli
@@ -21,9 +22,9 @@ def files(tmp_path_factory):
     network = wr.RiverNetwork.from_polylines([line], width=50.0)
     wr.write_network(network, folder / "line.csv")
     wr.write_terrain(wr.generate.fluvial_terrain((24, 30), 50.0, 100.0, 1), folder / "ground.npz")
-    wr.Simulation(network, threads=1).run(steps=2, store=folder / "run")
+    wr.Simulation(network, plain_params(), threads=1).run(steps=2, store=folder / "run")
     bends = wr.RiverNetwork.from_polylines([wr.generate.sine_generated(600.0, 0.9, 8, 20.0)], width=40.0)
-    grown = wr.Simulation(bends, threads=1)
+    grown = wr.Simulation(bends, plain_params(), threads=1)
     grown.step(3)
     wr.write_network(bends, folder / "bends.csv")
     wr.write_network(grown.network, folder / "grown.csv")

@@ -5,6 +5,7 @@ import pytest
 from devices import assert_bits, need_cpu
 from insides import loops_of, on_launch, shortcuts_of, tighten
 from models import MODELS, assert_same, many_channels, plain
+from plain import plain_params
 from trees import assert_forest
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
@@ -294,7 +295,7 @@ def test_on_ground_too_steep_no_bit_changes(dtype, slope, device):
     height = 50.0 * slope * (1.0 + 1e-5) * np.arange(140) * np.ones((300, 1))
     height[60:80] = np.nan
     ground = Terrain(height, 50.0, origin=(west - 500.0, north + 500.0))
-    sim = Simulation(network, MeanderParams(spacing=25.0), terrain=ground, dtype=dtype, device=device)
+    sim = Simulation(network, plain_params(spacing=25.0), terrain=ground, dtype=dtype, device=device)
     before = sim.network.point_xy.numpy().copy()
     section, spacing = sim.network.point_section.numpy().copy(), sim.stepper.state.spacing.numpy().copy()
     for _ in range(5):
@@ -312,7 +313,7 @@ def test_a_held_channel_rests_beside_one_that_moves(device):
     height = np.zeros((100, 200))
     height[:, :70] = 0.3 * 50.0 * np.arange(70)
     ground = Terrain(height, 50.0, origin=(-1000.0, 2500.0))
-    params = MeanderParams(spacing=25.0, time_step=1.0)
+    params = plain_params(spacing=25.0, time_step=1.0)
     sim, flat = Watched(network, params, terrain=ground, device=device), Watched(network, params, device=device)
     before = sim.network.polylines()[0]
     for _ in range(30):

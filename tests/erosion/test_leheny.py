@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from plain import plain_params
 from reference_leheny import Ground
 from trees import assert_forest
 
@@ -473,7 +474,7 @@ def test_rivers_are_a_connected_graph_that_goes_on_living(threshold, device):
     assert np.allclose(network.node_xy[network.channel_to[mouth]][:, 1], 25.0)
     area = drainage_area(eroded.flow()).numpy()
     assert mouth.sum() <= (area[-1] >= threshold * 2500.0).sum()
-    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), seed=0, device=device)
+    sim = wr.Simulation(network, plain_params(spacing_in_widths=1.0), seed=0, device=device)
     history = sim.run(years=2)
     assert history.stop_reason is wr.history.StopReason.COMPLETED
     assert_forest(sim.network)

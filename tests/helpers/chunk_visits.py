@@ -13,9 +13,10 @@ import time
 import numpy as np
 import warp as wp
 from patched_warp import Preamble
+from plain import plain_params
 from warp._src import codegen
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, bench
+from warpriver import PathMeander, RiverNetwork, Simulation, bench
 from warpriver.engine import state as buffers
 
 SOURCE = """
@@ -203,7 +204,7 @@ def ring(line):
 def scenes(points):
     """Simulations of one channel of that many points, by name."""
     line = river(points)
-    plain, paths = MeanderParams(cutoff_distance=1.3), PathMeander(spacing=bench.SPACING)
+    plain, paths = plain_params(cutoff_distance=1.3), PathMeander(spacing=bench.SPACING)
     for name, params in (("plain", plain), ("paths", paths)):
         for closed in (False, True):
             xy = ring(line) if closed else line

@@ -2,13 +2,14 @@
 
 import numpy as np
 from models import hills
+from plain import plain_params
 from trees import random_tree
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, edits, generate
+from warpriver import PathMeander, RiverNetwork, Simulation, edits, generate
 from warpriver.errors import InputError
 
 
-def river(length=12_000.0, width=60.0, spacing=50.0, seed=3, terrain=None, params=MeanderParams, **options):
+def river(length=12_000.0, width=60.0, spacing=50.0, seed=3, terrain=None, params=plain_params, **options):
     """One river of gentle noise."""
     line = generate.noisy_line(length, spacing, width, seed)
     network = RiverNetwork.from_polylines([line], width=width)
@@ -19,11 +20,11 @@ def bends(count=3, weight=-1.0, **options):
     """Rivers of even, smooth bends, far apart from each other."""
     x = np.linspace(0.0, 12_000.0, 400)
     lines = [np.stack([x, 150.0 * np.sin(2.0 * np.pi * x / 1_500.0) + 5_000.0 * k], axis=1) for k in range(count)]
-    params = MeanderParams(spacing=50.0, local_weight=weight)
+    params = plain_params(spacing=50.0, local_weight=weight)
     return Simulation(RiverNetwork.from_polylines(lines, width=60.0), params, **options)
 
 
-def tree(seed=5, params=MeanderParams, ground=False, **options):
+def tree(seed=5, params=plain_params, ground=False, **options):
     """Eight sources and what they flow into."""
     network = random_tree(seed, sources=8, size=9000.0, width=25.0)
     return Simulation(network, params(spacing=20.0), terrain=hills(network, 0.1) if ground else None, **options)
@@ -100,4 +101,4 @@ def do_random(sim, rng, count):
             assert "\n" not in str(error)
 
 
-SOLVERS = {"migration": MeanderParams, "paths": PathMeander}
+SOLVERS = {"migration": plain_params, "paths": PathMeander}

@@ -1,9 +1,10 @@
 """Small models in which all that a step does happens: the tests of how a step is done run each of them."""
 
 import numpy as np
+from plain import plain_params
 from trees import random_tree
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, generate
+from warpriver import PathMeander, RiverNetwork, Simulation, Terrain, generate
 from warpriver.meander.controls import Attractor, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
 from warpriver.params import AvulsionParams
 
@@ -31,27 +32,27 @@ def hills(network, steepest=0.2, cell=50.0):
 
 
 def plain(**options):
-    return Simulation(many_channels(), MeanderParams(spacing=25.0), **options)
+    return Simulation(many_channels(), plain_params(spacing=25.0), **options)
 
 
 def varied(**options):
-    return Simulation(many_channels(varied=True), MeanderParams(spacing=25.0, time_step=1.0), **options)
+    return Simulation(many_channels(varied=True), plain_params(spacing=25.0, time_step=1.0), **options)
 
 
 def on_hills(**options):
     network = many_channels(varied=True)
-    return Simulation(network, MeanderParams(spacing=25.0, time_step=1.0), terrain=hills(network), **options)
+    return Simulation(network, plain_params(spacing=25.0, time_step=1.0), terrain=hills(network), **options)
 
 
 def tree(**options):
     network = random_tree(14, sources=8, size=8000.0, width=25.0)
-    return Simulation(network, MeanderParams(spacing=20.0, reference_width=0.0), **options)
+    return Simulation(network, plain_params(spacing=20.0, reference_width=0.0), **options)
 
 
 def tree_in_parts(**options):
     """Channels of very different widths, steps of many parts, and ground: some rest while others join."""
     network = random_tree(11, sources=8, size=6000.0, width=12.0)
-    params = MeanderParams(spacing_in_widths=0.8, reference_width=0.0, time_step=1.0)
+    params = plain_params(spacing_in_widths=0.8, reference_width=0.0, time_step=1.0)
     return Simulation(network, params, terrain=hills(network, 0.25), **options)
 
 
@@ -90,7 +91,7 @@ def some_controls(network):
 def steered(**options):
     """Channels under controls of every kind, over ground."""
     network = many_channels(varied=True)
-    params, ground = MeanderParams(spacing=25.0, time_step=1.0), hills(network)
+    params, ground = plain_params(spacing=25.0, time_step=1.0), hills(network)
     return Simulation(network, params, terrain=ground, controls=some_controls(network), **options)
 
 
@@ -102,11 +103,11 @@ def avulsing(**options):
     rough = np.random.default_rng(3).normal(0.0, 0.1, (int((north - south + 3000.0) / 30.0), len(x)))
     terrain = Terrain(60.0 - 5e-4 * (x - west) + rough, 30.0, (west - 1500.0, north + 1500.0))
     avulsions = AvulsionParams(crevasse_rate=0.03, avulsion_probability=0.8)
-    return Simulation(network, MeanderParams(spacing=25.0, avulsions=avulsions), terrain=terrain, **options)
+    return Simulation(network, plain_params(spacing=25.0, avulsions=avulsions), terrain=terrain, **options)
 
 
 def single_precision(**options):
-    params = MeanderParams(spacing=20.0, reference_width=0.0)
+    params = plain_params(spacing=20.0, reference_width=0.0)
     return Simulation(random_tree(3, sources=6, size=6000.0, width=25.0), params, dtype="float32", **options)
 
 
@@ -120,7 +121,7 @@ def rings(**options):
         lines[k] = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1) + [0.0, 3500.0 * k]
     width = [30.0 * rng.uniform(0.9, 1.3, len(xy)) for xy in lines]
     network = RiverNetwork.from_polylines(lines, width, closed=[k % 2 == 1 for k in range(6)])
-    return Simulation(network, MeanderParams(spacing=25.0, time_step=1.0), **options)
+    return Simulation(network, plain_params(spacing=25.0, time_step=1.0), **options)
 
 
 def rings_in_two(**options):
@@ -130,7 +131,7 @@ def rings_in_two(**options):
     radius = 1200.0 + sum(rng.normal(0.0, 25.0) * np.cos(m * angle + rng.uniform(0.0, 6.0)) for m in range(3, 30))
     ring = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     network = RiverNetwork.from_polylines([ring, ring + [9000.0, 0.0]], 30.0, closed=True)
-    return Simulation(network, MeanderParams(spacing=25.0, ring_policy="both", taubin_passes=1), **options)
+    return Simulation(network, plain_params(spacing=25.0, ring_policy="both", taubin_passes=1), **options)
 
 
 def path_rings_in_two(**options):

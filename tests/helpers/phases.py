@@ -2,6 +2,7 @@
 
 import numpy as np
 import warp as wp
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.engine import state as engine
@@ -64,7 +65,7 @@ def curvature_of(xy, *, device):
     """Curvature as the local term of the rate has it, (n,) 1/m, left > 0: minus the rate for k w = 1, omega = -1."""
     length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
     width = length / 2.0  # any that the network accepts
-    params = wr.MeanderParams(migration_rate=1.0 / width, upstream_weight=0.0, sinuosity_scaling="none")
+    params = plain_params(migration_rate=1.0 / width, upstream_weight=0.0, sinuosity_scaling="none")
     return -rate_of(xy, width, params, device=device)
 
 

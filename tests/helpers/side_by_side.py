@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 import numpy as np
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.errors import WarpriverError
@@ -85,7 +86,7 @@ def rates():
     """Rates of a network as it stands."""
     line = wr.generate.sine_generated(wavelength=1_500, angle=1.2, wavelengths=4, spacing=25)
     network = wr.RiverNetwork.from_polylines([line], width=80.0)
-    return digest(*wr.meander.migration_rate(network, wr.MeanderParams()))
+    return digest(*wr.meander.migration_rate(network, plain_params()))
 
 
 def files():
@@ -107,7 +108,9 @@ def files():
 def pictures():
     """A map and a movie of a run."""
     line = wr.generate.noisy_line(3000, 50, 30, 4)
-    history = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0)).run(steps=20, record_every=10)
+    history = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0), plain_params()).run(
+        steps=20, record_every=10
+    )
     with tempfile.TemporaryDirectory() as folder:
         wr.viz.draw_belt(history, Path(folder) / "belt.png", dpi=40)
         wr.viz.movie(history, Path(folder) / "belt.gif", size=(300, 240))
@@ -121,7 +124,9 @@ def refused():
     told = []
     for width in (1e9, -1.0):
         try:
-            wr.Simulation(wr.RiverNetwork.from_polylines([wr.generate.noisy_line(3000, 50, 30, 0)], width=width)).step()
+            wr.Simulation(
+                wr.RiverNetwork.from_polylines([wr.generate.noisy_line(3000, 50, 30, 0)], width=width), plain_params()
+            ).step()
         except WarpriverError as error:
             told.append(str(error))
     return told

@@ -3,17 +3,18 @@
 import functools
 
 import numpy as np
+from plain import plain_params
 
 import warpriver as wr
 
 WIDTH = 100.0
 # About those of surveyed rivers.
 TRUE = {"migration_rate": 20.0, "memory_length": 2.5, "curvature_saturation": 0.2}
-LAW = wr.MeanderParams(**TRUE, sinuosity_scaling="none")
+LAW = plain_params(**TRUE, sinuosity_scaling="none")
 
 
 @functools.cache
-def grown(length=16_000.0, years=480.0, seed=3, device="cpu"):
+def grown(length=12_000.0, years=480.0, seed=3, device="cpu"):
     """A river 100 m wide that has meandered for a while, sinuosity 1.8: its line."""
     line = wr.generate.noisy_line(length, 25.0, 50.0, seed)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH, device=device), LAW)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 
@@ -18,7 +19,7 @@ def history():
     network = wr.RiverNetwork.from_polylines(
         [loop, ring], width=[np.linspace(60.0, 70.0, len(loop)), np.full(len(ring), 80.0)], closed=[False, True]
     )
-    return wr.Simulation(network, threads=1).run(years=12, record_every=10)
+    return wr.Simulation(network, plain_params(), threads=1).run(years=12, record_every=10)
 
 
 def test_records_are_those_of_the_history(history):

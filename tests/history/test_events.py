@@ -6,8 +6,9 @@ import pickle
 
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver import RiverNetwork, Simulation, generate
 from warpriver.history import Collision, Cutoff, Event, EventLog, History, Split, events
 from warpriver.history.segments import decode_events, encode
 
@@ -90,7 +91,7 @@ def test_any_events_come_back_from_arrays(first):
 
 def small(**options):
     line = generate.noisy_line(6000.0, 50.0, 50.0, 5)
-    return Simulation(RiverNetwork.from_polylines([line], width=50.0), MeanderParams(friction=0.012), **options)
+    return Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(friction=0.012), **options)
 
 
 def test_a_new_kind_is_recorded_stored_read_and_resumed(tmp_path, device):

@@ -8,8 +8,9 @@ import textwrap
 
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, generate
+from warpriver import RiverNetwork, Simulation, generate
 from warpriver.history import History, Record, StopReason
 from warpriver.history.segments import SegmentIndex
 
@@ -20,7 +21,7 @@ def network():
 
 
 def run(steps=500, *, device, **options):
-    sim = Simulation(network(), MeanderParams(friction=0.012), seed=9, device=device)
+    sim = Simulation(network(), plain_params(friction=0.012), seed=9, device=device)
     return sim.run(steps=steps, record_every=25, **options)
 
 
@@ -307,13 +308,13 @@ def test_an_index_that_cannot_grow_stays_as_it_was(stored):
 
 def test_events_that_a_resumed_run_has_not_met_yet_do_not_count(tmp_path, device):
     """A run was killed after more events had been stored than its last record knows of."""
-    sim = Simulation(network(), MeanderParams(friction=0.012), device=device)
+    sim = Simulation(network(), plain_params(friction=0.012), device=device)
     sim.run(steps=300, record_every=100, store=tmp_path / "run")
     known = len(sim.history.events)
     while len(sim.history.events) < known + 3:
         sim.step()
     sim.history.flush()
-    whole = Simulation(network(), MeanderParams(friction=0.012), device=device).run(steps=450, record_every=150)
+    whole = Simulation(network(), plain_params(friction=0.012), device=device).run(steps=450, record_every=150)
     rest = Simulation.resume(tmp_path / "run", device=device)
     assert len(rest.history.events) == known
     rest.run(steps=10)
@@ -325,7 +326,7 @@ def test_events_that_a_resumed_run_has_not_met_yet_do_not_count(tmp_path, device
 
 
 def test_records_of_one_run_have_one_form(history):
-    record, other = history.record(0), History(MeanderParams())
+    record, other = history.record(0), History(plain_params())
     other.append(record)
     for changed in (
         {"channels": record.channels.replace(extra={"rock": ["clay"]})},
@@ -340,7 +341,7 @@ def test_records_of_one_run_have_one_form(history):
 
 def test_a_record_needs_nothing_to_go_on_with(history, tmp_path):
     """What the stepper stores beside the network is its own affair."""
-    bare = History(MeanderParams(), origin=history.origin)
+    bare = History(plain_params(), origin=history.origin)
     for k in range(3):
         bare.append(dataclasses.replace(history.record(k), resume={}))
     bare.save(tmp_path / "run.npz")
@@ -357,7 +358,7 @@ def test_a_record_needs_nothing_to_go_on_with(history, tmp_path):
 def test_a_record_that_makes_no_sense_is_not_gone_on_from(history, name, change):
     record = history.record(-1)
     values = np.ones((1, 5)) if change is None else change * record.resume[name]
-    other = History(MeanderParams(), origin=history.origin)
+    other = History(plain_params(), origin=history.origin)
     other.append(dataclasses.replace(record, resume={**record.resume, name: values}))
     with pytest.raises(ValueError, match=f"record of step 500: {name} is missing or damaged"):
         Simulation.resume(other)
@@ -370,7 +371,7 @@ def test_a_record_costs_the_same_however_many_wait(tmp_path, monkeypatch, device
     monkeypatch.setattr(Record, "nbytes", property(lambda self: sized.append(1) or whole(self)))
     monkeypatch.setattr("warpriver.history.SEGMENT_SECONDS", 1e9)
     line = generate.noisy_line(2000.0, 40.0, 10.0, 7)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=50.0), device=device)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(), device=device)
     history = sim.run(steps=200, record_every=1, store=tmp_path / "run")
     assert len(history) == 201 and len(sized) <= 200
     assert len(History.load(tmp_path / "run")) == 201
@@ -394,10 +395,10 @@ def test_histories_are_pickled_and_copied(history, stored, device):
 
 def test_an_empty_history_cannot_be_resumed():
     with pytest.raises(ValueError, match="no record"):
-        Simulation.resume(History(MeanderParams()))
+        Simulation.resume(History(plain_params()))
 
 
 def test_repr_and_reasons(history):
-    assert repr(History(MeanderParams())) == "History(empty)"
+    assert repr(History(plain_params())) == "History(empty)"
     assert "21 records" in repr(history) and "completed" in repr(history)
     assert all(reason.advice for reason in StopReason)

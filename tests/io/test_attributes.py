@@ -7,9 +7,10 @@ import sys
 
 import numpy as np
 import pytest
+from plain import plain_params
 from river_files import GIS, HAS_OGR, Y, collection, confluence, feature, foreign, needs_ogr, needs_pyproj
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, extract_network, generate
+from warpriver import RiverNetwork, Simulation, extract_network, generate
 from warpriver.cli import main
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.hydrology import channel_width, horton_order, shreve_magnitude, strahler_order, width_of_discharge
@@ -37,7 +38,7 @@ def extracted():
 
 def simulated(dtype="float64"):
     """An extracted network after collisions: identities with gaps, nodes made anew, widths apart from their points'."""
-    params = MeanderParams(reference_width=0.0, junctions=None, junction_drift=0.0)
+    params = plain_params(reference_width=0.0, junctions=None, junction_drift=0.0)
     simulation = Simulation(extracted(), params, dtype=dtype)
     simulation.run(years=30)
     assert len(simulation.history.collisions) > 3

@@ -5,9 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
+from plain import plain_params
 from river_files import Y, collection, feature, foreign, needs_ogr, sine
 
-from warpriver import MeanderParams, RiverNetwork, Simulation
+from warpriver import RiverNetwork, Simulation
 from warpriver.hydrology import strahler_order
 from warpriver.io import read_network, write_network
 
@@ -50,7 +51,7 @@ def test_a_clipped_basin_ends_in_outlets(tmp_path):
     network = read_network(foreign(tmp_path / "a.geojson", *rows((5, 7), (6, 99), (7, 1000))))
     outlets = ~np.isin(network.channel_to, network.channel_from)
     assert outlets.tolist() == [False, True, True]
-    Simulation(network, MeanderParams(spacing=20.0))
+    Simulation(network, plain_params(spacing=20.0))
 
 
 def test_an_orphan_channel_is_a_basin_of_its_own(tmp_path):
@@ -59,7 +60,7 @@ def test_an_orphan_channel_is_a_basin_of_its_own(tmp_path):
         network = read_network(foreign(tmp_path / "a.geojson", *table, lines=lines))
         assert network.node_count == 6 and network.channel_count == 4
         assert (~np.isin(network.channel_to, network.channel_from)).sum() == 2
-        Simulation(network, MeanderParams(spacing=20.0)).step()
+        Simulation(network, plain_params(spacing=20.0)).step()
     network = RiverNetwork.from_polylines(lines, width=20.0)
     assert strahler_order(network.channel_from, network.channel_to).tolist() == [1, 1, 2, 1]
 
@@ -203,7 +204,7 @@ def test_a_circle_of_ends_or_nodes_is_read_and_refused_by_what_needs_a_forest(tm
         np.testing.assert_array_equal(back.channel_to, network.channel_to)
         for circle in (network, RiverNetwork.from_polylines(TRIANGLE, width=20.0)):
             with pytest.raises(ValueError, match="channel 0 belongs to a circle or flows into one"):
-                Simulation(circle, MeanderParams(spacing=20.0))
+                Simulation(circle, plain_params(spacing=20.0))
             with pytest.raises(ValueError, match="belongs to a circle"):
                 strahler_order(circle.channel_from, circle.channel_to)
 

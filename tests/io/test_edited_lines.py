@@ -6,9 +6,10 @@ import warnings
 
 import numpy as np
 import pytest
+from plain import plain_params
 from river_files import Y, collection, feature, foreign, needs_ogr, sine
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain
+from warpriver import RiverNetwork, Simulation, Terrain
 from warpriver.io import read_network, write_network
 
 WIDTHS = 40.0 + 10.0 * np.linspace(0.0, 1.0, 41)
@@ -100,7 +101,7 @@ def test_a_line_that_was_cut_is_two_that_follow_one_another(tmp_path):
     assert joined(network) and network.channel_id.tolist() == [11, 12, 13, 14]
     assert network.channel_to[2] == network.channel_from[3]
     np.testing.assert_allclose(network.channel_width[2:], tree().channel_width[2], rtol=1e-12)
-    Simulation(network, MeanderParams(spacing=30.0)).step()
+    Simulation(network, plain_params(spacing=30.0)).step()
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -200,12 +201,12 @@ def test_a_tree_drawn_from_the_mouth_is_told_and_reversed(tmp_path):
     with pytest.warns(UserWarning, match=r"a\.geojson: lines part at 1 node and meet at 0.*pass reverse=True"):
         network = read_network(path)
     with pytest.raises(ValueError, match=r"where water would part.*read them with reverse=True"):
-        Simulation(network, MeanderParams(spacing=20.0))
+        Simulation(network, plain_params(spacing=20.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right = read_network(path, reverse=True)
     assert right.channel_to[0] == right.channel_to[1] == right.channel_from[2]
-    Simulation(right, MeanderParams(spacing=20.0)).step()
+    Simulation(right, plain_params(spacing=20.0)).step()
 
 
 def test_one_line_of_three_that_runs_upstream_is_told(tmp_path):
@@ -337,27 +338,27 @@ def test_a_terrain_under_a_part_of_the_lines_is_told():
     network = RiverNetwork.from_polylines([line], width=50.0)
     ground = np.tile(100.0 - 0.05 * np.arange(60), (40, 1))
     with pytest.warns(UserWarning, match=r"66 of 100 points lie off the terrain or where it has no data, and will not"):
-        Simulation(network, MeanderParams(), terrain=Terrain(ground, 50.0, (-1000.0, 1000.0)))
+        Simulation(network, plain_params(), terrain=Terrain(ground, 50.0, (-1000.0, 1000.0)))
     holed = np.tile(100.0 - 0.02 * np.arange(160), (40, 1))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulation(network, MeanderParams(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
+        Simulation(network, plain_params(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
     holed[:, :60] = np.nan
     with pytest.warns(UserWarning, match=r"3[34] of 100 points lie off the terrain"):
-        Simulation(network, MeanderParams(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
+        Simulation(network, plain_params(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
     holed[:, :150] = np.nan
     with pytest.raises(ValueError, match=r"does not lie under the network .*or has no data there"):
-        Simulation(network, MeanderParams(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
+        Simulation(network, plain_params(), terrain=Terrain(holed, 50.0, (-1000.0, 1000.0)))
 
 
 def test_rivers_that_climb_are_told():
     line = np.stack([np.arange(0.0, 6000.0, 60.0), 150.0 * np.sin(np.arange(100) / 4.0)], axis=1)
     ground = Terrain(np.tile(100.0 + 0.1 * np.arange(160), (40, 1)), 50.0, (-1000.0, 1000.0))
     with pytest.warns(UserWarning, match=r"100 % of the channels' length climbs on the terrain.*reverse=True"):
-        Simulation(RiverNetwork.from_polylines([line], width=50.0), MeanderParams(), terrain=ground)
+        Simulation(RiverNetwork.from_polylines([line], width=50.0), plain_params(), terrain=ground)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulation(RiverNetwork.from_polylines([line[::-1]], width=50.0), MeanderParams(), terrain=ground)
+        Simulation(RiverNetwork.from_polylines([line[::-1]], width=50.0), plain_params(), terrain=ground)
 
 
 def test_lines_and_terrain_of_two_zones_are_told_what_to_read_them_with():
@@ -368,4 +369,4 @@ def test_lines_and_terrain_of_two_zones_are_told_what_to_read_them_with():
     with pytest.raises(
         ValueError, match=r'terrain is in EPSG:32633, the network in EPSG:32632; read both with to_crs="EP'
     ):
-        Simulation(network, MeanderParams(), terrain=ground)
+        Simulation(network, plain_params(), terrain=ground)

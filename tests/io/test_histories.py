@@ -5,6 +5,7 @@ import sqlite3
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.cli import main
@@ -25,7 +26,7 @@ def history():
     line = wr.generate.noisy_line(length=4000, spacing=50, amplitude=50, seed=0) + [500000.0, 4000000.0]
     brook = line[::2] + [0.0, 3000.0]
     network = wr.RiverNetwork.from_polylines([line, brook], width=[60.0, 30.0], crs="EPSG:32619")
-    sim = wr.Simulation(network, wr.MeanderParams(time_step=1.0, spacing=30.0))
+    sim = wr.Simulation(network, plain_params(time_step=1.0, spacing=30.0))
     sim.run(years=10, record_every=5)
     made = sim.history
     assert len(made) == 3 and not len(made.events)
@@ -80,7 +81,7 @@ def test_events_and_records_as_tables(history):
 
 
 def test_tables_of_a_run_without_events(history):
-    empty = History(wr.MeanderParams())
+    empty = History(plain_params())
     assert len(event_columns(empty)["kind"]) == 0 and len(summary_columns(empty)["time_yr"]) == 0
     with pytest.raises(ValueError, match=r"no record; run the simulation first"):
         empty.to_geopandas()
@@ -127,7 +128,7 @@ def test_other_formats_hold_a_layer_a_file(history, tmp_path, suffix):
     assert str(courses.begin[0]).startswith("2000-01-01")
     # What a shorter run does not have does not stay of an older one.
     line = wr.generate.noisy_line(length=4000, spacing=50, amplitude=50, seed=0)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0, crs="EPSG:32619"), wr.MeanderParams())
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0, crs="EPSG:32619"), plain_params())
     sim.run(steps=2, record_every=1)
     assert [p.name for p in write_history(sim.history, tmp_path / f"a{suffix}")] == names[:2]
     assert not [p for p in tmp_path.iterdir() if "oxbows" in p.name or "abandoned" in p.name]

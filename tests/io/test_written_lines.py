@@ -11,9 +11,10 @@ import sys
 
 import numpy as np
 import pytest
+from plain import plain_params
 from river_files import GIS, HAS_OGR, SHP, confluence, needs_ogr, needs_pyproj, same_lines
 
-from warpriver import MeanderParams, Simulation
+from warpriver import Simulation
 from warpriver.channel_table import JOINT_LOCK, JOINT_NONE, JOINT_THROUGH
 from warpriver.errors import PathError
 from warpriver.io import read_network, write_network
@@ -252,7 +253,7 @@ def test_locked_points_and_through_nodes_come_back(tmp_path, suffix):
     write_network(network, tmp_path / f"a{suffix}")
     again = read_network(tmp_path / f"a{suffix}", short="keep")
     assert again.channel_joint.tolist() == [JOINT_LOCK, JOINT_THROUGH, JOINT_NONE]
-    sim = Simulation(again, MeanderParams(spacing=40.0))
+    sim = Simulation(again, plain_params(spacing=40.0))
     place = sim.network.polylines()[0][-1]
     sim.run(steps=10)
     np.testing.assert_array_equal(sim.network.polylines()[0][-1], place)

@@ -25,6 +25,7 @@ from migration_case import (
     twin_rates,
     varying_sections,
 )
+from plain import plain_params
 from reference import Law
 from scipy.integrate import quad
 
@@ -32,7 +33,6 @@ from warpriver.engine.state import State
 from warpriver.kernels import memory, migration, polyline
 from warpriver.meander import migration as launcher
 from warpriver.network import RiverNetwork
-from warpriver.params import MeanderParams
 
 # A weight is a dozen operations, each off by at most half a unit in the last place.
 WEIGHT_TOLERANCE, WEIGHT_TOLERANCE_32 = 4e-15, 4e-6
@@ -292,7 +292,7 @@ def test_rates_in_proportion_to_width(device):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_network_far_from_the_origin_moves_as_near_it(dtype):
     """Through RiverNetwork.origin, to the bit, in both precisions: nothing is ever computed in absolute coordinates."""
-    params = MeanderParams(time_step=0.3, spacing=50.0)
+    params = plain_params(time_step=0.3, spacing=50.0)
     results = []
     for offset in ((0.0, 0.0), (512_000.0, 4_096_000.0)):
         lines = [np.round(xy * 64.0) / 64.0 + offset for xy in stacked_lines(seed=1)]
@@ -364,7 +364,7 @@ def device_roots(time_steps, width, spacing, law, factor, device="cpu"):
 def test_smoothing_begins_where_the_explicit_step_rings():
     """r = 0 up to D dt / h^2 = 9/32, above it the root of c r^2 - (1 + 2 c) r + c = 0 with the least c that damps."""
     width, spacing, law = 200.0, 50.0, Law()
-    limit = float(launcher.explicit_dt(width, MeanderParams()))
+    limit = float(launcher.explicit_dt(width, plain_params()))
     assert limit == pytest.approx(9.0 / 32.0 * spacing**2 / (60.0 * width))
     parts = np.array([1e-9, 0.5, 1.0 - 1e-12, 1.0 + 1e-9, 1.1, 2.0, 10.0, 1e3])
     roots = device_roots(parts * limit, width, spacing, law, 1.0)

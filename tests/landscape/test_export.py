@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver.history.events import Cutoff
@@ -42,7 +43,7 @@ def land():
     ]
     width = [np.linspace(20.0, 26.0, 30), 18.0 + 0.0 * s[:, 0], np.linspace(34.0, 44.0, 30)]
     network = wr.RiverNetwork.from_polylines(lines, width, crs=CRS)
-    history = wr.Simulation(network, threads=1).run(steps=4, record_every=2)
+    history = wr.Simulation(network, plain_params(), threads=1).run(steps=4, record_every=2)
     a = np.linspace(0.0, np.pi, 40)
     loop = np.column_stack([900.0 + 110.0 * np.cos(a[::-1]), -360.0 + 90.0 * np.sin(a)]) + [WEST, NORTH]
     history.events.append(Cutoff(float(history.times[-1]), 2, 20.0, loop))

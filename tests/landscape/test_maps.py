@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from histories import History as MadeByHand
+from plain import plain_params
 from scipy.ndimage import label
 
 import warpriver as wr
@@ -37,7 +38,7 @@ def made(times, networks, events=()):
         networks=networks,
         events=EventLog(events),
         crs=None,
-        params=wr.MeanderParams(),
+        params=plain_params(),
         steps=np.arange(len(times)),
     )
 
@@ -50,7 +51,9 @@ def maps_of(history, cell_size, bounds, **options):
 def river():
     """200 years of a river 100 m wide, recorded each 10 steps."""
     line = wr.generate.noisy_line(length=9_000, spacing=50, amplitude=50, seed=0)
-    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), threads=1).run(years=200, record_every=10)
+    return wr.Simulation(wr.RiverNetwork.from_polylines([line], width=100.0), plain_params(), threads=1).run(
+        years=200, record_every=10
+    )
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +123,7 @@ def test_a_brook_that_crosses_a_river_leaves_no_seam():
 def test_maps_do_not_depend_on_how_often_a_run_was_recorded():
     line = wr.generate.noisy_line(length=6_000, spacing=50, amplitude=60, seed=0)
     network = wr.RiverNetwork.from_polylines([line], width=100.0)
-    runs = [wr.Simulation(network, threads=1).run(years=90, record_every=every) for every in (1, 5, 20)]
+    runs = [wr.Simulation(network, plain_params(), threads=1).run(years=90, record_every=every) for every in (1, 5, 20)]
     bounds = (-700.0, -1800.0, 6700.0, 1800.0)
     fine, *others = (landscape_maps(run, cell_size=20.0, bounds=bounds) for run in runs)
     assert len(runs[0].cutoffs) == len(runs[2].cutoffs)
@@ -259,7 +262,7 @@ def test_crevasses_leave_lobes_on_the_outer_side():
 def test_plants_hold_banks():
     line = wr.generate.noisy_line(length=4_000, spacing=50, amplitude=60, seed=1)
     network = wr.RiverNetwork.from_polylines([line], width=80.0)
-    free, held = wr.Simulation(network, threads=1), wr.Simulation(network, threads=1)
+    free, held = wr.Simulation(network, plain_params(), threads=1), wr.Simulation(network, plain_params(), threads=1)
     free.run(years=40, record_every=20)
     bounds = (-500.0, -1000.0, 4500.0, 1000.0)
     history = wr.landscape.simulate_with_plants(held, 40.0, bounds=bounds, every=20.0, strength=0.9, record_every=20)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from insides import phase_of
 from models import assert_same
+from plain import plain_params
 
 from warpriver import (
     MeanderParams,
@@ -34,7 +35,7 @@ WIDTH = 50.0
 def grown(seed=1, length=30_000.0, width=WIDTH):
     """A river that has meandered for 87 yr."""
     sim = Simulation(
-        RiverNetwork.from_polylines([generate.noisy_line(length, width, width, seed)], width), MeanderParams()
+        RiverNetwork.from_polylines([generate.noisy_line(length, width, width, seed)], width), plain_params()
     )
     sim.step(300)
     return sim.network
@@ -48,7 +49,7 @@ def meandering():
 def count_crevasses(network, spacing, steps, rate):
     """Crevasses of a river that stands still, over so many steps; and how many its bends are expected to have."""
     params = AvulsionParams(crevasse_rate=rate, avulsion_probability=0.0)
-    sim = Simulation(network, MeanderParams(spacing=spacing, migration_rate=0.0, avulsions=params))
+    sim = Simulation(network, plain_params(spacing=spacing, migration_rate=0.0, avulsions=params))
     state, phase = sim.stepper.state, phase_of(sim, Avulse)
     total = 0
     for step in range(steps):
@@ -74,7 +75,7 @@ def test_banks_break_at_their_hazard_whatever_the_spacing(meandering):
 
 def test_by_default_there_is_one_avulsion_for_a_hundred_kilometres_and_years(meandering):
     _, expected, _ = count_crevasses(meandering, 50.0, 1, AvulsionParams().crevasse_rate)
-    length, years = meandering.channel_lengths().sum(), MeanderParams().time_step
+    length, years = meandering.channel_lengths().sum(), plain_params().time_step
     per_100_km_and_yr = AvulsionParams().avulsion_probability * expected * (1e5 / length) * (100.0 / years)
     # Of the bends of a grown river nearly all are tight enough.
     assert 0.85 < per_100_km_and_yr <= 1.0
@@ -139,7 +140,7 @@ def leaving(**options):
     )
     terrain = options.pop("terrain", None) or Terrain(height, 20.0, (west - 1000.0, north + 1000.0))
     params = AvulsionParams(crevasse_rate=2.0, avulsion_probability=0.5, **options.pop("constants", {}))
-    return Simulation(network, MeanderParams(spacing=25.0, avulsions=params), terrain=terrain, **options)
+    return Simulation(network, plain_params(spacing=25.0, avulsions=params), terrain=terrain, **options)
 
 
 def test_new_beds_fall_at_every_step():
@@ -168,7 +169,7 @@ def test_refused_ones_leave_all_as_it_was():
     sims = []
     for probability in (0.0, 0.5):
         avulsions = AvulsionParams(crevasse_rate=3.0, avulsion_probability=probability, steepest_rise=0.01)
-        params = MeanderParams(spacing=25.0, slope_threshold=50.0, avulsions=avulsions)
+        params = plain_params(spacing=25.0, slope_threshold=50.0, avulsions=avulsions)
         sims.append(Simulation(network, params, terrain=terrain))
         sims[-1].step(40)
     assert not sims[1].history.avulsions
@@ -232,7 +233,7 @@ def test_what_happens_depends_on_the_seed_alone():
 def plan(lines, at, target, angle=0.0, terrain=None, widths=WIDTH, **constants):
     """A course of the first line, from one point of it to another, by place."""
     network = RiverNetwork.from_polylines(lines, widths)
-    sim = Simulation(network, MeanderParams(avulsions=AvulsionParams(jitter=0.0, **constants)), terrain=terrain)
+    sim = Simulation(network, plain_params(avulsions=AvulsionParams(jitter=0.0, **constants)), terrain=terrain)
     xy = sim.network.polylines()[0]
     points = [int(np.hypot(*(xy - place).T).argmin()) for place in (at, target)]
     params = sim.params.avulsions
@@ -291,7 +292,7 @@ def test_by_option_a_course_that_meets_another_channel_ends_there():
     found, _ = plan(lines, (1000.0, 0.0), (9000.0, 0.0), angle=30.0, meeting="join")
     assert isinstance(found, Diversion) and found.end >= 0
     assert found.course.xy[-1][0] == pytest.approx(4000.0, abs=1.0)
-    sim = Simulation(RiverNetwork.from_polylines(lines, WIDTH), MeanderParams(avulsions=AvulsionParams(meeting="join")))
+    sim = Simulation(RiverNetwork.from_polylines(lines, WIDTH), plain_params(avulsions=AvulsionParams(meeting="join")))
     sim.apply(edits.AvulseChannel(0, 1000.0, to=9000.0, angle=30.0))
     assert sim.network.channel_count == 3 and sim.history.avulsions[0].xy[-1][0] > 9_900.0
     assert np.bincount(sim.network.channel_to).max() == 2
@@ -329,8 +330,8 @@ def test_constants_out_of_range_are_refused():
         with pytest.raises(ValueError, match=message):
             AvulsionParams(**wrong)
     with pytest.raises(ValueError, match=r"MeanderParams.avulsions is 3; give AvulsionParams\(...\) or None"):
-        MeanderParams(avulsions=3)
-    assert MeanderParams(avulsions={"jitter": 1.0}).avulsions == AvulsionParams(jitter=1.0)
+        plain_params(avulsions=3)
+    assert plain_params(avulsions={"jitter": 1.0}).avulsions == AvulsionParams(jitter=1.0)
     assert Avulsion.kind == "avulsion"
 
 
@@ -343,7 +344,7 @@ def by_hand():
     x = np.arange(-1000.0, 11_000.0, 40.0)
     height = np.broadcast_to(30.0 - 1e-3 * x + 0.2 * np.sin(x / 90.0), (130, len(x)))
     sim = Simulation(
-        RiverNetwork.from_polylines([line], WIDTH), MeanderParams(), terrain=Terrain(height, 40.0, (-1000.0, 3000.0))
+        RiverNetwork.from_polylines([line], WIDTH), plain_params(), terrain=Terrain(height, 40.0, (-1000.0, 3000.0))
     )
     sim.step(5)
     return sim, edits.AvulseChannel(0, (2500.0, 0.0), to=(6000.0, 0.0), angle=20.0)

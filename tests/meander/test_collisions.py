@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 from insides import phase_of
+from plain import plain_params
 from scipy.spatial import cKDTree
 from trees import assert_forest, random_tree
 
-from warpriver import MeanderParams, RiverNetwork, Simulation
+from warpriver import RiverNetwork, Simulation
 from warpriver.graph.edits import NetworkEdit
 from warpriver.history import History, StopReason
 from warpriver.kernels.collisions import COARSEST_SPACING, SLACK_SPACINGS
@@ -12,7 +13,7 @@ from warpriver.meander.collisions import Collide, collision_constants, join_chan
 
 WIDTH = 20.0
 # Nothing moves: only what touches is joined.
-STILL = MeanderParams(spacing=10.0, migration_rate=0.0)
+STILL = plain_params(spacing=10.0, migration_rate=0.0)
 
 
 def line(*corners, spacing=10.0):
@@ -311,7 +312,7 @@ def test_search_finds_what_comparing_all_pairs_finds(device):
     for seed in range(20):
         network = random_tree(seed, sources=4 + seed % 5, size=4000.0, width=30.0, noise=rng.uniform(0.5, 3.0))
         # Nothing but nodes keeps channels from touching: none are links of one river, with necks.
-        params = MeanderParams(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0, upstream_memory="channel")
+        params = plain_params(spacing=20.0, migration_rate=0.0, cutoff_distance=0.0, upstream_memory="channel")
         sim = Simulation(network, params.replace(collision_distance=1e-9), device=device)
         xy, starts, width = sim.network.points(), sim.network.starts(), sim.network.channel_width
         owner = np.repeat(np.arange(len(width)), np.diff(starts))
@@ -368,7 +369,7 @@ def test_random_trees_stay_forests(dtype, seeds, steps, device):
     for seed in seeds:
         network = random_tree(seed, sources=3 + seed % 8, size=8000.0, width=25.0)
         assert_forest(network)
-        sim = Simulation(network, MeanderParams(spacing=20.0), dtype=dtype, device=device)
+        sim = Simulation(network, plain_params(spacing=20.0), dtype=dtype, device=device)
         before, seen = outlet_area(network), set(network.channel_id.tolist())
         for k in range(steps):
             known = set(sim.network.channel_id.tolist())
@@ -392,10 +393,12 @@ def outlet_area(network):
 def test_each_channel_may_have_its_own_spacing(tmp_path, device):
     network = random_tree(3, sources=6, size=8000.0, width=12.0)
     with pytest.raises(ValueError, match="or spacing_in_widths=1"):
-        Simulation(network, MeanderParams(spacing_in_widths=0.0))
-    by_default = Simulation(network, device=device).stepper.state.spacing.numpy()[: network.channel_count]
+        Simulation(network, plain_params(spacing_in_widths=0.0))
+    by_default = Simulation(network, plain_params(), device=device).stepper.state.spacing.numpy()[
+        : network.channel_count
+    ]
     np.testing.assert_allclose(by_default, np.minimum(50.0, network.channel_width), rtol=0.02)
-    params = MeanderParams(spacing_in_widths=0.8)
+    params = plain_params(spacing_in_widths=0.8)
     sim = Simulation(network, params, device=device)
     wanted = np.minimum(50.0, 0.8 * sim.network.channel_width)
     np.testing.assert_allclose(sim.stepper.state.spacing.numpy()[: len(wanted)], wanted, rtol=0.02)
@@ -410,9 +413,7 @@ def test_each_channel_may_have_its_own_spacing(tmp_path, device):
 
 def test_a_run_with_collisions_is_reproducible_and_can_be_resumed(tmp_path, device):
     def start():
-        return Simulation(
-            random_tree(7, sources=8, size=8000.0, width=25.0), MeanderParams(spacing=20.0), device=device
-        )
+        return Simulation(random_tree(7, sources=8, size=8000.0, width=25.0), plain_params(spacing=20.0), device=device)
 
     whole, again = start(), start()
     whole.run(steps=300, record_every=50)

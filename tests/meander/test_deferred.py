@@ -4,9 +4,10 @@ import functools
 
 import numpy as np
 import pytest
+from plain import plain_params
 from trees import assert_forest
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, edits, generate
+from warpriver import RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.meander import JunctionParams
 
 WIDTH = 80.0
@@ -16,7 +17,7 @@ WIDTH = 80.0
 def river():
     """A river that has meandered for 90 years."""
     line = generate.noisy_line(14_000.0, 40.0, 100.0, 3)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=WIDTH), MeanderParams(sinuosity_scaling="whole"))
+    sim = Simulation(RiverNetwork.from_polylines([line], width=WIDTH), plain_params(sinuosity_scaling="whole"))
     sim.run(years=90.0, record_every=10_000)
     return sim.network.polylines()[0]
 
@@ -31,7 +32,7 @@ def with_brook(side=1.0, terrain=None, drop=0.0, **options):
     widths = [WIDTH, WIDTH + 1.0, 15.0] if drop == 0.0 else [WIDTH, 15.0]
     flows = [200.0, 204.0, 4.0] if drop == 0.0 else [200.0, 4.0]
     network = RiverNetwork.from_polylines(lines, width=widths, discharge=flows)
-    return Simulation(network, MeanderParams(sinuosity_scaling="whole", **options), terrain=terrain)
+    return Simulation(network, plain_params(sinuosity_scaling="whole", **options), terrain=terrain)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -86,4 +87,4 @@ def test_what_cannot_be_deferred_is_refused():
     short = [river()[:40], river()[39:70], np.linspace(river()[39] + [0.0, 900.0], river()[39], 60)]
     network = RiverNetwork.from_polylines(short, width=[WIDTH, WIDTH, 15.0], discharge=[200.0, 204.0, 4.0])
     with pytest.raises(ValueError, match="finds no course"):
-        Simulation(network, MeanderParams()).apply(edits.DeferJunction(2))
+        Simulation(network, plain_params()).apply(edits.DeferJunction(2))

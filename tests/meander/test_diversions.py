@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 from trees import assert_forest
 
-from warpriver import AvulsionParams, MeanderParams, RiverNetwork, Simulation, Terrain, edits, generate
+from warpriver import AvulsionParams, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.meander.diversions import upstream_of
 
 SPACING, WIDTH = 50.0, 50.0
@@ -26,7 +27,7 @@ def rivers(wall=0.0):
     side = np.linspace([north[half, 0] - 1_200.0, 7_800.0], north[half], 40)
     lines = [north[: half + 1], side, north[half:], np.column_stack([x, np.full_like(x, 2_600.0)])]
     network = RiverNetwork.from_polylines(lines, [40.0, 30.0, WIDTH, WIDTH], discharge=[300.0, 100.0, 400.0, 500.0])
-    sim = Simulation(network, MeanderParams(spacing=SPACING), terrain=ground(wall))
+    sim = Simulation(network, plain_params(spacing=SPACING), terrain=ground(wall))
     sim.step(3)
     return sim
 
@@ -117,7 +118,7 @@ def bending(**constants):
     network = RiverNetwork.from_polylines(lines, WIDTH, discharge=[300.0, 500.0])
     avulsions = AvulsionParams(crevasse_rate=0.02, avulsion_probability=1.0, **constants)
     terrain = Terrain(ground().to_numpy() * 0.0 + 40.0 - 5e-4 * np.arange(25.0, 12_000.0, 50.0), 50.0, (0.0, 8_000.0))
-    return Simulation(network, MeanderParams(spacing=SPACING, avulsions=avulsions), terrain=terrain, seed=4)
+    return Simulation(network, plain_params(spacing=SPACING, avulsions=avulsions), terrain=terrain, seed=4)
 
 
 def outflow(network):

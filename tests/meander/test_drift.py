@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 from trees import assert_forest, random_tree
 
 import warpriver as wr
@@ -25,7 +26,7 @@ def fork(lower=6000.0):
         # Straight channels do not migrate; the bends that the drift gives the tributaries are held back here, and no
         # corner of a river that goes on through the junction is rounded.
         (
-            wr.MeanderParams(
+            plain_params(
                 spacing=SPACING,
                 junction_drift=0.1,
                 local_weight=0.0,
@@ -55,7 +56,7 @@ def test_a_junction_wanders_at_its_speed(params, rate, capture, device):
 
 
 def test_without_drift_and_stems_junctions_stay(device):
-    params = wr.MeanderParams(spacing=SPACING, upstream_memory="channel", junction_drift=0.0)
+    params = plain_params(spacing=SPACING, upstream_memory="channel", junction_drift=0.0)
     sim = wr.Simulation(fork(), params, device=device)
     before = sim.network.node_xy.copy()
     sim.run(steps=50)
@@ -63,7 +64,7 @@ def test_without_drift_and_stems_junctions_stay(device):
 
 
 def test_a_junction_stops_before_the_next_one(device):
-    params = wr.MeanderParams(
+    params = plain_params(
         spacing=SPACING,
         junction_drift=1.0,
         local_weight=0.0,
@@ -80,7 +81,7 @@ def test_a_junction_stops_before_the_next_one(device):
 def test_on_steep_ground_junctions_stay(device):
     sim = wr.Simulation(
         fork(),
-        wr.MeanderParams(spacing=SPACING, junction_drift=0.5),
+        plain_params(spacing=SPACING, junction_drift=0.5),
         terrain=wr.Terrain(np.add.outer(np.arange(120) * 20.0, np.zeros(90)), 100.0, origin=(-4500.0, 4000.0)),
         device=device,
     )
@@ -116,7 +117,7 @@ def test_where_a_channel_parts_nothing_wanders(device):
     part = np.linspace(0.0, 1.0, 60)[:, None]
     lines = [part * [-2000.0, -2500.0], part * [1800.0, -2600.0]]
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH)
-    sim = wr.Simulation(network, wr.MeanderParams(spacing=SPACING, collision_distance=0.0, junction_drift=0.5))
+    sim = wr.Simulation(network, plain_params(spacing=SPACING, collision_distance=0.0, junction_drift=0.5))
     before = sim.network.node_xy.copy()
     sim.run(steps=20)
     np.testing.assert_array_equal(sim.network.node_xy, before)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from plain import plain_params
 from trees import assert_forest, random_tree
 
 import warpriver as wr
@@ -133,7 +134,7 @@ def test_a_mouth_is_led_to_the_outer_bank_and_not_along_the_river(device):
     for lines in (inner, along):
         network = wr.RiverNetwork.from_polylines(lines, width=[40.0, 40.0, 15.0], discharge=[100.0, 101.0, 1.0])
         still = {"local_weight": 0.0, "upstream_weight": 0.0, "end_damping": 0.0, "collision_distance": 0.0}
-        sim = wr.Simulation(network, wr.MeanderParams(spacing=20.0, **still), device=device)
+        sim = wr.Simulation(network, plain_params(spacing=20.0, **still), device=device)
         node = int(sim.network.channel_to[2])
         before = sim.network.node_xy[node].copy()
         sim.run(years=10)

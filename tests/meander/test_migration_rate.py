@@ -5,6 +5,7 @@ import pytest
 import reference
 import reference_rings
 from data_folder import data_folder
+from plain import plain_params
 
 import warpriver as wr
 
@@ -54,7 +55,7 @@ def test_rates_are_those_of_the_twins(dtype, varying, scaling, felt, device):
     width, depth = ([part[k] for part in section] for k in (0, 1))
     network = wr.RiverNetwork.from_polylines(lines, width, depth, closed=closed, dtype=dtype, device=device)
     before = network.points()
-    params = wr.MeanderParams(sinuosity_scaling=scaling, reference_width=0.0, **felt)
+    params = plain_params(sinuosity_scaling=scaling, reference_width=0.0, **felt)
     rates = wr.meander.migration_rate(network, params)
     np.testing.assert_array_equal(network.points(), before)
     for rate, xy, ring, w, d in zip(rates, lines, closed, width, depth, strict=True):
@@ -66,7 +67,7 @@ def test_rates_are_those_of_the_twins(dtype, varying, scaling, felt, device):
 @pytest.mark.parametrize("turn", [1, -1])
 def test_a_circle_grows_at_the_closed_form(turn, device):
     """R' = k w (gamma - 1) / R all round, outward: to the right of a ring that turns left."""
-    radius, width, params = 500.0, 40.0, wr.MeanderParams(upstream_weight=2.5, sinuosity_scaling="none")
+    radius, width, params = 500.0, 40.0, plain_params(upstream_weight=2.5, sinuosity_scaling="none")
     angle = turn * 2.0 * np.pi * np.arange(400) / 400
     xy = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     network = wr.RiverNetwork.from_polylines([xy], width, closed=True, device=device)
@@ -77,7 +78,7 @@ def test_a_circle_grows_at_the_closed_form(turn, device):
 def test_a_bend_to_the_left_moves_to_the_right_by_the_upstream_term_and_to_the_left_by_the_local_one(device):
     """Positive to the right of the flow: the normal times the rate is what a short step does to the points."""
     line = even_meander()
-    params = wr.MeanderParams(spacing=25.0, time_step=1e-4, cutoff_distance=0.0)
+    params = plain_params(spacing=25.0, time_step=1e-4, cutoff_distance=0.0)
     network = wr.RiverNetwork.from_polylines([line], 40.0, device=device)
     (rate,) = wr.meander.migration_rate(network, params)
     sim = wr.Simulation(network, params, device=device)
@@ -106,7 +107,7 @@ def test_rates_of_uneven_points_are_those_of_the_curve(closed, device):
 
     def rates(u):
         network = wr.RiverNetwork.from_polylines([points(u)], 60.0, closed=closed, device=device)
-        return wr.meander.migration_rate(network, wr.MeanderParams())[0]
+        return wr.meander.migration_rate(network, plain_params())[0]
 
     count = 160
     u = np.linspace(0.0, 1.0, count + 1)[: count + (not closed)]
@@ -121,7 +122,7 @@ def test_rates_of_uneven_points_are_those_of_the_curve(closed, device):
 
 def test_rates_fade_with_the_slope_of_the_ground(device):
     line = even_meander() + [0.0, 1500.0]
-    network, params = wr.RiverNetwork.from_polylines([line], 40.0, device=device), wr.MeanderParams()
+    network, params = wr.RiverNetwork.from_polylines([line], 40.0, device=device), plain_params()
     (plain,) = wr.meander.migration_rate(network, params)
     size = (int(line[:, 0].max() / 25.0) + 40, 120)
     for slope in (0.0, 0.03, 0.075, 0.12, 0.15, 1.0):
@@ -138,8 +139,8 @@ def test_rates_fade_with_the_slope_of_the_ground(device):
 
 def test_no_damping_leaves_the_law_alone_up_to_the_ends(device):
     network = wr.RiverNetwork.from_polylines([even_meander()], 40.0, device=device)
-    (held,) = wr.meander.migration_rate(network, wr.MeanderParams())
-    (free,) = wr.meander.migration_rate(network, wr.MeanderParams(end_damping=0.0))
+    (held,) = wr.meander.migration_rate(network, plain_params())
+    (free,) = wr.meander.migration_rate(network, plain_params(end_damping=0.0))
     inner = slice(9, -9)  # five widths are 200 m, eight points
     np.testing.assert_array_equal(held[inner], free[inner])
     # A fused multiply and add of a GPU leaves some 1e-16 of 0.
@@ -149,7 +150,7 @@ def test_no_damping_leaves_the_law_alone_up_to_the_ends(device):
 def test_a_straight_line_stays(device):
     line = np.stack([np.arange(0.0, 1000.0, 50.0), np.zeros(20)], axis=1)
     network = wr.RiverNetwork.from_polylines([line, line[[0, 1, 5]] + [0.0, 900.0]], 20.0, device=device)
-    for rate in wr.meander.migration_rate(network, wr.MeanderParams()):
+    for rate in wr.meander.migration_rate(network, plain_params()):
         assert (abs(rate) < 1e-12).all()
 
 
@@ -158,22 +159,22 @@ def test_other_kinds_of_arguments_are_named(device):
     with pytest.raises(TypeError, match="params is a PathMeander; give a MeanderParams"):
         wr.meander.migration_rate(network, wr.PathMeander())
     with pytest.raises(TypeError, match="network is a list; give a RiverNetwork"):
-        wr.meander.migration_rate(network.polylines(), wr.MeanderParams())
+        wr.meander.migration_rate(network.polylines(), plain_params())
     with pytest.raises(TypeError, match="terrain is an ndarray; give a Terrain or None"):
-        wr.meander.migration_rate(network, wr.MeanderParams(), np.zeros((5, 5)))
+        wr.meander.migration_rate(network, plain_params(), np.zeros((5, 5)))
     far = wr.Terrain(np.zeros((5, 5)), 10.0, origin=(1e6, 1e6), device=device)
     with pytest.raises(ValueError, match="does not lie under the network"):
-        wr.meander.migration_rate(network, wr.MeanderParams(), far)
+        wr.meander.migration_rate(network, plain_params(), far)
 
 
 def test_a_measured_river_has_the_rates_of_the_twin_on_even_points(device):
     river = wr.read_network(data_folder("centerlines") / "jutai_19890805.csv.gz", device=device)
-    for rate, xy in zip(wr.meander.migration_rate(river, wr.MeanderParams()), river.polylines(), strict=True):
+    for rate, xy in zip(wr.meander.migration_rate(river, plain_params()), river.polylines(), strict=True):
         assert np.isfinite(rate).all() and len(rate) == len(xy)
     reach = wr.RiverNetwork.from_polylines(
         [xy[:1200] for xy in river.polylines()], [w[:1200] for w in river.point_widths()], device=device
     )
-    sim = wr.Simulation(reach, wr.MeanderParams(spacing_in_widths=0.5, spacing=500.0), device=device)
+    sim = wr.Simulation(reach, plain_params(spacing_in_widths=0.5, spacing=500.0), device=device)
     (rate,), (xy,) = wr.meander.migration_rate(sim.network, sim.params), sim.network.polylines()
     segments = np.linalg.norm(np.diff(xy, axis=0), axis=1)
     assert np.ptp(segments) < 0.01 * segments.mean()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference_rings as twin
 from devices import assert_bits, is_cpu
+from plain import plain_params
 
 import warpriver as wr
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics
@@ -58,7 +59,7 @@ def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dt
     A step goes by the rate at its beginning: R is off by (R - R0) dt |dR/dt| / R at most, 2e-5 of R here.
     """
     radius, width, k = 1000.0, 50.0, 60.0
-    params = MeanderParams(time_step=0.05, spacing=25.0, migration_rate=k, upstream_weight=gamma,
+    params = plain_params(time_step=0.05, spacing=25.0, migration_rate=k, upstream_weight=gamma,
                            sinuosity_scaling=scaling)  # fmt: skip
     sim = Simulation(ring_network(circle(251, radius, turn), width, dtype=dtype), params, check=True, device=device)
     sim.run(steps=400, record_every=400)
@@ -83,7 +84,7 @@ def test_the_error_of_the_circle_is_that_of_the_step(gamma, device):
     errors = []
     for parts in (1, 2, 4):
         # So fine that the step alone counts: the implicit share of the local term takes (8/9 D dt - h^2 / 4) / R^2.
-        params = MeanderParams(time_step=0.4 / parts, spacing=2.5, upstream_weight=gamma)
+        params = plain_params(time_step=0.4 / parts, spacing=2.5, upstream_weight=gamma)
         sim = Simulation(ring_network(circle(2513, 1000.0), 50.0), params, device=device)
         sim.run(steps=50 * parts, record_every=1000)
         found = np.hypot(*sim.network.polylines()[0].T).mean()
@@ -100,7 +101,7 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy, device):
     the start's (0.75 and 1.02 are found); what it loses goes with the loops. The marked part may be a small one.
     """
     sim = Simulation(
-        ring_network(noisy_ring()), MeanderParams(spacing=40.0, ring_policy=policy), check=False, device=device
+        ring_network(noisy_ring()), plain_params(spacing=40.0, ring_policy=policy), check=False, device=device
     )
     means, sizes = [], []
 
@@ -175,7 +176,7 @@ def test_several_necks_in_a_step_are_cut_in_one_order(device):
     ring = np.concatenate(lobes)
     runs = []
     for threads in (1, 2):
-        params = MeanderParams(spacing=20.0, time_step=1e-6, cutoff_min_arc=3.0)
+        params = plain_params(spacing=20.0, time_step=1e-6, cutoff_min_arc=3.0)
         sim = Simulation(ring_network(ring, width=40.0), params, threads=threads, device=device)
         sim.run(steps=3)
         runs.append([c.xy.tobytes() for c in sim.history.cutoffs])
@@ -183,7 +184,7 @@ def test_several_necks_in_a_step_are_cut_in_one_order(device):
 
 
 def test_both_parts_go_on_and_split_again(device):
-    params = MeanderParams(spacing=40.0, ring_policy="both")
+    params = plain_params(spacing=40.0, ring_policy="both")
     sim = Simulation(ring_network(noisy_ring()), params, device=device)
     sim.run(steps=500)
     network = sim.network
@@ -243,7 +244,7 @@ def test_open_and_closed_channels_in_one_run(device):
     lines = [wr.generate.noisy_line(6000.0, 40.0, 60.0, k) + [-3000.0, 5000.0 + 2500.0 * k] for k in range(2)]
     ring = noisy_ring(radius=1500.0)
     origin = np.zeros(2)
-    params = MeanderParams(spacing=40.0)
+    params = plain_params(spacing=40.0)
     both = Simulation(RiverNetwork.from_polylines([lines[0], ring, lines[1]], 60.0, closed=[False, True, False],
                                                   origin=origin), params, device=device)  # fmt: skip
     alone = Simulation(RiverNetwork.from_polylines(lines, 60.0, origin=origin), params, device=device)
@@ -255,7 +256,7 @@ def test_a_ring_across_a_line_joins_nothing(device):
     line = np.stack([np.linspace(-3000.0, 3000.0, 120), np.full(120, 10.0)], axis=1)
     network = RiverNetwork.from_polylines([line, circle(200, 1200.0), line + [0.0, 4000.0]], 60.0,
                                           closed=[False, True, False])  # fmt: skip
-    sim = Simulation(network, MeanderParams(), device=device)
+    sim = Simulation(network, plain_params(), device=device)
     sim.run(steps=30)
     assert sim.network.channel_count == 3 and not sim.history.collisions
 
@@ -265,7 +266,7 @@ def test_a_ring_across_a_line_joins_nothing(device):
 
 @pytest.mark.parametrize("policy", ["longer", "both"])
 def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
-    params = MeanderParams(spacing=40.0, ring_policy=policy)
+    params = plain_params(spacing=40.0, ring_policy=policy)
     whole = Simulation(ring_network(noisy_ring()), params, device=device)
     whole.run(steps=330)
     half = Simulation(ring_network(noisy_ring()), params, device=device)
@@ -292,7 +293,11 @@ def test_a_run_resumed_is_equal_to_the_bit(tmp_path, policy, device):
 
 
 def test_a_run_without_rings_has_no_splits(tmp_path, device):
-    sim = Simulation(RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0), device=device)
+    sim = Simulation(
+        RiverNetwork.from_polylines([wr.generate.noisy_line(3000.0, 50.0, 60.0, 0)], 60.0),
+        plain_params(),
+        device=device,
+    )
     assert not sim.history.record(-1).channels.closed.any() and sim.stepper.state.closed is None
     sim.history.save(tmp_path / "run.npz")
     again = wr.history.History.load(tmp_path / "run.npz")
@@ -344,7 +349,7 @@ def test_taubin_takes_out_the_shortest_wave_and_holds_ends(device):
 
 def test_a_step_may_smooth(device):
     """A pass a step keeps a circle on its closed form and changes a noisy ring; threads do not matter."""
-    params = MeanderParams(time_step=0.05, spacing=25.0, taubin_passes=1)
+    params = plain_params(time_step=0.05, spacing=25.0, taubin_passes=1)
     sim = Simulation(ring_network(circle(251, 1000.0), 50.0), params, check=True, device=device)
     sim.run(steps=100)
     found = np.hypot(*sim.network.polylines()[0].T)
@@ -353,7 +358,7 @@ def test_a_step_may_smooth(device):
     for passes, threads in ((0, 1), (2, 1), (2, 2)):
         lines = [noisy_ring(middle=(0.0, 9000.0 * k), seed=k) for k in range(3)]
         network = RiverNetwork.from_polylines(lines, 60.0, closed=True)
-        other = Simulation(network, MeanderParams(spacing=40.0, taubin_passes=passes), threads=threads, device=device)
+        other = Simulation(network, plain_params(spacing=40.0, taubin_passes=passes), threads=threads, device=device)
         other.run(steps=50)
         runs[passes, threads] = other.network.points()
     np.testing.assert_array_equal(runs[2, 1], runs[2, 2])
@@ -438,7 +443,7 @@ def test_a_ring_begins_at_its_mark_and_keeps_it(tmp_path, device):
     np.testing.assert_allclose(network.node_xy[0], xy[mark], rtol=0.0, atol=1e-9)
     wr.io.write_network(network, tmp_path / "ring.geojson")
     np.testing.assert_allclose(wr.read_network(tmp_path / "ring.geojson").polylines()[0][0], xy[mark], atol=1e-9)
-    params = MeanderParams(spacing=20.0, time_step=1e-6, ring_policy="marked", cutoff_min_arc=3.0)
+    params = plain_params(spacing=20.0, time_step=1e-6, ring_policy="marked", cutoff_min_arc=3.0)
     sim = Simulation(network, params, device=device)
     history = sim.run(steps=2, record_every=1, store=tmp_path / "run")
     assert len(history.cutoffs) == 1 and sim.network.channel_lengths()[0] < 1600.0, "the lesser one goes on"
@@ -495,11 +500,11 @@ def test_bad_rings_are_refused(lines, closed, words):
 def test_a_simulation_refuses_what_it_cannot_do_with_rings():
     closed = np.concatenate([RING, RING[:1]])
     with pytest.raises(ValueError, match="make it a ring"):
-        Simulation(RiverNetwork.from_polylines([closed], 50.0))
+        Simulation(RiverNetwork.from_polylines([closed], 50.0), plain_params())
     with pytest.raises(ValueError, match="ring_policy is 'none'; use one of"):
-        MeanderParams(ring_policy="none")
+        plain_params(ring_policy="none")
     with pytest.raises(ValueError, match="give a whole number"):
-        MeanderParams(taubin_passes=1.5)
+        plain_params(taubin_passes=1.5)
     for numbers, words in (
         ({"passes": -1}, "passes is -1"),
         ({"strength": 0.0}, "strength"),
@@ -539,7 +544,7 @@ def test_the_command_line_tells_splits(tmp_path, capsys, solver):
 
 def test_a_belt_tells_splits(tmp_path, device):
     pytest.importorskip("matplotlib")
-    params = MeanderParams(spacing=20.0, time_step=0.01, ring_policy="both", cutoff_min_arc=3.0)
+    params = plain_params(spacing=20.0, time_step=0.01, ring_policy="both", cutoff_min_arc=3.0)
     history = Simulation(ring_network(dumbbell(), width=40.0), params, device=device).run(steps=2, record_every=1)
     figure = wr.viz.draw_belt(history, tmp_path / "belt.png")
     words = [text.get_text() for axes in figure.axes for text in axes.texts] + [t.get_text() for t in figure.texts]

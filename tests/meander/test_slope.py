@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, Terrain, generate, metrics
+from warpriver import RiverNetwork, Simulation, Terrain, generate, metrics
 
 SPACING = 25.0
 
@@ -11,7 +12,7 @@ def across(slope, threshold=0.15, years=1.0, *, device, **terrain):
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
     ground = generate.tilted_plain((120, 320), 25.0, slope, device=device)
     network = RiverNetwork.from_polylines([line + [1000.0, 1500.0]], width=80.0)
-    params = MeanderParams(spacing=SPACING, slope_threshold=threshold, time_step=0.05, cutoff_distance=0.0)
+    params = plain_params(spacing=SPACING, slope_threshold=threshold, time_step=0.05, cutoff_distance=0.0)
     sim = Simulation(network, params, terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=years)
@@ -42,7 +43,7 @@ def test_a_channel_is_held_off_the_terrain_and_where_there_is_no_data(device):
     height[:, 120:150] = np.nan
     ground = Terrain(height, 25.0, origin=(0.0, 1500.0), device=device)
     sim = Simulation(
-        RiverNetwork.from_polylines([line], width=80.0), MeanderParams(spacing=SPACING), terrain=ground, device=device
+        RiverNetwork.from_polylines([line], width=80.0), plain_params(spacing=SPACING), terrain=ground, device=device
     )
     before = sim.network.polylines()[0]
     sim.run(years=5)
@@ -51,7 +52,7 @@ def test_a_channel_is_held_off_the_terrain_and_where_there_is_no_data(device):
     # Points that are held are sampled anew with those that are not: they shift along the line, by bends of it.
     assert np.nanmax(moved[gap]) < 2.0 and np.nanmax(moved[~gap]) > 20.0
     beyond = RiverNetwork.from_polylines([line + [3000.0, 0.0]], width=80.0)
-    sim = Simulation(beyond, MeanderParams(spacing=SPACING), terrain=ground, device=device)
+    sim = Simulation(beyond, plain_params(spacing=SPACING), terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=5)
     outside = before[:, 0] > 6100.0
@@ -62,7 +63,7 @@ def test_brushing_the_terrain_is_felt_at_the_next_step(device):
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
     ground = generate.tilted_plain((120, 320), 25.0, 0.3, device=device)
     network = RiverNetwork.from_polylines([line + [1000.0, 1500.0]], width=80.0)
-    sim = Simulation(network, MeanderParams(spacing=SPACING), terrain=ground, device=device)
+    sim = Simulation(network, plain_params(spacing=SPACING), terrain=ground, device=device)
     before = sim.network.polylines()[0]
     sim.run(years=2)
     np.testing.assert_allclose(sim.network.polylines()[0], before, atol=1e-6)
@@ -77,7 +78,7 @@ def test_figure_27_meanders_on_the_plain_and_stays_straight_on_the_front(device)
     """Plain, mountain front and valley in one run of 300 years [Paris2023, Fig. 27]."""
     ground = generate.mountain_front(cell_size=100.0, seed=1, device=device)
     line = generate.mountain_front_line(spacing=50.0, seed=1)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), terrain=ground, device=device)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), plain_params(), terrain=ground, device=device)
     sim.run(years=300)
     now = sim.network.polylines()[0]
     sinuosity = {}
@@ -92,7 +93,7 @@ def test_figure_27_meanders_on_the_plain_and_stays_straight_on_the_front(device)
 def test_a_terrain_elsewhere_is_refused():
     line = generate.sine_generated(1500.0, 1.0, 4, SPACING)
     network = RiverNetwork.from_polylines([line], width=80.0, crs="EPSG:32619")
-    params = MeanderParams(spacing=SPACING)
+    params = plain_params(spacing=SPACING)
     with pytest.raises(ValueError, match="does not lie under the network"):
         Simulation(network, params, terrain=Terrain(np.zeros((9, 9)), 10.0, origin=(5e5, 5e5)))
     with pytest.raises(ValueError, match="the terrain is in EPSG:32633, the network in EPSG:32619"):

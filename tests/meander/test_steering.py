@@ -7,6 +7,7 @@ import models
 import numpy as np
 import pytest
 from models import MODELS, assert_same, some_controls
+from plain import plain_params
 
 from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.history import ControlChange, ControlStroke, History
@@ -51,7 +52,7 @@ def right_normals(xy):
 @pytest.mark.parametrize("mode", ["normal", "vector", "printed"])
 def test_points_move_by_the_law(mode, device):
     """v = f [mu n + (|mu| + floor) (n . grad c) n], with the rate mu of the network as it stands."""
-    params = MeanderParams(control_steering=mode, control_floor=0.05, **SHORT)
+    params = plain_params(control_steering=mode, control_floor=0.05, **SHORT)
     area = np.array([(1500.0, -600.0), (4500.0, -600.0), (4500.0, 700.0), (1500.0, 700.0)])
     controls = [*CONTROLS, ErodibilityField(area, 1.7, blend=400.0)]
     sim = Simulation(river(), params, controls=controls, device=device)
@@ -86,7 +87,7 @@ def test_shortest_paths_are_steered_by_their_push(device):
     line, printed = added("printed")
     _, found = added("normal")
     xy = line[1:-1]
-    slope = Simulation(river(), controls=CONTROLS, device=device).stepper.state.controls.gradient(xy)
+    slope = Simulation(river(), plain_params(), controls=CONTROLS, device=device).stepper.state.controls.gradient(xy)
     steep = np.hypot(*slope.T) > 0.05
     xy, slope, printed, found = xy[steep], slope[steep], printed[steep], found[steep]
     mu = (printed * slope).sum(axis=1) / (slope * slope).sum(axis=1)
@@ -127,7 +128,7 @@ def mirrored(control):
 
 
 def test_mirrored_input_gives_mirrored_output(device):
-    params = MeanderParams(spacing=SPACING)
+    params = plain_params(spacing=SPACING)
     plain = Simulation(river(), params, controls=CONTROLS, device=device)
     other = Simulation(river(bends() * [1.0, -1.0]), params, controls=[mirrored(c) for c in CONTROLS], device=device)
     for _ in range(10):
@@ -162,7 +163,7 @@ def test_a_control_far_away_changes_nothing(name, monkeypatch, device):
 
 def wandering(**options):
     network = models.many_channels(6)
-    params = MeanderParams(spacing=25.0, time_step=1.0)
+    params = plain_params(spacing=25.0, time_step=1.0)
     return Simulation(network, params, terrain=models.hills(network), **options)
 
 
@@ -255,7 +256,7 @@ def test_a_stroke_costs_what_it_touches(monkeypatch):
     counts = []
     for size in (2000.0, 8000.0):
         field = ControlField.blank((0.0, 0.0, size, size), 20.0)
-        sim = Simulation(river(), MeanderParams(spacing=SPACING), controls=[field, *CONTROLS], device="cpu")
+        sim = Simulation(river(), plain_params(spacing=SPACING), controls=[field, *CONTROLS], device="cpu")
         sim.step()
         field.paint((1000.0, 1000.0), 200.0, 50.0)
         launched, launch = [], control_map.launch_kernel
@@ -280,7 +281,7 @@ def test_a_stroke_costs_what_it_touches(monkeypatch):
 
 def test_rivers_keep_off_repellers_and_near_attractors():
     """In the manner of [Paris2023], Fig. 14: 400 steps of spin-up, then 160 with a control before a growing bend."""
-    params, reach = MeanderParams(), 1500.0
+    params, reach = plain_params(), 1500.0
     mean, least = [], []
     for seed in (0, 2, 4):
         line = generate.noisy_line(10_000.0, 50.0, 200.0, seed)
@@ -315,6 +316,7 @@ def test_damped_reaches_stay_straight_while_others_meander():
     front = [(12_000.0, -9000.0), (30_000.0, -9000.0), (30_000.0, 9000.0), (12_000.0, 9000.0)]
     sim = Simulation(
         RiverNetwork.from_polylines([line], width=100.0),
+        plain_params(),
         controls=[DampingRegion(front, 0.02, blend=1000.0)],
         device="cpu",
     )
@@ -330,7 +332,7 @@ def test_a_river_follows_a_guide_that_lies_beside_it():
     x = np.arange(0.0, 6000.0, SPACING)
     straight = np.column_stack([x, np.zeros_like(x)])
     guide = Guide([(-999.0, 200.0), (7000.0, 200.0)], 600.0, 1.0)
-    params = MeanderParams(spacing=SPACING, control_floor=0.1, end_damping=0.0)
+    params = plain_params(spacing=SPACING, control_floor=0.1, end_damping=0.0)
     ground = Terrain(np.zeros((40, 80)), 100.0, (-500.0, 2000.0))
     sim = Simulation(river(straight), params, terrain=ground, controls=guide, device="cpu")
     sim.step(200)

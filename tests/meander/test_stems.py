@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from devices import need_cpu
+from plain import plain_params
 from trees import assert_forest, random_tree
 
 import warpriver as wr
@@ -30,7 +31,7 @@ def grown_river(length=12_000.0, years=60.0, seed=2):
     """A river with bends, its points evenly spaced, as one line."""
     line = wr.generate.noisy_line(length, SPACING, WIDTH, seed)
     network = wr.RiverNetwork.from_polylines([line], width=WIDTH)
-    sim = wr.Simulation(network, wr.MeanderParams(cutoff_distance=0.0), device="cpu")
+    sim = wr.Simulation(network, plain_params(cutoff_distance=0.0), device="cpu")
     sim.run(years=years, record_every=10_000)
     return sim.network.polylines()[0]
 
@@ -54,7 +55,7 @@ def once(rates):
 def velocities_in_a_step(lines, device, threads):
     """Velocities at the points of a river's links in the first sub-step of a simulation, as it is dealt out."""
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH)
-    sim = wr.Simulation(network, device=device, threads=threads)
+    sim = wr.Simulation(network, plain_params(), device=device, threads=threads)
     state, points = sim.stepper.state, np.concatenate(lines) - sim.network.origin
     assert state.network.point_count == len(points)
     state.network.point_xy[: len(points)].assign(points)
@@ -67,7 +68,7 @@ def velocities_in_a_step(lines, device, threads):
 @pytest.mark.parametrize("count", [2, 5, 16, 60])
 def test_links_of_a_river_have_the_rates_of_one_piece(count, scaling, device):
     xy = even_river()
-    params = wr.MeanderParams(sinuosity_scaling=scaling)
+    params = plain_params(sinuosity_scaling=scaling)
     whole = wr.meander.migration_rate(wr.RiverNetwork.from_polylines([xy], width=WIDTH, device=device), params)[0]
     links = wr.RiverNetwork.from_polylines(pieces(xy, count), width=WIDTH, device=device)
     rates = once(wr.meander.migration_rate(links, params))
@@ -97,7 +98,10 @@ def test_a_river_in_links_moves_as_one_in_one_piece(device):
     runs = []
     for count in (1, 12):
         sim = wr.Simulation(
-            wr.RiverNetwork.from_polylines(pieces(line, count), width=WIDTH), device=device, check=count > 1
+            wr.RiverNetwork.from_polylines(pieces(line, count), width=WIDTH),
+            plain_params(),
+            device=device,
+            check=count > 1,
         )
         sim.run(steps=40, record_every=10_000)
         lines = sim.network.polylines()
@@ -118,7 +122,7 @@ def test_one_long_river_is_as_long_in_sixteen_links(device):
         for seed in range(8):
             line = wr.generate.noisy_line(40_000.0, 100.0, 100.0, seed)
             network = wr.RiverNetwork.from_polylines(pieces(line, count), width=100.0)
-            params = wr.MeanderParams(spacing=100.0, upstream_memory=memory)
+            params = plain_params(spacing=100.0, upstream_memory=memory)
             sim = wr.Simulation(network, params, device=device)
             before = sim.network.channel_lengths().sum()
             sim.run(years=400, record_every=10_000)
@@ -159,7 +163,7 @@ def test_links_of_twenty_widths_bend_as_the_river_above_them(device):
         found = []
         for seed in range(3):
             network, _ = river_with_brooks(seed)
-            params = wr.MeanderParams(spacing_in_widths=1.0, upstream_memory=memory)
+            params = plain_params(spacing_in_widths=1.0, upstream_memory=memory)
             sim = wr.Simulation(network, params, device=device)
             sim.run(years=300, record_every=10_000)
             lines, width = sim.network.polylines(), sim.network.channel_width
@@ -181,7 +185,7 @@ def turns_across(network, upper, lower):
 def test_a_stem_has_no_corner_at_a_junction(device):
     """It turns there as much as at the points next to it, and the tributaries stay attached."""
     network, _ = river_with_brooks(3)
-    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0), device=device, check=True)
+    sim = wr.Simulation(network, plain_params(spacing_in_widths=1.0), device=device, check=True)
     before = sim.network.node_xy.copy()
     sim.run(years=120, record_every=10_000)
     assert_forest(sim.network)
@@ -196,7 +200,7 @@ def test_a_stem_has_no_corner_at_a_junction(device):
 def test_links_of_a_stem_take_the_same_sub_steps(device):
     """Brooks of other rivers take their own."""
     network = random_tree(11, sources=8, size=6000.0, width=12.0)
-    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=0.8, time_step=1.0), device=device)
+    sim = wr.Simulation(network, plain_params(spacing_in_widths=0.8, time_step=1.0), device=device)
     sim.run(steps=3, record_every=10_000)
     state = sim.stepper.state
     parts, top = state.channel_substeps.numpy()[: sim.network.channel_count], state.stems.links.top
@@ -208,7 +212,7 @@ def test_single_channels_are_the_same_to_the_bit(device):
     lines = [wr.generate.noisy_line(4000.0, 25.0, 30.0, k) + [0.0, 3000.0 * k] for k in range(5)]
     runs = []
     for memory in ("stem", "channel"):
-        params = wr.MeanderParams(spacing=25.0, upstream_memory=memory)
+        params = plain_params(spacing=25.0, upstream_memory=memory)
         sim = wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=30.0), params, device=device)
         sim.run(steps=200, record_every=10_000)
         runs.append(sim)
@@ -229,7 +233,7 @@ def test_the_papers_channels_are_held_at_their_nodes(device):
 
 
 def test_nodes_are_where_the_channels_meet_after_every_step(device):
-    sim = wr.Simulation(river_with_brooks(1)[0], wr.MeanderParams(spacing_in_widths=1.0), device=device)
+    sim = wr.Simulation(river_with_brooks(1)[0], plain_params(spacing_in_widths=1.0), device=device)
     for _ in range(5):
         sim.step()
         network = sim.network
@@ -243,7 +247,7 @@ def test_links_are_smoothed_with_their_junctions(device):
     line = even_river() + rng.normal(0.0, 4.0, (241, 2))
     ends = []
     for memory, passes in (("stem", 3), ("stem", 0), ("channel", 3)):
-        params = wr.MeanderParams(
+        params = plain_params(
             migration_rate=0.0,
             cutoff_distance=0.0,
             collision_distance=0.0,
@@ -286,7 +290,7 @@ def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(rim, devic
     """Where the data end, if the outermost columns have none."""
     network, ground = river_to_the_edge(rim=rim)
     slid, square = [], []
-    sim = wr.Simulation(network, terrain=ground, device=device, check=True)
+    sim = wr.Simulation(network, plain_params(), terrain=ground, device=device, check=True)
     for _ in range(8):
         sim.run(years=40, record_every=10_000)
         xy = sim.network.polylines()[0]
@@ -297,13 +301,13 @@ def test_a_mouth_on_the_edge_of_the_map_slides_and_leaves_it_straight(rim, devic
         square.append(abs(np.degrees(np.arctan2(last[1], last[0]))))
     assert np.ptp(slid) > 2.0 * WIDTH
     assert np.median(square) < 20.0 and max(square) < 35.0
-    held = wr.Simulation(network, wr.MeanderParams(upstream_memory="channel"), terrain=ground, device=device)
+    held = wr.Simulation(network, plain_params(upstream_memory="channel"), terrain=ground, device=device)
     held.run(years=320, record_every=10_000)
     np.testing.assert_array_equal(held.network.polylines()[0][-1], network.polylines()[0][-1])
 
 
 def test_a_mouth_within_the_map_is_held(device):
     network, ground = river_to_the_edge(edge=False)
-    sim = wr.Simulation(network, terrain=ground, device=device)
+    sim = wr.Simulation(network, plain_params(), terrain=ground, device=device)
     sim.run(years=80, record_every=10_000)
     np.testing.assert_array_equal(sim.network.polylines()[0][-1], network.polylines()[0][-1])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from crossings import crosses_itself, crossings
+from plain import plain_params
 
 import warpriver as wr
 
@@ -21,7 +22,7 @@ def river(width, part, length=400.0, seed=0):
 
 def grown(width, part, scaling, time_step, years, device, length=400.0):
     """History of a river; its line must not cross itself in any state, taken every five years."""
-    params = wr.MeanderParams(spacing=part * width, sinuosity_scaling=scaling, time_step=time_step)
+    params = plain_params(spacing=part * width, sinuosity_scaling=scaling, time_step=time_step)
     sim = wr.Simulation(river(width, part, length), params, device=device)
 
     def look(sim):

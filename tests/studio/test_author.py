@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain import plain_params
 
 import warpriver as wr
 from warpriver import edits
@@ -15,7 +16,7 @@ def simulation():
     terrain = wr.generate.tilted_plain((60, 90), 100.0, slope=0.001)
     low = line.min(axis=0)
     network = wr.RiverNetwork.from_polylines([line - low + [800.0, 1500.0]], width=60.0)
-    return wr.Simulation(network, terrain=wr.Terrain(terrain.to_numpy(), 100.0, origin=(0.0, 6000.0)))
+    return wr.Simulation(network, plain_params(), terrain=wr.Terrain(terrain.to_numpy(), 100.0, origin=(0.0, 6000.0)))
 
 
 def bits(sim):

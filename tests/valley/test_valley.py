@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from plain import plain_params
 from reference_valley import section_depth
 from scipy.integrate import trapezoid
 
@@ -384,7 +385,9 @@ def test_stations_of_elements_in_metres_follow_their_controls():
 def meandered(*, device):
     """A channel that has meandered, with cutoffs."""
     line = generate.noisy_line(6_000.0, 30.0, 60.0, seed=3)
-    simulation = wr.Simulation(wr.RiverNetwork.from_polylines([line + [1e5, 2e6]], width=50.0), device=device)
+    simulation = wr.Simulation(
+        wr.RiverNetwork.from_polylines([line + [1e5, 2e6]], width=50.0), plain_params(), device=device
+    )
     simulation.run(years=120)
     return simulation.network
 

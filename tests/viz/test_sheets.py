@@ -5,6 +5,7 @@ import types
 import numpy as np
 import pytest
 from histories import History
+from plain import plain_params
 
 import warpriver as wr
 from warpriver import hydrology
@@ -26,7 +27,7 @@ def land():
     terrain = wr.Terrain(400.0 + 30.0 * np.sin(0.07 * y) - 2.0 * x + noise, *PLACE)
     surface = hydrology.fill_depressions(terrain)
     network = wr.extract_network(terrain, min_drainage_area=5e5)
-    sim = wr.Simulation(network, wr.MeanderParams(spacing_in_widths=1.0))
+    sim = wr.Simulation(network, plain_params(spacing_in_widths=1.0))
     history = sim.run(steps=4, record_every=2)
     return types.SimpleNamespace(
         terrain=terrain,

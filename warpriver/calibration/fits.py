@@ -25,7 +25,7 @@ from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.validate import not_negative, positive, shown, whole
 
-__all__ = ["NAMES", "Fit", "calibrate", "checked_names", "fit_observed"]
+__all__ = ["NAMES", "Fit", "calibrate", "checked_names", "fit_observed", "measured_law"]
 
 # What is fitted where nothing is asked for.
 NAMES = ("migration_rate", "memory_length", "curvature_saturation")
@@ -212,7 +212,8 @@ def calibrate(
         after: The river at the second date, on the same coordinates.
         years: Time between both, yr.
         params: What is not fitted, and where the search begins. By default the law without sinuosity, of which a long
-            reach has no single value: ``MeanderParams(sinuosity_scaling="none")``.
+            reach has no single value, and without chance: ``MeanderParams(sinuosity_scaling="none", bank_spread=0.0,
+            inlet="none", cutoff_distance=1.0)``.
         fit: Constants to fit: "migration_rate", "memory_length" or "friction", "curvature_saturation".
         vary: Those of them that vary along the river.
         length: Distance between knots in widths, 10 or more; None: one value a channel.
@@ -233,9 +234,14 @@ def calibrate(
     fit, vary = checked_names(fit, vary)
     if length is not None and not positive(length, "length", "widths") >= SHORTEST_FIELD:
         raise InputError(f"length is {shown(length)} widths; give {SHORTEST_FIELD:g} or more")
-    law = (params or MeanderParams(sinuosity_scaling="none")).for_widths(before.channel_width)
+    law = (params or measured_law()).for_widths(before.channel_width)
     observed = observe(survey(before, "before", smoothing), survey(after, "after", smoothing), years)
     return fit_observed(observed, law, fit, vary=vary, length=length, offset=offset, device=before.device)
+
+
+def measured_law() -> MeanderParams:
+    """The law of measured reaches: without a sinuosity, random banks and inlets, and with necks that hold longest."""
+    return MeanderParams(sinuosity_scaling="none", bank_spread=0.0, inlet="none", cutoff_distance=1.0)
 
 
 def fit_observed(
@@ -250,6 +256,8 @@ def fit_observed(
 ) -> Fit:
     """Fit constants to what was observed; see :func:`calibrate`."""
     params = params.replace(**{name: STARTS[name] for name in names if name in STARTS and not getattr(params, name)})
+    if "friction" in names:
+        params = params.replace(memory_length=0.0)
     before = observed.before
     guess, shift = _first_guess(observed, params, names, offset, device)
     fields = [

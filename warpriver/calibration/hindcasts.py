@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray
 from warpriver.calibration.courses import Lines
-from warpriver.calibration.fits import NAMES, Fit, checked_names, fit_observed
+from warpriver.calibration.fits import NAMES, Fit, checked_names, fit_observed, measured_law
 from warpriver.calibration.observed import Observed, Survey, match_all, observe, survey
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
@@ -25,7 +25,7 @@ from warpriver.public import public
 from warpriver.simulation import Simulation
 from warpriver.validate import floats, not_negative, one_of, positive, shown
 
-__all__ = ["Forecast", "Hindcast", "Score", "hindcast"]
+__all__ = ["Forecast", "Hindcast", "Score", "hindcast", "nearest_distances"]
 
 # Surveys of another age than was asked for, as a fraction of it, and in years.
 AGE_TOLERANCE, MOST_TOLERANCE = 0.25, 0.5
@@ -217,7 +217,7 @@ def hindcast(
     if not ahead:
         raise InputError("leads is empty; give years ahead, such as (1, 3, 5)")
     smoothing = not_negative(smoothing, "smoothing", "widths")
-    law = (params or MeanderParams(sinuosity_scaling="none")).for_widths(surveys[0].channel_width)
+    law = (params or measured_law()).for_widths(surveys[0].channel_width)
     lines = [survey(network, f"networks[{k}]", smoothing) for k, network in enumerate(surveys)]
     device = surveys[0].device
     if split == "reach":
@@ -435,6 +435,11 @@ def _fine(polylines: list[FloatArray], gap: float) -> FloatArray:
         t = np.linspace(0.0, s[-1], max(2, math.ceil(s[-1] / gap)) + 1)
         parts.append(np.column_stack([np.interp(t, s, xy[:, 0]), np.interp(t, s, xy[:, 1])]))
     return np.concatenate(parts)
+
+
+def nearest_distances(points: FloatArray, polylines: list[FloatArray], gap: float = 20.0) -> FloatArray:
+    """Distance of points to lines, (n,), m, measured to points of these ``gap`` m apart."""
+    return _nearest(points, _fine(polylines, gap))[0]
 
 
 def _nearest(points: FloatArray, others: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -14,12 +14,15 @@ from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp, re
 
 if TYPE_CHECKING:
     from warpriver.history import History
+    from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
 
 __all__ = ["add"]
 
 # Frames of the demo's movie; more make the file larger, not the film better.
 DEMO_FRAMES = 40
+# Width and height of the close-up in pixels, and half of its width as a part of the terrain's.
+LANDSCAPE_SIZE, CLOSEUP = (1400, 960), 0.2
 RESULTS = ("run", "terrain.npz", "network.csv", "channels.csv", "rivers.gpkg", "rivers.geojson")
 
 
@@ -34,7 +37,8 @@ def add(commands: Any) -> None:
         "bends and run into each other, and draw them before and after. Needs no file from outside.\n"
         "Into FOLDER go terrain.npz and terrain.tif, network.csv and network.png (the rivers as found), run (the\n"
         "simulation), channels.csv and rivers.png (the rivers after it), rivers.gpkg (for a GIS: rivers, courses with\n"
-        "times, oxbow lakes, abandoned courses), before_after.png, and the movie rivers.gif.",
+        "times, oxbow lakes, abandoned courses), before_after.png, landscape.png (the largest river in its belt), and\n"
+        "the movie rivers.gif.",
         epilog="examples:\n"
         "  warpriver demo\n"
         "  warpriver demo --seed 3 --relief 600 --years 500 -o out/gentle\n"
@@ -122,8 +126,26 @@ def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool)
     viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
     viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
     told = [f"  picture  {folder / name}" for name in ("network.png", "rivers.png", "before_after.png")]
+    viz.draw_landscape(
+        history, folder / "landscape.png", terrain=terrain, window=_closeup(history.networks[-1], terrain),
+        size=LANDSCAPE_SIZE, dpi=110.0, title=title,
+    )  # fmt: skip
+    told.append(f"  picture  {folder / 'landscape.png'}")
     if movie:
         every = -(-len(history) // DEMO_FRAMES)
         viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
         told.append(f"  movie    {folder / 'rivers.gif'}")
     return told
+
+
+def _closeup(network: RiverNetwork, terrain: Terrain) -> tuple[float, float, float, float]:
+    """Return a window of two fifths of the terrain in the middle of the widest river, in its lower half."""
+    west, south, east, north = terrain.bounds
+    channel = int(network.channel_width.argmax())
+    line = network.polylines()[channel]
+    x, y = line[len(line) // 2 :].mean(axis=0)
+    # The map is lower than its page; within the terrain as far as that goes.
+    half = CLOSEUP * (east - west), 0.58 * CLOSEUP * (east - west)
+    x = float(min(max(x, west + half[0]), east - half[0]))
+    y = float(min(max(y, south + half[1]), max(south + half[1], north - half[1])))
+    return x - half[0], y - half[1], x + half[0], y + half[1]

@@ -74,8 +74,8 @@ def add_run_options(
     run.add_argument("-o", "--out", metavar="FOLDER", help=f"folder for the results (default {out or 'out/NAME'})")
     model = parser.add_argument_group(
         "model",
-        "Meander migration after Howard and Knutson (1984), with the constants of Paris et al. (2023), Table 1. The "
-        "rate of real rivers spans 2 to 128 m/yr.",
+        "Meander migration after Howard and Knutson (1984), with constants after Paris et al. (2023), and what gives "
+        "planforms the statistics of measured rivers. The rate of real rivers spans 2 to 128 m/yr.",
     )
     model.add_argument(
         "--solver",

@@ -218,6 +218,11 @@ class Landscape:
                 splat.advance(frame, now, extra=span)
             self._network, self._segments, self.record = network, segments, k
 
+    @property
+    def touched(self) -> int:
+        """Cells that were worked at so far, counted anew for each course."""
+        return self._splat.touched
+
     def maps(self) -> LandscapeMaps:
         """Return the maps at the present record."""
         now = float(self._history.times[self.record])

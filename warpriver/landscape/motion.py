@@ -61,9 +61,7 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
         times: Of both records, yr.
     """
     count = len(after.line)
-    foot, moved, source = splat.trace(after.line.reshape(-1, 2))
-    _trace_beyond(splat, before, after, foot, moved, source)
-    begin, moved, source = foot.reshape(-1, 4), moved.reshape(-1, 2), source.reshape(-1, 2)
+    begin, moved, source = _sources(splat, before, after)
     length = np.hypot(*(before.line[:, 2:] - before.line[:, :2]).T)
     # Along each old channel; segments of different ones follow each other without a gap.
     arc = np.cumsum(length) - 0.5 * length
@@ -90,11 +88,30 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
     return Motion(dataclasses.replace(after, moved=moved), begin, born)
 
 
+def _sources(splat: Splat, before: Segments, after: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the feet of both ends of segments, (S, 4) m, how far these are, (S, 2) m, and on which segment, (S, 2)."""
+    count, line = len(after.line), after.line
+    # Most segments end where the next one begins: each point is looked for once.
+    ends = np.arange(1, count + 1)
+    lone = np.append((line[:-1, 2:] != line[1:, :2]).any(axis=1), True)
+    ends[lone] = count + np.arange(lone.sum())
+    xy = np.concatenate([line[:, :2], line[lone, 2:]])
+    foot, moved, source = splat.trace(xy)
+    _trace_beyond(splat, before, xy, np.concatenate([after.section[:, 0], after.section[lone, 2]]), foot, moved, source)
+    both = np.stack([np.arange(count), ends], axis=1)
+    return foot[both].reshape(-1, 4), moved[both], source[both]
+
+
 def _trace_beyond(
-    splat: Splat, before: Segments, after: Segments, foot: np.ndarray, moved: np.ndarray, source: np.ndarray
+    splat: Splat,
+    before: Segments,
+    xy: np.ndarray,
+    width: np.ndarray,
+    foot: np.ndarray,
+    moved: np.ndarray,
+    source: np.ndarray,
 ) -> None:
     """Find the feet of points beyond the edge of the raster, in place, from where they are felt within."""
-    xy, width = after.line.reshape(-1, 2), after.section[:, ::2].ravel()
     beyond = np.flatnonzero((source < 0) & splat.is_beyond(xy, 2.0 * FELT * width))
     if not len(beyond) or not len(before.line):
         return

@@ -187,6 +187,8 @@ class Splat:
         self.touched = 0
         self._widest = 0.0
         self._last: Frame | None = None
+        tiles = grid.block_rows * grid.block_columns * kernels.TILES_IN_BLOCK**2
+        self._felt = wp.zeros(tiles, dtype=wp.int32, device=self.device)
         self._block_time = np.zeros(grid.block_rows * grid.block_columns)
 
     # ---- frames
@@ -239,7 +241,11 @@ class Splat:
         slot[tile] = np.arange(len(tile), dtype=np.int32)
         frame.bins.tile = wp.array(tile, dtype=wp.int32, device=self.device)
         frame.bins.tile_slot = wp.array(slot, dtype=wp.int32, device=self.device)
-        frame.bins.near = wp.empty((max(len(tile), 1), kernels.NEAR_LIMIT + 1), dtype=wp.int32, device=self.device)
+        frame.bins.worked = wp.zeros(max(len(tile), 1), dtype=wp.int32, device=self.device)
+        frame.bins.felt = self._felt
+        for name in ("near", "part"):
+            lists = wp.empty((max(len(tile), 1), kernels.NEAR_LIMIT + 1), dtype=wp.int32, device=self.device)
+            setattr(frame.bins, name, lists)
 
     # ---- intervals
 
@@ -327,7 +333,6 @@ class Splat:
         self._widest = max(self._widest, frame.widest)
         self._take_tiles(frame, blocks)
         count = len(frame.bins.tile)
-        self.touched += count * TILE**2
         bounds = np.linspace(0, count, self._threads + 1).astype(int).tolist()
         parts = [(a, b) for a, b in itertools.pairwise(bounds) if b > a]
 
@@ -340,6 +345,7 @@ class Splat:
                 list(pool.map(work, parts))
         elif parts:
             work(parts[0])
+        self.touched += int(frame.bins.worked.numpy().sum()) * TILE**2
         self._block_time[blocks] = time
         if whole:
             self._block_time[:] = time

@@ -51,7 +51,8 @@ def inlet_periods(width: np.ndarray, depth: np.ndarray, params: MeanderParams) -
     alpha = 1.0 / (params.memory_length * width) if params.memory_length else 2.0 * params.friction / depth
     speed = rate_of(width, params) * width * params.upstream_weight * alpha * q**2 / (alpha**2 + q**2)
     with np.errstate(divide="ignore"):
-        return np.where(speed > 0.0, length / speed, 0.0)
+        period: np.ndarray = np.where(speed > 0.0, length / speed, 0.0)
+    return period
 
 
 class Inlets:

@@ -39,6 +39,9 @@ def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParam
     - a bend as tight as its width must move by less than its width: dt <= w / (k max(|omega|, gamma - |omega|)).
       Where no bend is as tight, it is enough that the fastest point moves by less than half a width.
 
+    In the weakest banks the rate is greater by a factor: bends there keep to the second limit, waves to the bound of an
+    explicit step, as they are soon carried out of them.
+
     The diffusion of the local term sets no limit: what of it would be unstable is treated implicitly. Small waves stay
     true up to 12 times this step and more, and no bend crosses itself in steps 16 times as long.
 
@@ -52,13 +55,13 @@ def step_limits(width: npt.ArrayLike, depth: npt.ArrayLike, params: MeanderParam
     """
     width, depth = floats(width, "width"), floats(depth, "depth")
     weights = max(-params.local_weight, params.local_weight + params.upstream_weight)
-    rate = rate_of(width, params) * highest_factor(params)
+    rate, highest = rate_of(width, params), highest_factor(params)
     with np.errstate(divide="ignore"):
-        travel = width / (rate * weights)
+        travel = width / (highest * rate * weights)
         memory = 1.0 / (params.memory_length * width) if params.memory_length else 2.0 * params.friction / depth
         # Without a local term nothing damps the waves; its own weight of 1 then stands in as the scale.
         diffusivity = rate * width * max(-params.local_weight, 1.0)
-        carried = 1.0 / (diffusivity * (params.upstream_weight * memory) ** 2)
+        carried = 1.0 / (max(1.0, 0.5 * highest) * diffusivity * (params.upstream_weight * memory) ** 2)
     return travel, carried
 
 

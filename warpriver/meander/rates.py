@@ -46,6 +46,8 @@ def migration_rate(network: RiverNetwork, params: MeanderParams, terrain: Terrai
     - on a terrain of slope s it is multiplied by 1 - t^2 (3 - 2 t), t = s / ``params.slope_threshold``: 0 from the
       threshold on, off the map and where there is no data.
 
+    The random strength of banks, controls, and what enters at inlets depend on a simulation and have no part in it.
+
     The kernel takes the points of a channel for evenly spaced, as those of a simulation are. A channel whose segments
     differ by more than 1 % is evaluated at as many even points on the cubic spline through its own, and the rates are
     brought back by arc length, with a cubic as well.

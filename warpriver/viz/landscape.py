@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["LANDSCAPE_LAYERS", "draw_landscape", "landscape_picture"]
+__all__ = ["LANDSCAPE_LAYERS", "LandscapeSheet", "draw_landscape", "landscape_picture"]
 
 # Maps that are drawn by themselves: what their bar says, and their ramp.
 LANDSCAPE_LAYERS: dict[str, tuple[str, Sequence[tuple[float, str]]]] = {
@@ -54,6 +54,8 @@ LANDSCAPE_LAYERS: dict[str, tuple[str, Sequence[tuple[float, str]]]] = {
 DRY, MOIST, SAND, WET_SAND, MUD = "#c2b58c", "#8f8a5e", "#ecdfba", "#cdbb8d", "#857657"
 GRASS, WILLOW, FOREST, LUSH, MARSH = "#a3a265", "#8c9a55", "#4b6638", "#34582f", "#6d7c48"
 RIVER, DEEP, LAKE, POND = "#5d93a3", "#2f6480", "#3f7480", "#566f58"
+# Sizes of crowns and of groves, m, where pixels can show them.
+CROWN, GROVE = 12.0, 160.0
 # Time in which sand becomes soil, yr.
 SOIL_TIME = 30.0
 # Brightness of a bank that is cut, beside the water.
@@ -228,19 +230,20 @@ def layer_picture(maps: LandscapeMaps, layer: str) -> tuple[np.ndarray, tuple[fl
     return np.round(255.0 * color).astype(np.uint8), (low, high)
 
 
-def landscape_picture(maps: LandscapeMaps, terrain: Terrain | None = None) -> np.ndarray:
+def landscape_picture(maps: LandscapeMaps, terrain: Terrain | None = None, *, strength: float = 1.0) -> np.ndarray:
     """Return a landscape in the colours of an aerial photograph, (rows, columns, 3) uint8, row 0 in the north.
 
     Args:
         maps: The maps; a pixel is a cell.
         terrain: Terrain whose relief is the ground, or None.
+        strength: Strength of the shades of the terrain.
     """
     cell, shape = maps.age.cell_size, maps.age.shape
     plants, ground = maps.plants.numpy(), maps.ground.numpy()
     moist = smoothstep(maps.moisture.numpy())
     density, sand = maps.vegetation.numpy(), np.nan_to_num(maps.sand.numpy(), nan=0.3)
     age = np.nan_to_num(maps.age.numpy(), nan=np.inf)
-    fine, broad = _noise(shape, 1.2, 3), _noise(shape, max(3.0, 120.0 / cell), 5)
+    fine, broad = _noise(shape, max(0.9, CROWN / cell), 3), _noise(shape, max(4.0, GROVE / cell), 5)
     color = _mix(_rgb(DRY), _rgb(MOIST), moist)
     touched = np.isfinite(maps.sand.numpy()) & np.isfinite(maps.age.numpy())
     bed = _mix(_mix(_rgb(MUD), _rgb(WET_SAND), sand), _rgb(SAND), np.where(sand > 0.5, 1.0 - moist * 0.3, 0.0))
@@ -248,7 +251,7 @@ def landscape_picture(maps: LandscapeMaps, terrain: Terrain | None = None) -> np
     bed = _mix(bed, _mix(_rgb(DRY), _rgb(MOIST), moist), 1.0 - np.exp(-np.minimum(age, 1e4) / SOIL_TIME))
     color = np.where(touched[..., None], bed, color)
     if terrain is not None:
-        relief = relief_picture(terrain, maps.age.bounds, shape)
+        relief = relief_picture(terrain, maps.age.bounds, shape, strength=strength)
         known = relief.known[..., None]
         tinted = _mix(relief.color / 255.0, color, 0.35 + 0.65 * np.maximum(moist, touched))
         color = np.where(known, tinted, color)
@@ -285,7 +288,7 @@ def _planted(
     open_ground = plants == PLANTS.index("grassland")
     color = _mix(color, _rgb(GRASS), 0.75 * open_ground)
     # Where plants are few, they stand in groups.
-    crowns = smoothstep(2.0 * (density - 0.5 + 0.2 * fine + 0.14 * broad) + 0.5)
+    crowns = smoothstep(1.6 * (density - 0.5 + 0.14 * fine + 0.1 * broad) + 0.5)
     cover = crowns * np.minimum(1.0, 3.0 * density)
     # Light from the north-west on crowns.
     lit = np.roll(fine, 1, (0, 1)) - fine

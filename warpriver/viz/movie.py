@@ -12,8 +12,10 @@ import numpy as np
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import in_memory
 from warpriver.history import History
+from warpriver.landscape.maps import Landscape
 from warpriver.public import public
 from warpriver.terrain import Terrain
+from warpriver.validate import one_of
 from warpriver.viz.belt import (
     DEPOSIT_RAMP,
     DRY_RAMP,
@@ -23,6 +25,7 @@ from warpriver.viz.belt import (
     checked_record,
     history_bounds,
 )
+from warpriver.viz.landscape import LandscapeSheet
 from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
 
 __all__ = ["movie"]
@@ -41,6 +44,7 @@ def movie(
     title: str | None = None,
     dpi: float = 100.0,
     hold: float = 2.0,
+    look: str = "belt",
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a movie of the channel belt as :func:`warpriver.viz.draw_belt` draws it, one frame a record.
@@ -59,6 +63,7 @@ def movie(
         title: Title at the upper left; None writes "Channel belt", "" leaves the line out.
         dpi: Pixels per inch: sets the size of letters.
         hold: Time in s for which the last frame stays.
+        look: "belt", or "landscape": sand, plants and lakes as :func:`warpriver.viz.draw_landscape` draws them.
         progress: Called after each frame with the number of frames done and their total.
 
     Raises:
@@ -84,6 +89,10 @@ def movie(
         "terrain": terrain,
         "bounds": history_bounds(history, last),
     }
+    if one_of(look, "look", ("belt", "landscape")) == "landscape":
+        *_, sample = _landscape_frames(history, [last], layout, None)
+        write_frames(path, _landscape_frames(history, records, layout, progress), sample, fps=fps, hold=hold)
+        return
     # The last frame holds nearly every colour.
     *_, sample = _frames(history, [last], layout, None)
     ramps = (DEPOSIT_RAMP, OXBOW_RAMP) + ((DRY_RAMP,) if abandoned_beds(history) else ())
@@ -134,6 +143,29 @@ def _frames(
     page = BeltSheet(history, legend=True, age_span=None, **layout)
     for done, record in enumerate(records, start=1):
         page.turn_to(record)
+        page.sheet.canvas.draw()
+        yield np.ascontiguousarray(np.asarray(page.sheet.canvas.buffer_rgba())[..., :3])
+        if progress is not None:
+            progress(done, len(records))
+
+
+def _landscape_frames(
+    history: History,
+    records: Sequence[int],
+    layout: dict[str, Any],
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[np.ndarray]:
+    """Yield the landscape at each record in turn, (rows, columns, 3) uint8."""
+    options = {name: layout[name] for name in ("window", "size", "dpi", "title")}
+    terrain = layout["terrain"]
+    page = LandscapeSheet(
+        history, "natural", terrain, None, records[-1], legend=True, frame=True, ax=None, **options
+    )  # fmt: skip
+    page.add_legend()
+    landscape = Landscape(history, terrain, page.cell_size, bounds=page.sheet.window)
+    for done, record in enumerate(records, start=1):
+        landscape.lead_to(record)
+        page.show(landscape.maps())
         page.sheet.canvas.draw()
         yield np.ascontiguousarray(np.asarray(page.sheet.canvas.buffer_rgba())[..., :3])
         if progress is not None:

@@ -12,13 +12,15 @@ from warpriver.errors import InputError, InternalError, MissingExtraError
 from warpriver.extras import IMPORTING
 from warpriver.files import in_memory
 from warpriver.history import History
+from warpriver.landscape.maps import landscape_maps
 from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.validate import not_negative
+from warpriver.validate import not_negative, one_of
 from warpriver.viz import gl
 from warpriver.viz.bands import Window, bank_lines, refine_lines, select_inside, taper_ends
 from warpriver.viz.belt import OXBOW_RAMP, BeltPainter, checked_record, history_bounds, vegetation_noise
+from warpriver.viz.landscape import DEEP, landscape_picture
 from warpriver.viz.maps import RELIEF_RAMP, map_window
 from warpriver.viz.sheet import GROUND, WATER, color_ramp, replacing
 from warpriver.viz.surface import LIT_STRENGTH, TerrainGround, clip_window
@@ -51,6 +53,7 @@ def render_scene(
     camera: Sequence[Sequence[float]] | None = None,
     window: Sequence[float] | None = None,
     until: int | None = None,
+    look: str = "belt",
 ) -> None:
     """Write an oblique 3-D view of a river in its floodplain or on its terrain, drawn off-screen.
 
@@ -71,6 +74,8 @@ def render_scene(
             the whole block.
         window: (west, south, east, north) of the block in m; by default everything, up to the terrain's edge.
         until: Index of the record of a history to show as the present; by default the last.
+        look: What lies on the ground of a history: "belt", courses by age, or "landscape", sand, plants and lakes as
+            :func:`draw_landscape` has them.
 
     Raises:
         RuntimeError: This machine cannot draw off-screen; the message says what to install.
@@ -85,8 +90,9 @@ def render_scene(
         not_negative(exaggeration, "exaggeration")
     if camera is not None and np.shape(camera) != (3, 3):
         raise InputError("camera: give position, focal point and up direction, each (x, y, z) in m")
+    one_of(look, "look", ("belt", "landscape"))
     with replacing(path, (".png", ".jpg")) as temporary:
-        pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until)
+        pixels = _draw(network_or_history, terrain, size, exaggeration, camera, window, until, look)
         from PIL import Image
 
         with in_memory(temporary) as buffer:
@@ -101,6 +107,7 @@ def _draw(
     camera: Sequence[Sequence[float]] | None,
     window: Sequence[float] | None,
     until: int | None,
+    look: str,
 ) -> np.ndarray:
     """Draw the scene and return its pixels, (rows, columns, 3) uint8."""
     history = None if isinstance(subject, RiverNetwork) else subject
@@ -113,8 +120,8 @@ def _draw(
         view = clip_window(view, terrain.bounds)
     plotter = _new_plotter(size)
     try:
-        painter = None
-        if history is not None:
+        painter, planted = None, history is not None and look == "landscape"
+        if history is not None and not planted:
             painter = BeltPainter(
                 history, view, _texture_shape(view), supersample=1, terrain=terrain, strength=LIT_STRENGTH
             )
@@ -124,7 +131,9 @@ def _draw(
             ground = _Ground(view, network, 8.0 if exaggeration is None else float(exaggeration))
         else:
             ground = TerrainGround(view, network, terrain, exaggeration)
-        if painter is not None:
+        if history is not None and planted:
+            picture = _planted_picture(history, record, view, terrain)
+        elif painter is not None:
             picture = painter.picture(record)
         else:
             picture = _plain_picture(_texture_shape(view)) if terrain is None else ground.picture(_texture_shape(view))
@@ -139,9 +148,8 @@ def _draw(
             else:
                 lines, widths = ground.drape(lines, widths, 2.0 * (view[2] - view[0]) / size[0])
             gap = 0.02 * ground.depth * ground.exaggeration
-            _add_ribbons(
-                plotter, ground, lines, widths, WATER if terrain is None else RELIEF_WATER, gap=gap, water=True
-            )
+            water = DEEP if planted else WATER if terrain is None else RELIEF_WATER
+            _add_ribbons(plotter, ground, lines, widths, water, gap=gap, water=True)
         _aim(plotter, ground, camera)
         image = plotter.screenshot(None, return_img=True)
     finally:
@@ -151,6 +159,14 @@ def _draw(
     blocks = image.reshape(image.shape[0] // 2, 2, image.shape[1] // 2, 2, 3)
     pixels: np.ndarray = np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
     return pixels
+
+
+def _planted_picture(history: History, record: int, window: Window, terrain: Terrain | None) -> np.ndarray:
+    """Return the landscape at a record as the picture of the ground, (rows, columns, 3) uint8."""
+    rows, columns = _texture_shape(window)
+    cell = max((window[2] - window[0]) / columns, (window[3] - window[1]) / rows)
+    maps = landscape_maps(history, terrain, cell, bounds=window, until=record)
+    return landscape_picture(maps, terrain, strength=LIT_STRENGTH)
 
 
 def _new_plotter(size: tuple[int, int]) -> Any:
