@@ -118,18 +118,20 @@ STEP = (
         Moved("substep_io", 1.0, 1.0, per="event"), Moved("status_io", 1.0, 1.0, per="event"),
     )),
     Launch("migrate", "migration", "compute_velocity", (
-        *CHANNELS, *_read("channels.area", per="ring"),
+        *CHANNELS, *_read("channels.area", per="ring"), *_read("channels.fed", "channels.inlet", per="link"),
         *_read("points.xy"), *_read("points.section", per="section"), *_written("point_velocity_out"),
         *_written("memory_out.end", "memory_out.fade", "memory_out.terms", "memory_out.ends", per="link"),
     )),
     Launch("migrate", "migration", "move_points", (
-        *CHANNELS, *_read("channels.area", per="ring"),
+        *CHANNELS, *_read("channels.area", per="ring"), *_read("channels.fed", per="link"),
         *_read("points.xy", "velocities.point"), *_read("points.section", per="section"),
         *_read("velocities.tail", per="link"),
         Moved("ground.height", read=4.0, per="terrain"),
         # Of the blocks of controls one a point; what they hold where a block has any.
         *_read("ground.steering.block_mobility", per="controls"), *_read("ground.steering.highest", per="event"),
         *(Moved(f"ground.steering.{name}", read=4.0, per="controls") for name in ("cell_control", "cell_factor")),
+        # Four values of a table for each of two scales; as controls, they are told for runs that have them.
+        Moved("ground.banks.cell_noise", read=8.0, per="controls"),
         *_written("moved_out.xy"), *_written("moved_out.section", per="section"),
         Moved("channel_max_speed_io", 1.0, 1.0, per="channel"),
     )),

@@ -507,7 +507,7 @@ CALLS = {
     "step_limits": lambda t: (wr.meander.step_limits, {"width": 50.0, "depth": 2.0, "params": wr.MeanderParams()}),
     "mapped_banks": lambda t: (
         wr.meander.mapped_banks,
-        {"before": t["network"], "after": t["network"], "params": None, "smoothing": 3.0},
+        {"before": t["history"].networks[0], "after": t["history"].networks[-1], "params": None, "smoothing": 3.0},
     ),
     "taubin_smooth": lambda t: (
         wr.meander.taubin_smooth,

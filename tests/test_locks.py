@@ -7,7 +7,7 @@ import pytest
 from edited import SOLVERS, bends, bits, river
 from plain import plain_params
 
-from warpriver import MeanderParams, RiverNetwork, Simulation, edits, generate
+from warpriver import RiverNetwork, Simulation, edits, generate
 from warpriver.engine import state as engine_state
 from warpriver.engine.substeps import begin_substep
 from warpriver.history import HeldLock, History
@@ -83,7 +83,7 @@ def test_the_push_from_upstream_fades_to_nothing_towards_a_lock():
         assert np.abs(plain[5 if c == 0 else -6]).max() > 0.1 and (slowed[at_lock] == 0.0).all()
 
 
-def neck(params=MeanderParams, gap=40.0, radius=450.0, device="cpu"):
+def neck(params=plain_params, gap=40.0, radius=450.0, device="cpu"):
     """A river with a round loop, whose ends at (0, 0) are as close as a neck."""
     half = np.pi - np.arcsin(0.5 * gap / radius)
     turn = np.linspace(half, -half, int(radius / 4.0)) + 0.5 * np.pi

@@ -227,7 +227,7 @@ def mixed(kind, *widths):
     for k, width in enumerate(widths):
         length = 60.0 * width
         lines.append(generate.noisy_line(length, width, width, k) + [-0.5 * length, 20_000.0 * k])
-    alike = {"reference_width": 0.0} if kind is MeanderParams else {}  # each channel as if it were alone
+    alike = {"reference_width": 0.0} if kind is plain_params else {}  # each channel as if it were alone
     params = kind(spacing_in_widths=1.0, spacing=1000.0, time_step=1.0, collision_distance=0.0, **alike)
     return RiverNetwork.from_polylines(lines, width=list(widths)), params
 
@@ -247,7 +247,7 @@ def alone(network, c):
 
 @pytest.mark.parametrize("small", [False, True], ids=["one slab", "slabs"])
 @pytest.mark.parametrize("widths", [(90.0, 12.0), (12.0, 90.0), (10.0, 60.0, 25.0, 14.0)], ids=str)
-@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, PathMeander])
 def test_channels_take_their_own_sub_steps(monkeypatch, kind, widths, small, device):
     """A narrow river does not make a wide one work more: each is, to the bit, as it would be alone.
 

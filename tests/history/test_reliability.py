@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain import plain_params
 
 import warpriver as wr
 from warpriver.errors import MissingRecordError, RunLockedError, WarpriverError
@@ -22,7 +21,7 @@ from warpriver.history import Every, History, StopReason
 from warpriver.history.segments import sealed
 
 LINE = wr.generate.noisy_line(4000.0, 50.0, 50.0, 5)
-PARAMS = plain_params(friction=0.012)
+PARAMS = wr.MeanderParams(friction=0.012)
 
 
 def river():
@@ -63,9 +62,9 @@ RUN = """
     warpriver.history.SEGMENT_SECONDS = 0.0
     line = wr.generate.noisy_line(4000.0, 50.0, 50.0, 5)
     network = wr.RiverNetwork.from_polylines([line], width=50.0)
-    sim = wr.Simulation(network, plain_params(friction=0.012), threads=1)
+    sim = wr.Simulation(network, wr.MeanderParams(friction=0.012), threads=1)
     sim.step(0 + 1)
-    sim = wr.Simulation(network, plain_params(friction=0.012), threads=1)
+    sim = wr.Simulation(network, wr.MeanderParams(friction=0.012), threads=1)
     print("begin", flush=True)
     history = sim.run(steps=int(sys.argv[2]), record_every=10, store=sys.argv[1])
     print(history.stop_reason.name, sim.step_count)
@@ -475,7 +474,7 @@ def test_no_record_that_makes_no_sense_ends_the_process(tmp_path):
     lines = [[[0, 0], [500, 20], [1000, 0]], [[0, 800], [500, 400], [1000, 0]], [[1000, 0], [1500, 30], [2500, 0]]]
     widths = [[40.0, 45.0, 50.0], [30.0, 30.0, 30.0], [60.0, 60.0, 70.0]]
     network = wr.RiverNetwork.from_polylines(np.array(lines, float), width=widths)
-    wr.Simulation(network, plain_params(spacing=25.0)).run(steps=4, record_every=4, store=tmp_path / "run")
+    wr.Simulation(network, wr.MeanderParams(spacing=25.0)).run(steps=4, record_every=4, store=tmp_path / "run")
     name = max(path.name for path in (tmp_path / "run").glob("segment_*"))
     *before, line = (tmp_path / "run" / "segments.jsonl").read_text().splitlines(keepends=True)
     arrays, listed = dict(np.load(tmp_path / "run" / name)), json.loads(line)

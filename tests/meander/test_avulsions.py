@@ -97,7 +97,7 @@ def test_as_printed_the_number_grows_with_the_points():
 # ---- runs
 
 
-@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, PathMeander])
 def test_channels_leave_their_courses(kind):
     """Every avulsion begins and ends on what it leaves; the run shows the new course, and keeps the old one."""
     network = models.many_channels(8)

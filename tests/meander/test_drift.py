@@ -90,7 +90,7 @@ def test_on_steep_ground_junctions_stay(device):
     np.testing.assert_array_equal(sim.network.node_xy, before)
 
 
-@pytest.mark.parametrize("kind", [wr.MeanderParams, wr.PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, wr.PathMeander])
 def test_trees_keep_together_while_junctions_wander_and_channels_join(kind, tmp_path, device):
     """The graph stays a forest, and a run that goes on from a record is the same to the bit."""
     collisions = 0

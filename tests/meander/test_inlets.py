@@ -30,7 +30,7 @@ def test_a_river_is_not_left_straight_below_an_inlet(inlet, device):
 def test_a_straight_reach_answers_by_the_exponential_of_its_memory(device):
     """One short step: the push is gamma k w C(t) e^(-z / (L w)), C at the beginning of the step."""
     line = np.stack([np.arange(0.0, 4001.0, 20.0), np.zeros(201)], axis=1)
-    params = FED.replace(time_step=0.01, curvature_saturation=0.0)
+    params = FED.replace(time_step=0.01, curvature_saturation=0.0, bank_spread=0.0)
     sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], WIDTH), params, seed=5, device=device)
     sim.step()
     moved = sim.network.polylines()[0]

@@ -85,7 +85,7 @@ def test_arrival_angles_are_those_of_the_lines():
     np.testing.assert_allclose(arrival_angles(shaped)[:2], junction_angles(shaped)[:2], atol=0.03)
 
 
-@pytest.mark.parametrize("params", [wr.MeanderParams, wr.PathMeander])
+@pytest.mark.parametrize("params", [plain_params, wr.PathMeander])
 def test_in_a_simulation_mouths_take_the_angles_of_their_templates(params, device):
     """After 60 years, as long as the widest migrates by 100 widths: within 5 degrees in the mean, and none along."""
     off, least, before = [], [], []

@@ -7,7 +7,7 @@ from devices import assert_bits, is_cpu
 from plain import plain_params
 
 import warpriver as wr
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, metrics
+from warpriver import PathMeander, RiverNetwork, Simulation, metrics
 from warpriver.meander import taubin_smooth
 
 
@@ -126,7 +126,7 @@ def test_a_noisy_ring_meanders_for_two_thousand_steps(policy, device):
 
 @pytest.mark.parametrize("shift", [0, 17, 40, 71])
 @pytest.mark.parametrize("policy", ["longer", "marked", "both"])
-@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, PathMeander])
 def test_a_split_conserves_points_and_length(kind, policy, shift, device):
     """The parts together are as long as the ring was and twice the neck, to a spacing each, wherever it begins."""
     xy = np.roll(dumbbell(), shift, axis=0)
@@ -196,7 +196,7 @@ def test_both_parts_go_on_and_split_again(device):
     assert sim.history.network(-1).channel_closed.all()
 
 
-@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, PathMeander])
 def test_rings_multiply_up_to_a_limit_with_a_word(kind, device, tmp_path):
     params = kind(spacing=40.0, ring_policy="both", max_rings=4)
     free, whole, half = (

@@ -9,7 +9,7 @@ import pytest
 from models import MODELS, assert_same, some_controls
 from plain import plain_params
 
-from warpriver import MeanderParams, PathMeander, RiverNetwork, Simulation, Terrain, edits, generate
+from warpriver import PathMeander, RiverNetwork, Simulation, Terrain, edits, generate
 from warpriver.history import ControlChange, ControlStroke, History
 from warpriver.meander import SetControls, control_map, migration_rate
 from warpriver.meander.control_record import controls_after
@@ -98,7 +98,7 @@ def test_shortest_paths_are_steered_by_their_push(device):
     np.testing.assert_allclose(found, expected, atol=5e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("kind", [MeanderParams, PathMeander])
+@pytest.mark.parametrize("kind", [plain_params, PathMeander])
 def test_bends_to_both_sides_and_straight_reaches_are_drawn(kind, device):
     """As printed, an attractor drives off every other bend and leaves a straight reach alone."""
     line = bends()
