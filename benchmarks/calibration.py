@@ -18,6 +18,7 @@ import numpy as np
 from machine import machine, write_result
 
 import warpriver as wr
+from warpriver.calibration.fits import measured_law
 from warpriver.calibration.hindcasts import nearest_distances
 from warpriver.calibration.observed import observe, survey
 
@@ -33,7 +34,7 @@ REACHES = {
 # Dated thirty or ten years apart: long enough to be simulated.
 LONG = ("jurua", "jutai", "purus", "tarauaca")
 MAMORE, MAMORE_WIDTH = [year for year in range(1986, 2007) if year != 2002], 390.0
-LAW = wr.MeanderParams(sinuosity_scaling="none")
+LAW = measured_law()
 # Known constants, and how far off the points of the lines are, m.
 TRUE = {"migration_rate": 20.0, "memory_length": 2.5, "curvature_saturation": 0.2}
 NOISES = (0.0, 5.0)

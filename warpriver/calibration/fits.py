@@ -196,7 +196,8 @@ def calibrate(
 
     Cutoffs are left out of the score, with six widths of channel on both sides, and so are ten widths at the ends of
     rivers; the curvature there counts all the same for what lies downstream. An offset between the two surveys, as
-    satellite images have, is fitted beside the constants. The rivers of a network are its stems, from source to mouth.
+    satellite images have, is fitted beside the constants. The rivers of a network are its stems, from source to mouth;
+    those shorter than 30 widths are left out.
 
     Where a constant may vary, it is what it is for the whole times a factor, whose logarithm has a standard deviation
     of .5 as a prior: a value at knots ``length`` widths apart, linear in between, or one a channel.
