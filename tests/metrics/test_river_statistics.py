@@ -100,7 +100,9 @@ def test_bends_go_on_through_nodes():
     assert whole.bends > 20
     for name, value, _, _ in whole.rows():
         if not math.isnan(value) and name not in ("sinuosity", "junction_curvature"):
-            assert getattr(links, name) == pytest.approx(value, rel=0.02), name
+            # Samples lie an eighth of a width apart, and not in the same places.
+            apart = 0.25 if name.startswith("straight") else 0.0
+            assert getattr(links, name) == pytest.approx(value, rel=0.02, abs=apart), name
 
 
 def test_rings_and_lines_without_bends():
