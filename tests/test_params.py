@@ -19,7 +19,12 @@ def test_paper_values_are_table_1():
 def test_every_field_states_unit_source_and_meaning():
     for name, default, unit, source, doc in describe(MeanderParams):
         # What follows from the network has no number, nor has what is left out.
-        assert (default is not None or name in ("reference_width", "avulsions")) and unit and source and doc, name
+        assert (
+            (default is not None or name in ("reference_width", "avulsions", "friction", "memory_length"))
+            and unit
+            and source
+            and doc
+        ), name
 
 
 @pytest.mark.parametrize(
@@ -57,3 +62,18 @@ def test_params_are_frozen_and_replaceable():
     assert p.replace(spacing=10.0).spacing == 10.0
     with pytest.raises(ValueError, match="spacing"):
         p.replace(spacing=0.0)
+
+
+def test_a_friction_that_is_given_tells_the_memory():
+    """The default is a length in widths; neither of the two is passed over without a word."""
+    assert (MeanderParams().friction, MeanderParams().memory_length) == (0.011, 2.2)
+    assert (MeanderParams(friction=0.011).friction, MeanderParams(friction=0.011).memory_length) == (0.011, 0.0)
+    assert MeanderParams(friction=0.02).memory_length == 0.0
+    assert MeanderParams(memory_length=3.0).memory_length == 3.0
+    assert MeanderParams(friction=0.02).replace(migration_rate=9.0).friction == 0.02
+    assert MeanderParams().replace(friction=0.02, memory_length=0.0).friction == 0.02
+    assert (MeanderParams.paper().friction, MeanderParams.paper().memory_length) == (0.011, 0.0)
+    with pytest.raises(ValueError, match="two ways to tell how far upstream"):
+        MeanderParams(friction=0.02, memory_length=3.0)
+    with pytest.raises(ValueError, match="leave one out, or set memory_length to 0"):
+        MeanderParams().replace(friction=0.02)

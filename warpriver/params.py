@@ -25,6 +25,8 @@ __all__ = [
 ]
 
 DAYS_PER_YEAR = 365.25
+# Defaults of two constants of which either tells the memory of a river.
+FRICTION, MEMORY_LENGTH = 0.011, 2.2
 
 P = TypeVar("P", bound="Params")
 
@@ -366,20 +368,21 @@ class MeanderParams(Params):
         "network",
     )
     friction: float = parameter(
-        0.011,
+        None,
         "-",
         low=0.0,
         low_open=True,
         source="Sylvester2019",
-        doc="f: friction factor; upstream curvature is felt over depth / (2 f) metres",
+        doc="f: friction factor, by default 0.011; if it is given, upstream curvature is felt over depth / (2 f) "
+        "metres",
     )
     memory_length: float = parameter(
-        2.2,
+        None,
         "widths",
         low=0.0,
         source="warpriver",
-        doc="L: upstream curvature is felt over so many widths, where friction and depth would make it depth / (2 f) "
-        "metres; 0: by friction and depth [Paris2023]",
+        doc="L: upstream curvature is felt over so many widths, by default 2.2, unless friction is given; 0: by "
+        "friction and depth [Paris2023]",
     )
     curvature_saturation: float = parameter(
         0.3,
@@ -558,6 +561,16 @@ class MeanderParams(Params):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        friction, memory = self.friction, self.memory_length
+        if memory is None:
+            memory = MEMORY_LENGTH if friction is None else 0.0
+        elif memory > 0.0 and friction not in (None, FRICTION):
+            raise InputError(
+                f"MeanderParams.friction is {friction:g} and memory_length {memory:g} widths, which are two ways to "
+                "tell how far upstream bends are felt; leave one out, or set memory_length to 0"
+            )
+        object.__setattr__(self, "friction", FRICTION if friction is None else friction)
+        object.__setattr__(self, "memory_length", memory)
         if 0.0 < self.cutoff_distance and self.cutoff_min_arc <= self.cutoff_distance:
             raise InputError(
                 f"MeanderParams.cutoff_min_arc is {self.cutoff_min_arc:g} widths, not above cutoff_distance "

@@ -39,14 +39,15 @@ COMMANDS = {
     "erode": ("--size 12x10 --events 5 --no-progress -o", "out"),
     "valley": ("S1 --set length=40 -o", "out.npz"),
     "landscape": ("line.csv --resolution 40 --export mesh -o", "out"),
+    "riverscape": ("ground.npz --min-area 0.05 -o", "out"),
     "render": ("line.csv -o", "out.png"),
     "convert": ("line.csv -o", "out.geojson"),
     "metrics": ("line.csv run -o", "out.csv"),
     "bench": ("--points 300 --channels 3 --json", "out.json"),
     "info": ("line.csv", None),
 }
-# These take the command long before they can be wrong, or are tested with others.
-LONG = {"demo"}
+# These take the command long before they can be wrong, run until they are ended, or are tested with others.
+LONG = {"demo", "studio"}
 
 
 def flags_of(command):

@@ -482,8 +482,9 @@ class Worker:
 
 # Constants that pages show and set.
 _SHOWN = (
-    "migration_rate", "friction", "local_weight", "upstream_weight", "sinuosity_scaling", "cutoff_distance",
-    "collision_distance", "slope_threshold", "end_damping", "spacing_in_widths", "time_step",
+    "migration_rate", "memory_length", "friction", "curvature_saturation", "bank_spread", "local_weight",
+    "upstream_weight", "sinuosity_scaling", "cutoff_distance", "collision_distance", "slope_threshold", "end_damping",
+    "spacing_in_widths", "time_step",
 )  # fmt: skip
 
 
