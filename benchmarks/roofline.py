@@ -203,7 +203,7 @@ STEP = (
     Launch("collide", "collisions", "find_contacts", (
         *CHANNELS, *_read("channel_nodes", per="channel"),
         *_read("points.xy", per="block"), *_read("points.section", per="event"),
-        *_read("index.point_next", "index.point_owner", per="block"),
+        *_read("index.point_next", "index.point_owner", per="block"), *_read("index.channel_river", per="channel"),
         Moved("index.bucket", read=CELLS_A_BLOCK * CELL_FIELDS, per="block"),
         # Where contacts are listed is for the host, when there are any.
         Moved("contacts_io.pair", per="event"), Moved("contacts_io.share_sum", per="event"),

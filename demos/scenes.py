@@ -58,9 +58,7 @@ def attractor(scene, sim, folder) -> str:
     """Fig. 14: points near an attractor lie closer to it than without."""
     near, least = _distances(scene, sim)
     assert near[1] < near[0] and least[1] < least[0]
-    return (
-        f"mean distance {near[1] / near[0]:.2f} times that without, least {least[1]:.2f} radii ({least[0]:.2f} without)"
-    )
+    return f"mean distance {near[1] / near[0]:.2f} times that without, {least[1]:.2f} radii at least"
 
 
 def _distances(scene, sim) -> tuple[list[float], list[float]]:
@@ -105,9 +103,7 @@ def junctions(scene, sim, folder) -> str:
     angles = [np.degrees(np.arctan2(abs(y), x)) for x, y in ends]
     like, brook = angles[:2], angles[4]
     assert all(20.0 < angle < 30.0 for angle in like) and brook > 75.0
-    return (
-        f"like flows {like[0]:.0f} and {like[1]:.0f} degrees, a brook {brook:.0f}, beside it the river {angles[3]:.0f}"
-    )
+    return f"like flows {like[0]:.0f} and {like[1]:.0f} degrees, a brook {brook:.0f}, beside it {angles[3]:.0f}"
 
 
 def basin(scene, sim, folder) -> str:

@@ -154,7 +154,11 @@ def test_both_parts_of_a_ring_have_its_columns():
 
 
 def test_runs_keep_every_column(tmp_path, device):
-    sim = Simulation(marked_tree(), plain_params(spacing=20.0, reference_width=0.0), device=device)
+    sim = Simulation(
+        marked_tree(),
+        plain_params(spacing=20.0, reference_width=0.0, junctions=None, junction_drift=0.0),
+        device=device,
+    )
     history = sim.run(steps=150, record_every=50, store=tmp_path / "run")
     assert len({event.case for event in history.collisions}) > 2
     rock = dict(zip(range(1000), ["clay", "sand", "gravel"] * 333, strict=False))

@@ -210,7 +210,7 @@ def test_a_river_has_no_corner_at_a_lock():
     """After 60 years in which its bends went on it turns there no more than twice as sharply as its sharpest bends."""
     line = generate.noisy_line(12_000.0, 30.0, 60.0, 0)
     params = plain_params(spacing=30.0, sinuosity_scaling="whole")
-    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), params)
+    sim = Simulation(RiverNetwork.from_polylines([line], width=60.0), params, device="cpu")
     sim.run(years=80.0, record_every=10_000)
     length = sim.network.channel_lengths()[0]
     for part in (0.35, 0.5, 0.65):

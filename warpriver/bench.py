@@ -57,6 +57,11 @@ COPY_BYTES = 512 * 2**20
 COPY_ROUNDS = 15
 # Phases of a step that run on the host: joins after collisions, and all that lies between the launches.
 HOST_PHASES = ("join", "rest of host")
+# What the river of the scenes has meandered with: migration alone, so that they are the same whatever the defaults are.
+RIVER = MeanderParams(
+    friction=0.011, curvature_saturation=0.0, inlet="none", sinuosity_scaling="upstream", cutoff_distance=1.0,
+    bank_spread=0.0,
+)  # fmt: skip
 
 
 def min_seconds(call: Callable[[], object], repeats: int = 1, rounds: int = ROUNDS, device: Any = "cpu") -> float:
@@ -118,7 +123,7 @@ def copies_of_points(seconds: float, points: int, dtype: str, bandwidth: float) 
 def _developed_river(points: int, years: float, seed: int) -> np.ndarray:
     length = points * SPACING / 2.7  # by then it is about so much longer than its valley
     line = noisy_line(length, SPACING, WIDTH, seed)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=WIDTH))
+    sim = Simulation(RiverNetwork.from_polylines([line], width=WIDTH), RIVER)
     sim.run(years=years, record_every=10**9)
     return sim.network.polylines()[0]
 

@@ -17,10 +17,10 @@ import warp as wp
 from insides import tighten
 from models import MODELS
 from patched_warp import Preamble, fill_fresh_memory
+from plain import plain_params
 
 from warpriver import (
     LehenyParams,
-    MeanderParams,
     PathMeander,
     RiverNetwork,
     Simulation,
@@ -208,7 +208,7 @@ def ground():
 
 
 SCENES = {name: functools.partial(run_model, name) for name in MODELS} | {
-    "many points": lambda way: run_many(MeanderParams, cutoff_distance=1.3),
+    "many points": lambda way: run_many(plain_params, cutoff_distance=1.3),
     "many points by paths": lambda way: run_many(PathMeander, search_radius=2.0),
     "rain": lambda way: rain(),
     "valley": lambda way: valley(),

@@ -256,7 +256,7 @@ def test_order_and_direction_of_arrays_cannot_be_seen_by_the_device(device):
 def run_with_loop(age, years_after=0.0):
     """A history of a straight river with one loop that was cut off so many years before its end."""
     network = straight()
-    history = wr.Simulation(network, plain_params(), threads=1).run(steps=2, record_every=1)
+    history = wr.Simulation(network, plain_params(), threads=1, device="cpu").run(steps=2, record_every=1)
     a = np.linspace(0.0, np.pi, 60)
     loop = np.column_stack([300.0 + 110.0 * np.cos(a[::-1]), -95.0 + 85.0 * np.sin(a)])
     end = float(history.times[-1])

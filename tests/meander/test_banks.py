@@ -106,7 +106,7 @@ def test_bits_do_not_depend_on_threads_or_a_stop(tmp_path):
     np.testing.assert_array_equal(several.network.points(), whole.network.points())
     stopped = simulation(threads=1)
     stopped.run(steps=23, store=tmp_path / "run")
-    again = wr.Simulation.resume(tmp_path / "run", threads=1)
+    again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
     again.run(steps=37)
     np.testing.assert_array_equal(again.network.points(), whole.network.points())
 

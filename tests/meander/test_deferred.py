@@ -17,7 +17,9 @@ WIDTH = 80.0
 def river():
     """A river that has meandered for 90 years."""
     line = generate.noisy_line(14_000.0, 40.0, 100.0, 3)
-    sim = Simulation(RiverNetwork.from_polylines([line], width=WIDTH), plain_params(sinuosity_scaling="whole"))
+    sim = Simulation(
+        RiverNetwork.from_polylines([line], width=WIDTH), plain_params(sinuosity_scaling="whole"), device="cpu"
+    )
     sim.run(years=90.0, record_every=10_000)
     return sim.network.polylines()[0]
 
@@ -32,7 +34,7 @@ def with_brook(side=1.0, terrain=None, drop=0.0, **options):
     widths = [WIDTH, WIDTH + 1.0, 15.0] if drop == 0.0 else [WIDTH, 15.0]
     flows = [200.0, 204.0, 4.0] if drop == 0.0 else [200.0, 4.0]
     network = RiverNetwork.from_polylines(lines, width=widths, discharge=flows)
-    return Simulation(network, plain_params(sinuosity_scaling="whole", **options), terrain=terrain)
+    return Simulation(network, plain_params(sinuosity_scaling="whole", **options), terrain=terrain, device="cpu")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -117,7 +117,9 @@ def test_where_a_channel_parts_nothing_wanders(device):
     part = np.linspace(0.0, 1.0, 60)[:, None]
     lines = [part * [-2000.0, -2500.0], part * [1800.0, -2600.0]]
     network = wr.RiverNetwork.from_polylines(lines, width=WIDTH)
-    sim = wr.Simulation(network, plain_params(spacing=SPACING, collision_distance=0.0, junction_drift=0.5))
+    sim = wr.Simulation(
+        network, plain_params(spacing=SPACING, collision_distance=0.0, junction_drift=0.5), device="cpu"
+    )
     before = sim.network.node_xy.copy()
     sim.run(steps=20)
     np.testing.assert_array_equal(sim.network.node_xy, before)

@@ -87,7 +87,7 @@ def test_bits_do_not_depend_on_threads_chunks_or_a_stop(tmp_path, monkeypatch):
     np.testing.assert_array_equal(several.network.points(), points)
     stopped = simulation(threads=1)
     stopped.run(steps=17, store=tmp_path / "run")
-    again = wr.Simulation.resume(tmp_path / "run", threads=1)
+    again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
     again.run(steps=23)
     np.testing.assert_array_equal(again.network.points(), points)
     other = simulation(threads=1)

@@ -536,6 +536,7 @@ def test_the_command_line_tells_splits(tmp_path, capsys, solver):
     path, out = tmp_path / "ring.csv", tmp_path / "out"
     np.savetxt(path, np.concatenate([dumbbell(), dumbbell()[:1]]), delimiter=",")
     options = ["--width", "40", "--closed", "--ring-policy", "both", "--years", "0.3", "--spacing", "20"]
+    options += ["--cutoff-distance", "1"] if solver == "migration" else []
     assert main(["simulate", str(path), *options, "--solver", solver, "-o", str(out), "--no-progress"]) == 0
     assert "0 cutoffs and 1 split of rings in all" in capsys.readouterr().out
     assert len(wr.history.History.load(out / "run").splits) == 1

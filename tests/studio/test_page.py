@@ -115,8 +115,9 @@ def test_rivers_are_drawn_and_erased(browser, served):
     x, y, _ = browser.run(PLACE + "(.7)")
     count, water = browser.run("studio.state.channels"), pixels(browser)
     known = browser.run("[...studio.state.id]")
-    for dx, dy in ((120, 150), (70, 110), (30, 50), (0, 0)):
+    for k, (dx, dy) in enumerate(((120, 150), (70, 110), (30, 50), (0, 0)), 1):
         browser.click(x + dx, y + dy)
+        browser.wait(f"studio.tool.points.length === {k}")
     browser.key("Enter")
     browser.wait(f"studio.state.channels > {count}")
     added = said(served)[-1]

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from warpriver.arrays import FloatArray
+from warpriver.extras import IMPORTING
 from warpriver.public import public
 from warpriver.riverscape.courses import Course, CourseMap, Rock
 from warpriver.terrain import Terrain
@@ -188,8 +189,9 @@ def _rocks(name: str, courses: list[Course], random: np.random.Generator) -> lis
 
 def _ground(name: str, courses: list[Course], random: np.random.Generator) -> Terrain:
     """Ground above the water: a plain, or the sides of a steep valley, with bumps of a few metres' length."""
-    from scipy.ndimage import gaussian_filter
-    from scipy.spatial import cKDTree
+    with IMPORTING:
+        from scipy.ndimage import gaussian_filter
+        from scipy.spatial import cKDTree
 
     xy = np.concatenate([np.asarray(c.xy) for c in courses])
     level = np.concatenate([np.asarray(c.level) for c in courses])

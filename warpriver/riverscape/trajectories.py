@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray, IndexArray
+from warpriver.extras import IMPORTING
 from warpriver.hydrology.orders import main_stem
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
@@ -132,7 +133,8 @@ def lay_axes(network: RiverNetwork, spacing: FloatArray) -> Axes:
         network: A forest.
         spacing: (C,) greatest distance between points, m.
     """
-    from scipy.interpolate import CubicSpline
+    with IMPORTING:
+        from scipy.interpolate import CubicSpline
 
     start, xy = network.starts().astype(np.int64), network.points()
     stem = main_stem(network.channel_from, network.channel_to, network.channel_flow())
@@ -302,7 +304,8 @@ def _half_waves(chord: FloatArray, angle: FloatArray) -> tuple[FloatArray, Float
 
 def _eased(x: FloatArray, y: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Take out the corners at inflections, where bends of different angles meet, over half a width; the ends stay."""
-    from scipy.ndimage import gaussian_filter1d
+    with IMPORTING:
+        from scipy.ndimage import gaussian_filter1d
 
     even = np.linspace(x[0], x[-1], len(x))
     spread = 0.5 * width / (np.hypot(np.diff(x), np.diff(y)).sum() / (len(x) - 1))

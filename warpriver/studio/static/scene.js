@@ -2,7 +2,16 @@
 
 import * as THREE from "./vendor/three.module.js";
 
-const GRID = 256, ROW = 1024;
+const ROW = 1024;
+
+/** Whether this machine draws without a graphics card: then edges stay rough, so that the page keeps up. */
+function isSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const told = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = told ? gl.getParameter(told.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software/i.test(name);
+}
 
 const GROUND_VERTEX = `
 precision highp float;
@@ -141,7 +150,8 @@ export class Ribbon {
 export class MapScene {
   constructor(canvas, ground, view) {
     this.ground = ground; this.view = view;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    this.software = isSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.software, preserveDrawingBuffer: true });
     this.scene = new THREE.Scene();
     this.empty = new THREE.DataTexture(new Float32Array(1), 1, 1, THREE.RedFormat, THREE.FloatType);
     this.empty.needsUpdate = true;
@@ -154,7 +164,7 @@ export class MapScene {
       range: { value: new THREE.Vector2(0, 1) }, step: { value: 50 }, most: { value: 1 }, contours: { value: true },
       shaded: { value: true }, painted: { value: false }, dark: { value: false },
     };
-    const plane = new THREE.PlaneGeometry(2, 2, GRID, GRID);
+    const cells = this.software ? 160 : 256, plane = new THREE.PlaneGeometry(2, 2, cells, cells);
     this.terrain = new THREE.Mesh(plane, material(GROUND_VERTEX, GROUND_FRAGMENT, this.uniforms));
     this.terrain.frustumCulled = false;
     this.old = new Ribbon(this.shared, [.55, .53, .42], [.55, .53, .42], 0.6, .8);
