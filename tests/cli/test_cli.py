@@ -14,7 +14,7 @@ from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, extract
 from warpriver.cli import main
 from warpriver.cli.info import describe_device, describe_gpus
 from warpriver.history import History
-from warpriver.io import write_network, write_terrain
+from warpriver.io import read_network, write_network, write_terrain
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
@@ -122,6 +122,17 @@ def test_bad_input_of_erode_is_one_line(tmp_path, capsys, monkeypatch, arguments
     code, _, err = run(capsys, "erode", *small, "--events", 50, *arguments, "--no-progress")
     assert code == 2 and err.count("\n") == 1 and words in err and "Traceback" not in err
     assert not (tmp_path / "out").exists(), "nothing is begun on bad input"
+
+
+def test_a_seed_is_that_of_the_banks(river, tmp_path, capsys):
+    ends = []
+    for name, seed in (("a", []), ("b", ["--seed", "0"]), ("c", ["--seed", "7"])):
+        assert run(capsys, "simulate", river, "--width", 60, "--years", 3, *seed, "-o", tmp_path / name)[0] == 0
+        ends.append(read_network(tmp_path / name / "channels.csv").points())
+    assert np.array_equal(ends[0], ends[1]) and not np.array_equal(ends[0], ends[2])
+    code, _, said = run(capsys, "simulate", tmp_path / "c" / "run", "--years", 1, "--seed", 8)
+    assert code == 2 and "--seed 8: the run has the seed 7, and goes on with it; leave it out" in said
+    assert run(capsys, "simulate", tmp_path / "c" / "run", "--years", 1, "--seed", 7)[0] == 0
 
 
 def test_simulate_on_a_terrain(river, tmp_path, capsys):

@@ -59,7 +59,7 @@ def add(commands: Any) -> None:
         metavar="M",
         help="height of the mountains in m (default 1200)",
     )
-    ground.add_argument("--seed", type=whole_number(), default=1, help="seed of the terrain (default 1)")
+    ground.add_argument("--seed", type=whole_number(), default=1, help="seed of the terrain and of the run (default 1)")
     ground.add_argument(
         "--min-area",
         type=area,
@@ -93,7 +93,9 @@ def _demo(options: argparse.Namespace) -> int:
     folder = Path(out)
     # The run finds its ground there when it goes on.
     terrain.file = TerrainFile(str((folder / "terrain.npz").resolve()))
-    simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
+    simulation = Simulation(
+        network, params, terrain=terrain, seed=options.seed, check=options.check, threads=options.threads
+    )
     with results_in(folder):
         write_terrain(terrain, folder / "terrain.npz")
         write_network(network, folder / "network.csv")

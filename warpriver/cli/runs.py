@@ -38,7 +38,7 @@ SHORT_RUN = 20_000_000
 # A network with so many times the points that were estimated is worth a word.
 OUTGROWN = 2.0
 # Defaults that follow from something else.
-TOLD = {"reference_width": "the widest channel's"}
+TOLD = {"reference_width": "the widest channel's", "friction": "0.011", "memory_length": "2.2"}
 
 
 def add_run_options(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpriver.cli.output import say
-from warpriver.cli.parser import interval, number
+from warpriver.cli.parser import interval, number, whole_number
 from warpriver.cli.results import write_run
 from warpriver.cli.runs import add_run_options, draw_map, foretell, make_params, run_simulation, told_end, write_results
 from warpriver.cli.shared import (
@@ -103,6 +103,13 @@ def add(commands: Any) -> None:
         help="let a run go on over the --terrain that is given, or over a plain without one, also if it is not its own",
     )
     add_run_options(parser, out=None, years=YEARS, record_every=RECORDS)
+    parser.add_argument(
+        "--seed",
+        type=whole_number(),
+        metavar="N",
+        help="seed of the strength of banks, the bends that come in at inlets, and avulsions (default 0); a run that "
+        "goes on has its own",
+    )
     # So that what was typed can be told from what was not: scenes have their own.
     parser.set_defaults(years=None, record_every=None)
 
@@ -177,7 +184,9 @@ def _begun(source: Path, options: argparse.Namespace) -> tuple[Simulation, Path,
     folder = fresh_folder(out, *RESULTS, make=False)
     network = read_lines(source, options, depth=options.depth, dtype=options.dtype or "float64", device=options.device)
     terrain = ground_under(options, network.crs)
-    simulation = Simulation(network, params, terrain=terrain, check=options.check, threads=options.threads)
+    simulation = Simulation(
+        network, params, terrain=terrain, seed=options.seed or 0, check=options.check, threads=options.threads
+    )
     return simulation, folder, folder / "run"
 
 
@@ -194,6 +203,10 @@ def _resumed(run: Path, options: argparse.Namespace) -> tuple[Simulation, Path, 
     history = read_run(run)
     if options.dtype not in (None, history.dtype):
         raise InputError(f"--dtype {options.dtype}: the run has {history.dtype}, and goes on in that; leave it out")
+    if options.seed not in (None, history.seed):
+        raise InputError(
+            f"--seed {options.seed}: the run has the seed {history.seed}, and goes on with it; leave it out"
+        )
     copied = options.out is not None or run.is_file()
     out = options.out or f"out/{run.stem}"
     folder = fresh_folder(out, *RESULTS, make=False) if copied else run.parent
