@@ -154,7 +154,7 @@ def test_phases_of_a_step_without_cutoffs_and_collisions():
 def test_measure_says_what_it_measured():
     found = bench.measure(600, 3, threads=2, terrain=True, collisions=False, dtype="float32", copy_bytes=SMALL)
     # The rivers lengthen while they are measured.
-    assert found["channels"] == 3 and abs(found["points"] / 600 - 1.0) < 0.3
+    assert found["channels"] == 3 and abs(found["points"] / 600 - 1.0) < 0.6
     assert (found["threads"], found["terrain"], found["cutoffs"], found["collisions"]) == (2, True, True, False)
     assert found["dtype"] == "float32" and found["copy_bytes_per_second"] > 0.0
     expected = bench.copies_of_points(
