@@ -57,6 +57,15 @@ def build(scalar):
         banks: Banks
 
     @wp.func(module=name)
+    def is_plain(ground: Ground) -> bool:
+        """Tell whether nothing on the ground holds a channel or draws it: no heights, controls, or uneven banks."""
+        if ground.height or ground.steering.block_mobility:
+            return False
+        if ground.banks.cell_noise:
+            return False
+        return True
+
+    @wp.func(module=name)
     def slope_weight(ground: Ground, xy: vec2, limit: scalar) -> scalar:
         """1 on flat ground, falling as a smoothstep to 0 at the slope ``limit``; 0 where there is no ground."""
         slope = wp.length(cells.gradient_at(ground.height, ground.grid, xy))
@@ -160,5 +169,6 @@ def build(scalar):
         raised_mobility=raised_mobility,
         block_at=block_at,
         freedom_at=freedom_at,
+        is_plain=is_plain,
         control_pull=control_pull,
     )

@@ -468,6 +468,7 @@ def build(scalar):
         if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
         scale = land.bank_scale(ground.banks, run.form.width)
+        free = land.is_plain(ground) and constants.curvature_saturation == ZERO
         fastest = scalar(0.0)
         smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
@@ -487,7 +488,9 @@ def build(scalar):
             if j < run.stop:
                 moved = points.xy[j]
                 if run.closed != 0 or (j > run.first and j <= last):
-                    velocity = steered(channels, points, ground, run, constants, scale, j, smoothed)
+                    velocity = smoothed
+                    if not free:
+                        velocity = steered(channels, points, ground, run, constants, scale, j, smoothed)
                     fastest = wp.max(fastest, wp.length(velocity))
                     moved = moved + run.step * velocity
                 moved_out.xy[j] = moved
