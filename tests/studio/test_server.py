@@ -208,6 +208,20 @@ def test_a_page_that_takes_nothing_holds_nobody_up(served, page):
     assert idle.frames <= 2
 
 
+def test_an_earlier_state_comes_while_the_run_plays(page):
+    """No later one takes its place on the way."""
+    talk = page()
+    talk.until(lambda t: t.state is not None and "session" in t.told)
+    first = talk.told["session"]["records"][0][0]
+    talk.ask("step", count=3)
+    talk.ask("play", rate=200)
+    for _ in range(5):
+        assert "error" not in talk.ask("record", index=0)
+        talk.until(lambda t: t.state.step == first)
+        talk.until(lambda t: t.state.step > first)
+    talk.ask("pause")
+
+
 def test_a_saved_session_has_the_same_bits(page):
     talk = page()
     talk.until(lambda t: t.state is not None and "scene" in t.told)

@@ -22,6 +22,7 @@ __all__ = [
     "RASTERS",
     "STATE",
     "State",
+    "as_earlier",
     "decode_state",
     "encode_loops",
     "encode_patch",
@@ -31,11 +32,12 @@ __all__ = [
 STATE, PATCH, LOOPS = 1, 2, 3
 # Rasters of which a page holds a copy.
 RASTERS = ("height", "control")
-# kind, sequence, edits done, flags, channels, points, step; time in yr and ms a step.
+# kind, sequence, edits done, flags, channels, points, step; time in yr and ms a step. Flags are at byte FLAGS.
+FLAGS = 12
 _STATE = struct.Struct("<7I4xdd")
 _PATCH = struct.Struct("<IIIIIIII")
 _LOOPS = struct.Struct("<4I")
-PLAYING, LOCKED = 1, 2
+PLAYING, EARLIER = 1, 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +85,13 @@ def encode_state(state: State) -> bytes:
             np.ascontiguousarray(state.point_xy, "<f4").tobytes(),
         ]
     )
+
+
+def as_earlier(frame: bytes) -> bytes:
+    """Return the frame of a state marked as one that was asked for, and is not the present one."""
+    marked = bytearray(frame)
+    marked[FLAGS] |= EARLIER
+    return bytes(marked)
 
 
 def decode_state(frame: bytes) -> State:

@@ -99,11 +99,9 @@ class LiveSession:
 
     def stop(self) -> None:
         """End the process."""
-        connection, process = self._connection, self._process
+        self._give(b"Q")
+        process = self._process
         self._connection = self._process = None
-        if connection is not None:
-            with contextlib.suppress(OSError):
-                connection.close()
         if process is not None:
             process.join(2.0)
             if process.is_alive():
@@ -126,6 +124,7 @@ class LiveSession:
                 self._loop.call_soon_threadsafe(self._received, connection, message)
             except RuntimeError:  # the loop has ended
                 return
+        connection.close()
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._ended, process)
 
@@ -142,6 +141,11 @@ class LiveSession:
             else:
                 for watcher in self.watchers:
                     watcher.tell(frame)
+            return
+        if message[:1] == b"R":
+            # Asked for: no later state takes its place. Pages that did not ask pass over it.
+            for watcher in self.watchers:
+                watcher.tell(message[1:])
             return
         text = message[1:].decode()
         if text.startswith('{"type": "answer"'):

@@ -29,7 +29,7 @@ from warpriver.params import MeanderParams
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
 from warpriver.studio.author import Author
-from warpriver.studio.frames import State, encode_loops, encode_patch, encode_state
+from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patch, encode_state
 
 __all__ = ["KEPT", "RUN", "SAVED", "begin_folder", "work"]
 
@@ -76,7 +76,7 @@ class Worker:
 
         Args:
             folder: It.
-            send: Sends a message: "J" and a text in JSON, or "B" and a frame.
+            send: Sends a message: "J" and a text in JSON, "B" and a frame, or "R" and the frame of an earlier state.
         """
         self.folder, self._send = folder, send
         self.author = taken_up(folder)
@@ -257,7 +257,7 @@ class Worker:
         """Send a state of the timeline."""
         if not isinstance(index, int) or not 0 <= index < len(self._records):
             raise InputError(f"index is {index!r}; the timeline has {len(self._records)} states")
-        self._send(b"B" + self._records[index][2])
+        self._send(b"R" + as_earlier(self._records[index][2]))
 
     def do_export(self, name: str) -> dict[str, Any]:
         """Write a file into the folder of the session, and return its name."""
@@ -577,6 +577,8 @@ def work(connection: Connection, folder: str) -> None:
                     worker.credits = min(WINDOW, worker.credits + 1)
                 elif message[:1] == b"S":
                     worker.tell_scene()
+                elif message[:1] == b"Q":
+                    return
                 else:
                     told = json.loads(message[1:])
                     worker.obey(int(told["number"]), told["command"])

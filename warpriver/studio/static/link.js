@@ -58,8 +58,8 @@ export class Link extends EventTarget {
     const kind = head.getUint32(0, true);
     if (kind === STATE) {
       const state = decodeState(buffer, head);
-      this.tell("state", state);
-      if (this.socket.readyState === WebSocket.OPEN) this.socket.send(`{"ack":${state.sequence}}`);
+      this.tell(state.earlier ? "earlier" : "state", state);
+      if (!state.earlier && this.socket.readyState === WebSocket.OPEN) this.socket.send(`{"ack":${state.sequence}}`);
     } else if (kind === PATCH) {
       const [raster, row, column, rows, columns] = [4, 8, 12, 16, 20].map((at) => head.getUint32(at, true));
       this.tell("patch", { raster: RASTERS[raster], row, column, rows, columns, values: new Float32Array(buffer, 32) });
@@ -80,7 +80,7 @@ export function decodeState(buffer, head = new DataView(buffer)) {
   const size = new Float32Array(buffer, at, 4 * channels); at += 16 * channels;
   const start = new Uint32Array(buffer, at, channels + 1); at += 4 * (channels + 1);
   return {
-    sequence, edits, playing: (flags & 1) !== 0, channels, points, step,
+    sequence, edits, playing: (flags & 1) !== 0, earlier: (flags & 2) !== 0, channels, points, step,
     time: head.getFloat64(32, true), stepMs: head.getFloat64(40, true),
     id, size, start, xy: new Float32Array(buffer, at, 2 * points),
   };

@@ -141,12 +141,12 @@ link.addEventListener("session", ({ detail }) => {
 });
 
 link.addEventListener("state", ({ detail }) => {
-  const old = detail.sequence < (studio.live?.sequence ?? 0);
-  if (studio.asked && old) { studio.asked = false; show(detail); return; }
   studio.live = detail;
   studio.seen++;
   if (studio.shown === null) show(detail);
 });
+
+link.addEventListener("earlier", ({ detail }) => { if (studio.shown !== null && studio.records[studio.shown]?.[0] === detail.step) show(detail); });
 
 function show(state) {
   studio.state = state;
@@ -201,7 +201,7 @@ $("rate").addEventListener("change", () => studio.ask("rate", { rate: Number($("
 $("timeline").addEventListener("input", async () => {
   const k = Number($("timeline").value);
   if (k >= studio.records.length) { studio.shown = null; if (studio.live) show(studio.live); showTimeline(studio); return; }
-  studio.shown = k; studio.asked = true;
+  studio.shown = k;
   showTimeline(studio);
   await studio.ask("record", { index: k }).catch(() => { studio.shown = null; });
 });
