@@ -6,7 +6,7 @@ import time
 
 from websockets.sync.client import connect
 
-from warpriver.studio.frames import STATE, decode_state
+from warpriver.studio.frames import EARLIER, FLAGS, STATE, decode_state
 
 
 class Talk:
@@ -24,6 +24,7 @@ class Talk:
             open_timeout=30,
         )
         self.socket = self._connection.__enter__()
+        self.earlier = []
         self.numbers, self.state, self.told, self.frames = itertools.count(1), None, {}, 0
 
     def close(self):
@@ -37,6 +38,9 @@ class Talk:
             told = json.loads(message)
             self.told[told["type"]] = told
             return told
+        if int.from_bytes(message[:4], "little") == STATE and message[FLAGS] & EARLIER:
+            self.earlier.append(decode_state(message))
+            return message
         if int.from_bytes(message[:4], "little") == STATE:
             self.state = decode_state(message)
             self.frames += 1

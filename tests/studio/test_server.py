@@ -215,10 +215,11 @@ def test_an_earlier_state_comes_while_the_run_plays(page):
     first = talk.told["session"]["records"][0][0]
     talk.ask("step", count=3)
     talk.ask("play", rate=200)
-    for _ in range(5):
+    for count in range(1, 6):
         assert "error" not in talk.ask("record", index=0)
-        talk.until(lambda t: t.state.step == first)
-        talk.until(lambda t: t.state.step > first)
+        talk.until(lambda t, count=count: len(t.earlier) == count)
+        talk.until(lambda t, step=talk.state.step: t.state.step > step)
+    assert {state.step for state in talk.earlier} == {first}
     talk.ask("pause")
 
 
