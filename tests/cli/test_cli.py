@@ -262,7 +262,7 @@ def test_a_wrong_flag_exits_with_2(capsys):
         main(["simulate", "x.csv", "--no-such-flag"])
     assert caught.value.code == 2
     with pytest.raises(SystemExit) as caught:
-        main(["simulate", "x.csv", "--seed", "3"])
+        main(["simulate", "x.csv", "--sprout", "3"])
     assert caught.value.code == 2
     assert capsys.readouterr().err.count("\n") == 2, "a line each"
 
