@@ -88,7 +88,7 @@ def make_app(
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         yield
-        await asyncio.to_thread(session.stop)
+        session.stop()
         if removed:
             shutil.rmtree(place, ignore_errors=True)
 
@@ -113,7 +113,6 @@ def make_app(
             error = await asyncio.to_thread(_open_apart, Path(box) / name, made)
             if error is not None:
                 return PlainTextResponse(error, 422)
-            await asyncio.to_thread(session.stop)
             session.replace(made)
         return JSONResponse({"opened": name})
 

@@ -237,8 +237,8 @@ class Author:
 
     def _again(self, edits: list[tuple[int, Edit]], steps: int, same: int) -> None:
         """Let the run have these edits and steps; the first ``same`` edits are those that it has."""
-        first = edits[same][0] if same < len(edits) else (self.edits[same][0] if same < len(self.edits) else steps)
-        usable = [m for m in self._marks if m.step <= min(first, steps) and m.edits <= same]
+        first = edits[same][0] if same < len(edits) else steps
+        usable = [m for m in self._marks if m.step <= first and m.edits <= same]
         mark = usable[-1]
         before = (self.simulation, self.edits, self._marks)
         self._marks = usable

@@ -7,14 +7,13 @@ import collections
 import contextlib
 import json
 import multiprocessing
-import shutil
 import threading
 from pathlib import Path
 from typing import Any
 
 from warpriver.errors import InputError
 from warpriver.studio.frames import STATE
-from warpriver.studio.worker import KEPT, SAVED, work
+from warpriver.studio.worker import SAVED, copy_session, work
 
 __all__ = ["LiveSession", "Watcher"]
 
@@ -263,16 +262,7 @@ class LiveSession:
     def replace(self, place: Path) -> None:
         """Begin anew with what another folder holds."""
         self.stop()
-        for each in KEPT:
-            old, new = self.folder / each, place / each
-            if old.is_dir():
-                shutil.rmtree(old)
-            else:
-                old.unlink(missing_ok=True)
-            if new.is_dir():
-                shutil.copytree(new, old)
-            elif new.exists():
-                shutil.copy2(new, old)
+        copy_session(place, self.folder)
         self.start()
         self._give(b"S")
 

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
-from warpriver.studio.app import make_app
+from warpriver.studio.app import MESSAGE_BYTES, make_app
 from warpriver.studio.guard import LOOPBACK
+from warpriver.studio.worker import RUN
 
 __all__ = ["serve"]
-
-# Bytes of a message that a page may send.
-MESSAGE_BYTES = 2**20
 
 
 def serve(
@@ -52,7 +50,7 @@ def serve(
         raise MissingFileError(f"no file {source}")
     listening = _listen(host, port)
     with contextlib.closing(listening):
-        begun = folder is not None and (folder / "run").exists()
+        begun = folder is not None and (folder / RUN).exists()
         if begun and source is not None:
             raise InputError(
                 f"{folder} holds a session already; leave INPUT out to go on with it, or give a new folder"

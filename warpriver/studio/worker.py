@@ -24,14 +24,14 @@ from warpriver.history import Avulsion, Cutoff, Event
 from warpriver.hydrology import strahler_order
 from warpriver.io import read_terrain, write_network, write_terrain
 from warpriver.meander import Attractor, Control, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
-from warpriver.metrics import sinuosity, wavelength
+from warpriver.metrics import wavelength
 from warpriver.params import MeanderParams
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
 from warpriver.studio.author import Author
 from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patch, encode_state
 
-__all__ = ["KEPT", "RUN", "SAVED", "begin_folder", "work"]
+__all__ = ["RUN", "SAVED", "begin_folder", "copy_session", "work"]
 
 # What a session's folder holds: the run at its beginning, the ground that it began with, and its edits.
 RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.json", "saved"
@@ -56,6 +56,21 @@ def begin_folder(folder: Path, simulation: Simulation) -> None:
     if simulation.terrain is not None:
         write_terrain(simulation.terrain, folder / TERRAIN)
     simulation.history.save(folder / RUN)
+
+
+def copy_session(source: Path, target: Path) -> None:
+    """Put a session from one folder into another, in place of what that held."""
+    target.mkdir(parents=True, exist_ok=True)
+    for name in KEPT:
+        old, new = target / name, source / name
+        if old.is_dir():
+            shutil.rmtree(old)
+        else:
+            old.unlink(missing_ok=True)
+        if new.is_dir():
+            shutil.copytree(new, old)
+        elif new.exists():
+            shutil.copy2(new, old)
 
 
 def taken_up(folder: Path) -> Author:
@@ -89,6 +104,8 @@ class Worker:
         west, south, east, north = self._bounds()
         self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
         self._records: list[tuple[int, float, bytes]] = []
+        # The frame of the present state, where the timeline has made it already.
+        self._made: bytes | None = None
         self._every = 1
         self.tell_scene()
         self._keep_record()
@@ -111,7 +128,7 @@ class Worker:
         if self._changed and self.credits > 0:
             self.credits -= 1
             self._changed = False
-            self._send(b"B" + self._frame())
+            self._send(b"B" + (self._made or self._frame()))
         if now - self._told >= STATS_SECONDS:
             self._tell_figures(now)
         if self.playing and now - self._kept >= KEEP_SECONDS:
@@ -131,7 +148,7 @@ class Worker:
             self._tell(type="error", text=f"the run has stopped: {error}")
             return
         self._step_ms = 1e3 * (time.perf_counter() - begin) / count
-        self._changed = True
+        self._changed, self._made = True, None
         self._tell_events(events)
         self._keep_record()
 
@@ -139,7 +156,7 @@ class Worker:
 
     def obey(self, number: int, command: Any) -> None:
         """Do what a page asks for; an answer tells that it is done, or why it cannot be."""
-        self._command = number
+        self._command, self._made = number, None
         try:
             answer = self._do(command) or {}
         except (WarpriverError, ValueError, OSError) as error:
@@ -243,14 +260,7 @@ class Worker:
         """Keep the session as it is now under a new name."""
         self._keep()
         name = secrets.token_hex(8)
-        place = self.folder / SAVED / name
-        place.mkdir(parents=True)
-        for each in KEPT:
-            source = self.folder / each
-            if source.is_dir():
-                shutil.copytree(source, place / each)
-            elif source.exists():
-                shutil.copy2(source, place / each)
+        copy_session(self.folder, self.folder / SAVED / name)
         return {"saved": name}
 
     def do_record(self, index: Any) -> None:
@@ -280,14 +290,7 @@ class Worker:
         fresh = self.folder.with_name(self.folder.name + ".new")
         shutil.rmtree(fresh, ignore_errors=True)
         begin_folder(fresh, simulation)
-        for name in KEPT:
-            old, new = self.folder / name, fresh / name
-            if old.is_dir():
-                shutil.rmtree(old)
-            else:
-                old.unlink(missing_ok=True)
-            if new.exists():
-                new.replace(old)
+        copy_session(fresh, self.folder)
         shutil.rmtree(fresh, ignore_errors=True)
         self.author = taken_up(self.folder)
         self._records.clear()
@@ -334,24 +337,17 @@ class Worker:
         """Tell a page all that it needs to begin."""
         simulation = self.author.simulation
         terrain, network = simulation.terrain, simulation.network
-        ground = None
-        if terrain is not None:
-            ground = {
-                "rows": terrain.shape[0], "columns": terrain.shape[1], "cell": terrain.cell_size,
-                "west": terrain.origin[0], "north": terrain.origin[1],
-            }  # fmt: skip
-        field = self._field()
-        painted = None
-        if field is not None:
-            painted = {
-                "rows": field.shape[0], "columns": field.shape[1], "cell": field.cell_size,
-                "west": field.origin[0], "north": field.origin[1],
-            }  # fmt: skip
         self._tell(
-            type="scene", origin=self._origin.tolist(), bounds=list(self._bounds()), crs=network.crs, terrain=ground,
-            control=painted, params={name: getattr(simulation.params, name, None) for name in _SHOWN},
-            constants=_constants(), time_step=simulation.params.time_step,
-        )  # fmt: skip
+            type="scene",
+            origin=self._origin.tolist(),
+            bounds=list(self._bounds()),
+            crs=network.crs,
+            terrain=_place(None if terrain is None else terrain.raster),
+            control=_place(self._field()),
+            params={name: getattr(simulation.params, name, None) for name in _SHOWN},
+            constants=_constants(),
+            time_step=simulation.params.time_step,
+        )
         self._send_raster("height")
         self._send_raster("control")
         self._tell_loops()
@@ -375,15 +371,16 @@ class Worker:
     def _tell_figures(self, now: float) -> None:
         self._told = now
         network, history = self.author.simulation.network, self.author.simulation.history
-        lines, widths = network.polylines(), network.channel_width
-        if not lines:
+        if not network.channel_count:
             return
-        longest = int(np.argmax(network.channel_lengths()))
-        wave = wavelength(lines[longest], float(widths[longest])) if len(lines[longest]) > 8 else math.nan
-        wave = float(np.mean(wave)) if np.size(wave) else math.nan
-        winding = [float(sinuosity(xy)) for xy in lines if len(xy) > 2]
+        start, xy, lengths = network.starts(), network.points(), network.channel_lengths()
+        longest = int(np.argmax(lengths))
+        line = xy[start[longest] : start[longest + 1]]
+        wave = wavelength(line, float(network.channel_width[longest])) if len(line) > 8 else math.nan
+        chord = np.hypot(*(xy[start[1:] - 1] - xy[start[:-1]]).T)
+        winding = (lengths / np.maximum(chord, 1e-300))[~network.channel_closed & (chord > 0.0)]
         self._tell(
-            type="figures", time=self.author.simulation.time, sinuosity=float(np.mean(winding)) if winding else None,
+            type="figures", time=self.author.simulation.time, sinuosity=float(winding.mean()) if len(winding) else None,
             wavelength=wave if math.isfinite(wave) else None, cutoffs=len(history.cutoffs),
             collisions=len(history.collisions), avulsions=len(history.avulsions), points=network.point_count,
             channels=network.channel_count, step_ms=self._step_ms,
@@ -442,7 +439,8 @@ class Worker:
         step = self.author.simulation.step_count
         if step % self._every or (self._records and self._records[-1][0] >= step):
             return
-        self._records.append((step, self.author.simulation.time, self._frame()))
+        self._made = self._frame()
+        self._records.append((step, self.author.simulation.time, self._made))
         if len(self._records) > RECORDS:
             self._every *= 2
             self._records = [each for each in self._records if each[0] % self._every == 0]
@@ -514,6 +512,14 @@ def _constants() -> list[dict[str, Any]]:
         }
         for name in _SHOWN if name in fields
     ]  # fmt: skip
+
+
+def _place(raster: Raster | None) -> dict[str, Any] | None:
+    """Size and place of a raster, for a page."""
+    if raster is None:
+        return None
+    (rows, columns), (west, north) = raster.shape, raster.origin
+    return {"rows": rows, "columns": columns, "cell": raster.cell_size, "west": west, "north": north}
 
 
 def _sum(raster: Raster) -> int:
