@@ -376,7 +376,7 @@ def build(scalar):
     ) -> vec2:
         """Velocity of the point below a run of a ring, smoothed from downstream and closed over the ring."""
         r = terms.root
-        lap = wp.min(run.last - run.first + 1, line.recurrence_reach(r))
+        lap = wp.min(run.last - run.first + 1, terms.reach)
         smoothed = vec2(ZERO, ZERO)
         for k in range(lap):
             j = line.round_index(run.stop - 1 + lap - k, run)
@@ -475,7 +475,7 @@ def build(scalar):
         if run.closed != 0:
             smoothed = ring_tail(points, velocities.point, run, terms, constants)
         else:
-            top = wp.min(run.last, run.stop - 1 + line.recurrence_reach(r))
+            top = wp.min(run.last, run.stop - 1 + terms.reach)
             if top == run.last and run.lower >= 0:
                 smoothed = velocities.tail[run.channel]
         for k in range(0, top - run.begin + 1):
