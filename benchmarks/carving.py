@@ -8,37 +8,23 @@ raster.
 from __future__ import annotations
 
 import argparse
-import math
 import os
-import time
-from collections.abc import Callable
 
 # One core: set before NumPy is loaded.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-import warp as wp
 from machine import machine, write_result
 from scipy.ndimage import distance_transform_edt
 
 import warpriver as wr
+from warpriver.bench import min_seconds
 from warpriver.landscape import carve, plain_under
 
 # Rivers side by side: length and distance of their axes, m; widths, m.
 LENGTH, APART, WIDTHS = 16_000.0, 2_500.0, (40.0, 60.0, 90.0, 130.0)
 ROUNDS = 3
-
-
-def seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """Least time of one call."""
-    best = math.inf
-    for _ in range(rounds):
-        begin = time.perf_counter()
-        call()
-        wp.synchronize()
-        best = min(best, time.perf_counter() - begin)
-    return best
 
 
 def rivers(count: int) -> wr.RiverNetwork:
@@ -61,7 +47,7 @@ def edt_seconds(carved: wr.landscape.Carved) -> float:
     column = np.clip(((xy[:, 0] - west) // size).astype(int), 0, shape[1] - 1)
     dry = np.ones(shape, bool)
     dry[row, column] = False
-    return seconds(lambda: distance_transform_edt(dry, return_indices=True), 1)
+    return min_seconds(lambda: distance_transform_edt(dry, return_indices=True), rounds=1)
 
 
 def measure(count: int, cell: float, device: str) -> dict[str, float]:
@@ -69,7 +55,7 @@ def measure(count: int, cell: float, device: str) -> dict[str, float]:
     network = rivers(count).to(device)
     ground = plain_under(network, cell)
     carved = carve(ground, network)
-    took, peer = seconds(lambda: carve(ground, network)), edt_seconds(carved)
+    took, peer = min_seconds(lambda: carve(ground, network), rounds=ROUNDS), edt_seconds(carved)
     cells = int(np.prod(ground.shape))
     row = {
         "channels": count, "points": network.point_count, "cell": cell, "cells": cells,

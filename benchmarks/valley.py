@@ -11,17 +11,16 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
 
 # One core: set before NumPy is loaded.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-import warp as wp
 from machine import forget_peak, in_child, machine, memory_status, write_result
 
 import warpriver as wr
+from warpriver.bench import min_seconds
 
 NAMES = ("S1", "S2", "S3", "S4", "S5", "S6")
 # Spacing of the paper's points across the channel, m.
@@ -29,17 +28,6 @@ SPACING = 0.1
 # The square of S6 that rasters cover, m.
 SQUARE = (0.0, -1000.0, 2000.0, 1000.0)
 ROUNDS = 5
-
-
-def seconds(call: Callable[[], object], rounds: int) -> float:
-    """Least time of one call."""
-    best = math.inf
-    for _ in range(rounds):
-        begin = time.perf_counter()
-        call()
-        wp.synchronize()
-        best = min(best, time.perf_counter() - begin)
-    return best
 
 
 def make(name: str, device: str) -> None:
@@ -58,9 +46,9 @@ def measure_examples(device: str) -> list[dict]:
             {
                 "example": name,
                 "points": points,
-                "seconds": seconds(lambda name=name: make(name, device), ROUNDS),
+                "seconds": min_seconds(lambda name=name: make(name, device), rounds=ROUNDS, device=device),
                 "raster_cells": cells,
-                "raster_seconds": seconds(lambda v=valley: v.raster(v.cell_size), ROUNDS),
+                "raster_seconds": min_seconds(lambda v=valley: v.raster(v.cell_size), rounds=ROUNDS, device=device),
             }
         )
         r = rows[-1]
@@ -76,7 +64,8 @@ def measure_rasters(sizes: list[int], device: str) -> list[dict]:
     valley, rows = wr.synthetic_valley("S6", device=device), []
     for size in sizes:
         cell = (SQUARE[2] - SQUARE[0]) / size
-        spent = seconds(lambda cell=cell: valley.raster(cell, SQUARE), ROUNDS if size <= 2000 else 3)
+        rounds = ROUNDS if size <= 2000 else 3
+        spent = min_seconds(lambda cell=cell: valley.raster(cell, SQUARE), rounds=rounds, device=device)
         rows.append({"size": size, "seconds": spent, "ns_per_cell": 1e9 * spent / size**2})
         print(f"S6, {size} x {size} cells: {spent:.3f} s, {rows[-1]['ns_per_cell']:.1f} ns a cell", flush=True)
     return rows
@@ -95,7 +84,7 @@ def measure_peer() -> dict:
     begin = time.perf_counter()
     height = LinearNDInterpolator(points[:, :2], points[:, 2])(x, y)
     peer = time.perf_counter() - begin
-    own = seconds(lambda: valley.raster(size), ROUNDS)
+    own = min_seconds(lambda: valley.raster(size), rounds=ROUNDS)
     difference = np.abs(height - valley.raster(size).to_numpy())
     result = {
         "points": len(points),

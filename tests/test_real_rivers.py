@@ -6,20 +6,11 @@ import numpy as np
 import phases
 import pytest
 from crossings import crossings
-from data_folder import data_folder
+from data_folder import SURVEYS, data_folder
 from plain import plain_params
 
 import warpriver as wr
 
-# Surveys with a width at every point, by river and dates.
-SURVEYS = {
-    "jurua": ("19871012", "20170710"),
-    "jutai": ("19890805", "20170802"),
-    "mamore": ("19861105", "19890708"),
-    "purus": ("19870701", "20170804"),
-    "tarauaca": ("20070729", "20170724"),
-    "tarauaca_jurua": ("20070729", "20170724"),
-}
 # Lines without widths. Bankfull widths that suit their bends (an arc of 9.5 to 15 widths) or what is known of the
 # river, m; the yearly Mamore lines have banks 370 to 420 m apart in the median.
 LOCAL = {

@@ -6,6 +6,15 @@ from pathlib import Path
 import pytest
 
 DEFAULT = Path(__file__).resolve().parents[3] / "shared" / "data"
+# Surveys with a width at every point, by river and dates.
+SURVEYS = {
+    "jurua": ("19871012", "20170710"),
+    "jutai": ("19890805", "20170802"),
+    "mamore": ("19861105", "19890708"),
+    "purus": ("19870701", "20170804"),
+    "tarauaca": ("20070729", "20170724"),
+    "tarauaca_jurua": ("20070729", "20170724"),
+}
 
 
 def data_folder(part=""):

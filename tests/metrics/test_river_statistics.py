@@ -4,21 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from data_folder import data_folder
+from data_folder import SURVEYS, data_folder
 
 import warpriver as wr
 from warpriver.generate import noisy_line, sine_generated
 from warpriver.metrics import Comparison, RiverStatistics, compare, statistics
 
-# Reach: both dates.
-SURVEYS = {
-    "jurua": ("19871012", "20170710"),
-    "jutai": ("19890805", "20170802"),
-    "mamore": ("19861105", "19890708"),
-    "purus": ("19870701", "20170804"),
-    "tarauaca": ("20070729", "20170724"),
-    "tarauaca_jurua": ("20070729", "20170724"),
-}
 WIDTH = 40.0
 
 

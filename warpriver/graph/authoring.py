@@ -281,10 +281,6 @@ class Reworking:
         """Move a node; the ends of channels there are the caller's affair."""
         self._node_xy[node] = np.asarray(xy, np.float64)
 
-    def set_columns(self, c: int, **columns: Any) -> None:
-        """Set values of a channel in the table."""
-        self._course(c).columns.update(columns)
-
     def resize(self, c: int, width: float | None, depth: float | None) -> None:
         """Set width and depth of a channel, m; where they vary along it all change by the same factor."""
         course = self._course(c)

@@ -11,7 +11,7 @@ from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain, surface_of
 
-__all__ = ["drape", "falling_levels", "without_gaps"]
+__all__ = ["drape", "falling_levels", "running_minimum", "without_gaps"]
 
 
 @public
@@ -57,7 +57,7 @@ def falling_levels(
     """
     upper, lower = ends
     channel = np.repeat(np.arange(len(start) - 1), np.diff(start))
-    z = _running_minimum(height, channel)
+    z = running_minimum(height, channel)
     last = start[1:] - 1
     level = _node_levels(z[last], upper, lower, nodes, rings)
     z = np.minimum(z, np.where(rings, np.inf, level[upper])[channel])
@@ -80,7 +80,7 @@ def without_gaps(height: FloatArray, start: IndexArray) -> FloatArray:
     return height[np.maximum(place, first[channel])]
 
 
-def _running_minimum(values: FloatArray, group: IndexArray) -> FloatArray:
+def running_minimum(values: FloatArray, group: IndexArray) -> FloatArray:
     """Return the minimum of each group's values up to each, to the bit; groups lie one after the other."""
     order = np.argsort(values, kind="stable")
     rank = np.empty(len(values), np.int64)

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.arrays import FloatArray
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.device import require_memory
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.files import beside
@@ -173,13 +173,25 @@ def _mesh_of(surface: Terrain | Raster | Valley | ValleyGrid | Structure | River
 
 def _terrain_mesh(terrain: Terrain) -> Mesh:
     """Return a point for each cell with data, and the triangles between those that meet."""
-    rows, columns = terrain.shape
     require_memory(terrain.shape, CELL_BYTES, what="a mesh")
     height, size, (west, north) = terrain.to_numpy(), terrain.cell_size, terrain.origin
     known = np.isfinite(height)
-    number = np.cumsum(known.ravel(), dtype=np.int64).reshape(known.shape) - 1
     row, column = np.nonzero(known)
     points = np.column_stack([west + (column + 0.5) * size, north - (row + 0.5) * size, height[known]])
+    triangles = cell_triangles(known)
+    if not len(triangles):
+        raise InputError("the terrain has no three cells with data that meet: there are no triangles to write")
+    return Mesh(points, triangles, np.zeros(1, np.int64), {"height": height[known]}, {}, terrain.crs)
+
+
+def cell_triangles(known: FlagArray) -> IndexArray:
+    """Return the triangles between cells with a value that meet, (T, 3) numbers of these cells, row by row.
+
+    Args:
+        known: (rows, columns) which cells have one.
+    """
+    rows, columns = known.shape
+    number = np.cumsum(known.ravel(), dtype=np.int64).reshape(known.shape) - 1
     # Corners of the squares between four cells: north-west, north-east, south-west, south-east.
     corners = [(slice(a, a + rows - 1), slice(b, b + columns - 1)) for a in (0, 1) for b in (0, 1)]
     nw, ne, sw, se = (number[c].ravel() for c in corners)
@@ -192,10 +204,7 @@ def _terrain_mesh(terrain: Terrain) -> Mesh:
         if missing in (1, 2):
             there |= total == 4
         pieces.append(np.stack([corner[there] for corner in triangle], axis=1))
-    triangles = np.concatenate(pieces)
-    if not len(triangles):
-        raise InputError("the terrain has no three cells with data that meet: there are no triangles to write")
-    return Mesh(points, triangles, np.zeros(1, np.int64), {"height": height[known]}, {}, terrain.crs)
+    return np.concatenate(pieces)
 
 
 def _network_mesh(network: RiverNetwork) -> Mesh:

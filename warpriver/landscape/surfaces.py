@@ -9,6 +9,7 @@ import numpy as np
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
+from warpriver.io.meshes import cell_triangles
 from warpriver.landscape.carving import Carved
 from warpriver.landscape.profiles import fine_lines, lines_of
 from warpriver.network import RiverNetwork
@@ -134,22 +135,10 @@ def _raster_surface(
     """Return a point at the centre of each cell with a value, and the triangles between those that meet."""
     (rows, columns), size, (west, north) = height.shape, terrain.cell_size, terrain.origin
     known = np.isfinite(height)
-    number = (np.cumsum(known.ravel(), dtype=np.int64) - 1).reshape(known.shape)
     row, column = np.nonzero(known)
     points = np.column_stack([west + (column + 0.5) * size, north - (row + 0.5) * size, height[known]])
     uv = np.column_stack([(column + 0.5) / columns, 1.0 - (row + 0.5) / rows])
-    corners = [(slice(a, a + rows - 1), slice(b, b + columns - 1)) for a in (0, 1) for b in (0, 1)]
-    nw, ne, sw, se = (number[c].ravel() for c in corners)
-    has = [known[c].ravel() for c in corners]
-    total = np.sum(has, axis=0)
-    pieces = []
-    # Where all four are known, or the one that a triangle lacks is the only one missing.
-    for missing, triangle in ((1, (nw, sw, se)), (2, (nw, se, ne)), (0, (ne, sw, se)), (3, (nw, sw, ne))):
-        there = (total == 3) & ~has[missing]
-        if missing in (1, 2):
-            there |= total == 4
-        pieces.append(np.stack([corner[there] for corner in triangle], axis=1))
-    triangles = np.concatenate(pieces)
+    triangles = cell_triangles(known)
     if not len(triangles):
         raise InputError(f"the {name} has no three cells that meet: there are no triangles to write")
     used = np.zeros(len(points), bool)

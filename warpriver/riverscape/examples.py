@@ -10,7 +10,7 @@ import numpy as np
 from warpriver.arrays import FloatArray
 from warpriver.extras import IMPORTING
 from warpriver.public import public
-from warpriver.riverscape.courses import Course, CourseMap, Rock
+from warpriver.riverscape.courses import Course, Rock
 from warpriver.terrain import Terrain
 from warpriver.validate import one_of, seeded
 
@@ -220,8 +220,3 @@ def _ground(name: str, courses: list[Course], random: np.random.Generator) -> Te
     banks = np.concatenate([c.bank_level for c in courses])[near].reshape(rows, columns)
     height = np.maximum(height, banks + 0.12 + 0.04 * rough)
     return Terrain(height, CELL, (float(low[0]), float(low[1]) + rows * CELL))
-
-
-def example_map(made: Example, device: str = "cpu") -> CourseMap:
-    """The courses and rocks of an example on a device."""
-    return CourseMap(made.courses, rocks=made.rocks, device=device)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
+from warpriver.hydrology.drape import running_minimum, without_gaps
 from warpriver.params import Params, parameter
 from warpriver.riverscape.stations import TYPES
 
@@ -105,7 +106,7 @@ def falling_profile(
         steepest: (C,) greatest slope.
         mix: Share of the lower envelope.
     """
-    ground = _without_gaps(ground, graph)
+    ground = without_gaps(ground, graph.start)
     low = _lower_envelope(ground, graph)
     if mix < 1.0:
         # What meets at a mouth has levels of its own in the upper one.
@@ -114,33 +115,9 @@ def falling_profile(
     return np.minimum(low, _graded(low, along, graph, window))
 
 
-def _without_gaps(ground: FloatArray, graph: Graph) -> FloatArray:
-    """Give places without ground the height of the last one before in their channel, or else of the first one."""
-    known, channel = np.isfinite(ground), graph.channel
-    place = np.maximum.accumulate(np.where(known, np.arange(len(ground)), -1))
-    lost = np.add.reduceat(known, graph.start[:-1]) == 0
-    if lost.any():
-        raise InputError(
-            f"{int(lost.sum())} channels (the first: {int(lost.argmax())}) lie where the terrain has no data; leave "
-            "them out, or give a terrain that reaches as far"
-        )
-    first = np.flatnonzero(known)[np.searchsorted(np.flatnonzero(known), graph.start[:-1])]
-    return ground[np.maximum(place, first[channel])]
-
-
-def _running_minimum(values: FloatArray, group: IndexArray) -> FloatArray:
-    """Minimum of each group's values up to each, to the bit; groups lie one after the other."""
-    order = np.argsort(values, kind="stable")
-    rank = np.empty(len(values), np.int64)
-    rank[order] = np.arange(len(values))
-    # Whole numbers, so that the ranks of later groups are below all earlier ones and nothing is rounded.
-    shift = group * len(values)
-    return values[order][np.minimum.accumulate(rank - shift) + shift]
-
-
 def _lower_envelope(values: FloatArray, graph: Graph) -> FloatArray:
     """The least value upstream, through nodes."""
-    z = _running_minimum(values, graph.channel)
+    z = running_minimum(values, graph.channel)
     last = graph.start[1:] - 1
     level = np.full(graph.nodes, np.inf)
     # A node lies no higher than the head of what leaves it.
@@ -184,7 +161,7 @@ def _cut_back(z: FloatArray, along: FloatArray, graph: Graph, steepest: FloatArr
     lift = slope * along
     # From the lower end up: min over s' >= s of z(s') + m s', less m s.
     backwards = np.arange(len(z))[::-1]
-    out = _running_minimum((z + lift)[backwards], (len(graph.above) - 1 - channel)[backwards])[backwards] - lift
+    out = running_minimum((z + lift)[backwards], (len(graph.above) - 1 - channel)[backwards])[backwards] - lift
     out = np.minimum(out, z)
     level = np.full(graph.nodes, np.inf)
     first = graph.start[:-1]
