@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
 MOVE_SPACINGS = 2.0
 
 
+C = TypeVar("C", bound="NewCourse | Diversion")
 # Takes an edit back that was done.
 Back = Callable[[], None]
 
@@ -198,14 +199,19 @@ def _divert(edit: edits.DivertChannel, stepper: Stepper) -> Avulsion:
         if upstream_of(network, channel)[target]:
             raise InputError(f"the water of channel {edit.to} comes through channel {edit.channel}; choose another one")
     params, goals = state.params.avulsions or AvulsionParams(), "outlet" if edit.to == "outlet" else "channels"
-    found = find_way(state, channel, point, params, target, goals=goals)
-    if isinstance(found, Refusal):
-        x, y = found.xy
-        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    found = _course_of(river, find_way(state, channel, point, params, target, goals=goals))
     work, line = divert(state, found)
     event = avulsion_of(state, stepper.step_count * state.params.time_step, found, line)
     _adopt(stepper, work)
     return event
+
+
+def _course_of(river: _River, found: C | Refusal) -> C:
+    """Return a course that was found for a river, or raise ``ValueError`` that says why there is none."""
+    if isinstance(found, Refusal):
+        x, y = found.xy
+        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
+    return found
 
 
 def _deferred(edit: edits.DeferJunction, stepper: Stepper) -> Diversion:
@@ -213,11 +219,7 @@ def _deferred(edit: edits.DeferJunction, stepper: Stepper) -> Diversion:
     state = stepper.state
     state.place_nodes()
     river = _River(state.network, edit.channel)
-    found = defer_junction(state, river.parts[-1], state.params.avulsions or AvulsionParams())
-    if isinstance(found, Refusal):
-        x, y = found.xy
-        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
-    return found
+    return _course_of(river, defer_junction(state, river.parts[-1], state.params.avulsions or AvulsionParams()))
 
 
 def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse | Diversion:
@@ -240,11 +242,7 @@ def _new_course(edit: edits.AvulseChannel, stepper: Stepper) -> NewCourse | Dive
     identity = int(state.network.channel_id[channel])
     chance = np.random.default_rng([state.seed, stepper.step_count, identity, point - head])
     angle = None if edit.angle is None else math.radians(edit.angle)
-    found = plan_course(state, channel, point, params, chance, target=target, angle=angle)
-    if isinstance(found, Refusal):
-        x, y = found.xy
-        raise InputError(f"channel {river.identity} finds no course: {found.reason}, at ({x:g}, {y:g})")
-    return found
+    return _course_of(river, plan_course(state, channel, point, params, chance, target=target, angle=angle))
 
 
 def untold(log: EventLog, events: Iterable[Event]) -> Iterator[Event]:

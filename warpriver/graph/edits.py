@@ -22,6 +22,7 @@ import math
 import numpy as np
 
 from warpriver.channel_table import JOINT_LOCK, JOINT_NONE, JOINT_THROUGH, ChannelTable
+from warpriver.graph.forest import leaving_channels
 from warpriver.hydraulic_geometry import DEPTH_BY_WIDTH, DISCHARGE_BY_AREA, WIDTH_BY_FLOW
 from warpriver.network import RiverNetwork
 
@@ -151,8 +152,7 @@ class NetworkEdit:
         self._supply = self._flow - arriving[network.channel_from]
         self._by_end = np.argsort(network.channel_to, kind="stable")
         self._end_start = np.concatenate([[0], np.cumsum(self._arrivals)])
-        self._by_head = np.full(network.node_count, -1)
-        self._by_head[network.channel_from] = np.arange(network.channel_count)
+        self._by_head = leaving_channels(network)
         # What differs from the network: channels looked at, under their index, or cut off, under further numbers;
         # arrivals at nodes; the channel that leaves one.
         self._pieces: dict[int, _Piece] = {}

@@ -7,7 +7,14 @@ import numpy as np
 from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 
-__all__ = ["check_forest"]
+__all__ = ["check_forest", "leaving_channels"]
+
+
+def leaving_channels(network: RiverNetwork) -> np.ndarray:
+    """Return for each node of a forest the channel that begins there, -1 for none: (N,) int64."""
+    leaving = np.full(network.node_count, -1)
+    leaving[network.channel_from] = np.arange(network.channel_count)
+    return leaving
 
 
 def check_forest(network: RiverNetwork) -> None:

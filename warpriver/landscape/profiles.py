@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from warpriver.arrays import FlagArray, FloatArray, IndexArray
+from warpriver.graph.forest import leaving_channels
 from warpriver.hydrology.drape import falling_levels, without_gaps
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
@@ -210,9 +211,7 @@ def _drowned(
     level: FloatArray, network: RiverNetwork, xy: FloatArray, start: IndexArray, half: FloatArray
 ) -> FloatArray:
     """Return levels in which the last reach of a tributary, within the channel that it joins, has the level there."""
-    lead = np.full(network.node_count, -1)
-    lead[network.channel_from] = np.arange(network.channel_count)
-    below = np.where(network.channel_closed, -1, lead[network.channel_to])
+    below = np.where(network.channel_closed, -1, leaving_channels(network)[network.channel_to])
     owner = np.repeat(np.arange(network.channel_count), np.diff(start))
     head = start[:-1][np.maximum(below, 0)]
     away = np.hypot(*(xy - xy[start[1:] - 1][owner]).T)

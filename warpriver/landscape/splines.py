@@ -10,6 +10,7 @@ import numpy as np
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.extras import need
+from warpriver.graph.forest import leaving_channels
 from warpriver.io.vector.layers import Layer
 from warpriver.landscape.profiles import lines_of
 from warpriver.network import RiverNetwork
@@ -83,9 +84,7 @@ def splines_as_json(splines: Splines, place: Placing, turn: Placing, scale: floa
     """
     network = splines.network
     xyz, tangent = place(splines.xyz), turn(splines.tangent)
-    lead = np.full(network.node_count, -1)
-    lead[network.channel_from] = np.arange(network.channel_count)
-    below = np.where(network.channel_closed, -1, lead[network.channel_to])
+    below = np.where(network.channel_closed, -1, leaving_channels(network)[network.channel_to])
     found = []
     for c, (a, b) in enumerate(zip(splines.start[:-1].tolist(), splines.start[1:].tolist(), strict=True)):
         found.append(

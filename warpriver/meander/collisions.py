@@ -20,6 +20,7 @@ from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.graph.edits import EditedChannels, NetworkEdit, Refusal, Rejoin
 from warpriver.graph.forest import check_forest
+from warpriver.graph.stems import find_stems
 from warpriver.history.events import Collision, Cutoff, Event, HeldLock
 from warpriver.kernels import collisions as kernels
 from warpriver.kernels.channels import COARSEST_SPACING
@@ -106,22 +107,6 @@ def gathered_nodes(network: RiverNetwork, length: np.ndarray, params: MeanderPar
     return np.stack([label[network.channel_from], label[network.channel_to]], axis=1).astype(np.int32)
 
 
-def rivers_of(network: RiverNetwork) -> np.ndarray:
-    """Return labels of the rivers that channels are parts of, between through nodes and locked points, (C,) int32."""
-    with IMPORTING:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-    upper = np.flatnonzero(network.channel_joint != JOINT_NONE)
-    leaving = np.full(network.node_count, -1)
-    leaving[network.channel_from] = np.arange(network.channel_count)
-    lower = leaving[network.channel_to[upper]]
-    ends = upper[lower >= 0], lower[lower >= 0]
-    graph = coo_array((np.ones(len(ends[0])), ends), shape=(network.channel_count, network.channel_count))
-    labels: np.ndarray = connected_components(graph, directed=False)[1].astype(np.int32)
-    return labels
-
-
 class Collide(Phase):
     """Finds where channels of the network touch after a sub-step, and joins them there on the host.
 
@@ -181,7 +166,7 @@ class Collide(Phase):
         self._nodes = labels
         state.assign(self.nodes, labels)
         if not self._joins:
-            self._rivers = rivers_of(state.network)
+            self._rivers = find_stems(state.network, through_only=True).top
             state.assign(self.rivers, self._rivers)
         network, form = state.network, state.channel_form
         constants = collision_constants(network, state.params, form, self._constants, self._necks)

@@ -17,6 +17,7 @@ from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Phase
 from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
+from warpriver.graph.forest import leaving_channels
 from warpriver.kernels import junctions as kernels
 from warpriver.network import RiverNetwork
 from warpriver.params import JunctionParams
@@ -168,9 +169,7 @@ class _Lines:
         self.meets, _, _ = _meetings(network)
         # All channels laid end to end, so that one search serves them all.
         self._offset = np.concatenate([[0.0], np.cumsum(self.length + 1.0)[:-1]])
-        leaving = np.full(network.node_count, -1)
-        leaving[network.channel_from] = np.arange(count)
-        own, below = np.arange(count), leaving[network.channel_to]
+        own, below = np.arange(count), leaving_channels(network)[network.channel_to]
         self.below = np.where(below >= 0, below, own)
         self.beside = np.where(self.meets, _other_at_foot(network), own)
         self.width_below = network.channel_width[self.below]
@@ -284,9 +283,7 @@ class MoveJunctions(Phase):
         network, count = state.network, state.network.channel_count
         if state.stems is not None and state.stems.joined:
             self.moves_nodes = True
-        leaving = np.full(network.node_count, -1)
-        leaving[network.channel_from] = np.arange(count)
-        downstream = np.where(network.channel_closed, -1, leaving[network.channel_to])
+        downstream = np.where(network.channel_closed, -1, leaving_channels(network)[network.channel_to])
         tributaries = np.bincount(downstream[downstream >= 0], minlength=count)
         self._assign(state, self.downstream, downstream)
         state.assign(self.tributaries, tributaries)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
+from warpriver.graph.forest import leaving_channels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
 from warpriver.riverscape.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
@@ -535,9 +536,7 @@ def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: St
 
 def _following(network: RiverNetwork, axes: Axes) -> IndexArray:
     """Channel with which each channel's stem goes on; -1 at its end."""
-    leaving = np.full(network.node_count, -1)
-    leaving[network.channel_from] = np.arange(network.channel_count)
-    following = leaving[network.channel_to]
+    following = leaving_channels(network)[network.channel_to]
     return np.where((following >= 0) & (axes.stem[following] == axes.stem), following, -1)
 
 
