@@ -467,8 +467,10 @@ def build(scalar):
         last = int(run.last)
         if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
-        scale = land.bank_scale(ground.banks, run.form.width)
         free = land.is_plain(ground) and constants.curvature_saturation == ZERO
+        scale = BankScale()
+        if not free:
+            scale = land.bank_scale(ground.banks, run.form.width)
         fastest = scalar(0.0)
         smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
