@@ -87,7 +87,7 @@ class EditStack:
         back()
         # What was painted on a field since stays.
         own = isinstance(edit, edits.PaintControl)
-        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
+        painted = list(history.events[events + own :].of(ControlStroke))
         history.forget_events(events)
         history.events.extend(painted)
         self._undone.append(edit)
