@@ -56,7 +56,7 @@ def test_the_number_of_threads_follows_the_flow():
 
 def test_threads_share_the_water_and_meet_at_the_nodes():
     axis = straight(900.0)
-    lines = _braid(axis, 0, 5, 20.0, "D", np.random.default_rng(4), TrajectoryParams())
+    lines = _braid(axis, 0, np.full(2, 5), 20.0, "D", np.random.default_rng(4), TrajectoryParams())
     threads, plain = lines[:-1], lines[-1]
     middle = len(threads[0].axis) // 2
     assert sum(t.share[middle] for t in threads) == pytest.approx(1.0)
@@ -69,7 +69,7 @@ def test_threads_share_the_water_and_meet_at_the_nodes():
     assert crossings > 20  # they part and meet
     half = np.nanmax(plain.belt) / 2
     assert np.abs(y).max() < half and np.nanmin(plain.belt) >= 0.0
-    wide = _braid(axis, 0, 5, 20.0, "DA", np.random.default_rng(4), TrajectoryParams())
+    wide = _braid(axis, 0, np.full(2, 5), 20.0, "DA", np.random.default_rng(4), TrajectoryParams())
     assert np.nanmax(wide[-1].belt) > 1.5 * np.nanmax(plain.belt)
 
 
