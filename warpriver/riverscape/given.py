@@ -14,7 +14,7 @@ from warpriver.riverscape.beds import Beds, ground_of
 from warpriver.riverscape.courses import Course, Log, Rock
 from warpriver.riverscape.layout import BANK_EASE, BedParams, bank_reach, no_falls
 from warpriver.riverscape.profiles import ProfileParams
-from warpriver.riverscape.stations import TYPES, Basins, Rocks, Stations
+from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
 from warpriver.riverscape.templates import ACROSS
 from warpriver.terrain import Terrain
 
@@ -23,6 +23,7 @@ __all__ = ["given_stations", "with_obstacles"]
 
 # Distance between the mounds that a log is made of, in its radii: it is level within a hundredth.
 LOG_STEP = 0.5
+GRAVITY = 9.81
 # Beyond this, in m, two ends of courses are no node.
 APART = 1e-6
 
@@ -90,9 +91,40 @@ def given_stations(
         ease=BANK_EASE * width,
         rim=profile.freeboard * fill * depth,
         form_table=table,
-        falls=no_falls(),
+        falls=_falls(courses, start),
         basins=Basins(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64)),
         rocks=Rocks(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64)),
+    )
+
+
+def _falls(courses: Sequence[Course], start: IndexArray) -> Falls:
+    """The steps of courses: each is one of their segments."""
+    counts = [len(np.asarray(course.falls)) for course in courses]
+    course = np.repeat(np.arange(len(courses)), counts)
+    if not len(course):
+        return no_falls()
+    own = np.concatenate([np.asarray(c.falls, np.int64) for c in courses])
+    station = start[course] + own
+    xy, level, speed, along = (
+        np.concatenate([np.asarray(getattr(c, name)) for c in courses]) for name in ("xy", "level", "speed", "along")
+    )
+    ahead = xy[station + 1] - xy[station]
+    length = np.hypot(*ahead.T)
+    drop = level[station] - level[station + 1]
+    throw = speed[station] * np.sqrt(2.0 * drop / GRAVITY)
+    free = (drop > ProfileParams().waterfall) & (length < 1.5 * throw)
+    return Falls(
+        xy[station],
+        ahead / length[:, None],
+        level[station],
+        drop,
+        length,
+        speed[station],
+        free,
+        course,
+        along[station],
+        station,
+        station + 1,
     )
 
 

@@ -24,6 +24,7 @@ from warpriver.riverscape.courses import Course, CourseMap, Rock, checked_course
 from warpriver.riverscape.drift import LeafFrame, checked_times, drift_leaves
 from warpriver.riverscape.layout import BedParams, Layout
 from warpriver.riverscape.made import Layer, Made
+from warpriver.riverscape.patches import CELLS, Patch, counted, lay_patches
 from warpriver.riverscape.primitives import Merge, Primitives, Replace
 from warpriver.riverscape.profiles import ProfileParams
 from warpriver.riverscape.rivers import Rivers
@@ -34,7 +35,7 @@ from warpriver.riverscape.templates import FlowParams
 from warpriver.riverscape.trajectories import TrajectoryParams
 from warpriver.riverscape.water import Water, WaterGrid, WaterSample
 from warpriver.terrain import Terrain
-from warpriver.validate import checked_points, finite_numbers, positive, seeded, whole
+from warpriver.validate import checked_points, finite, finite_numbers, positive, real, seeded, whole
 
 __all__ = ["Frame", "Riverscape"]
 
@@ -426,6 +427,86 @@ class Riverscape:
         """
         count = whole(leaves, "leaves", 1)
         return drift_leaves(self.water_surface, self.bed, times, count, self.seed)
+
+    @public
+    def to_glb(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        bounds: Sequence[float] | FloatArray | None = None,
+        cell_size: float | None = None,
+        time: float = 0.0,
+    ) -> None:
+        """Write ground, water and falls as a mesh, binary glTF 2.0.
+
+        The water has the distance along its course and to the left of it, in m, as texture coordinates, and the
+        attributes ``_FLOW`` (velocity in m/s in the axes of glTF: x east, y up, z south) and ``_FOAM``.
+
+        Args:
+            path: File to write, ``.glb``.
+            bounds: (west, south, east, north) in m; by default those of the terrain.
+            cell_size: Of ground and water, m; by default half the detail.
+            time: s.
+
+        Raises:
+            ValueError: Another suffix, no such grid, too many cells, or bounds off the ground.
+            OSError: The file cannot be written.
+        """
+        from warpriver.riverscape.meshes import write_glb
+
+        size = 0.5 * self.detail if cell_size is None else cell_size
+        write_glb(self, path, bounds=bounds, cell_size=size, time=real(time))
+
+    @public
+    def patches(
+        self,
+        eye: Sequence[float] | FloatArray,
+        *,
+        bounds: Sequence[float] | FloatArray | None = None,
+        cell_size: float = 0.25,
+        angle: float = 0.003,
+        time: float = 0.0,
+        heading: float | None = None,
+        field: float = 60.0,
+    ) -> list[Patch]:
+        """Lay ground and water in patches of 10 x 10 cells for a view, fine where they are near, without cracks.
+
+        The mesh of a patch has steps of 1, 2, 5 or 10 cells. Along their edge two patches lie on the same lines.
+
+        Args:
+            eye: (x, y, z) of the eye, m.
+            bounds: (west, south, east, north) in m, grown to whole patches; by default those of the terrain.
+            cell_size: m.
+            angle: Under which a step may be seen at most, rad; cells are never divided.
+            time: s.
+            heading: Direction of view, degrees from east to north; patches out of view are left out. By default all
+                are laid.
+            field: Angle of view, degrees.
+
+        Raises:
+            ValueError: No such grid, too many cells, or a value out of its range.
+
+        Source:
+            [Peytavie2019], Sec. 7.1.
+        """
+        x, y, z = finite_numbers(eye, 3, "eye")
+        (west, north), (rows, _) = self._grid(bounds, cell_size)
+        south = north - rows * cell_size if bounds is None else float(bounds[1])
+        east = self.terrain.raster.bounds[2] if bounds is None else float(bounds[2])
+        shape = counted((west, south, east, north), cell_size)
+        if shape[0] * shape[1] * CELLS**2 > MOST_CELLS:
+            raise InputError(f"{shape[0]} x {shape[1]} patches are too many; use a coarser cell size or a part of it")
+        return lay_patches(
+            self,
+            (x, y, z),
+            origin=(west, south),
+            shape=shape,
+            cell_size=positive(cell_size, "cell_size", "m"),
+            angle=positive(angle, "angle", "rad"),
+            time=real(time),
+            heading=None if heading is None else math.radians(finite(heading, "heading", "degrees")),
+            field=math.radians(positive(field, "field", "degrees")),
+        )
 
     def _grid(
         self, bounds: Sequence[float] | FloatArray | None, cell_size: float
