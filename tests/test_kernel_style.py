@@ -34,6 +34,7 @@ LAUNCHERS = {
     "depressions": ["hydrology/depressions.py"],
     "drift": ["riverscape/drift.py"],
     "flats": ["hydrology/lakes.py"],
+    "floodplain": ["meander/floodplain.py"],
     "inlets": ["meander/inlets.py"],
     "junctions": ["meander/junctions.py", "meander/smoothing.py"],
     "leheny": ["erosion/leheny.py"],

@@ -46,6 +46,16 @@ DEFAULTS = {
         "control_floor": (0.02, "-"),
         "junctions": ("JunctionParams()", "-"),
         "avulsions": (None, "-"),
+        "floodplain": (None, "-"),
+    },
+    "FloodplainParams": {
+        "plug_factor": (0.3, "-"),
+        "plug_time": (1000.0, "yr"),
+        "bar_factor": (1.5, "-"),
+        "bar_time": (20.0, "yr"),
+        "unrest": (1.0, "-"),
+        "unrest_time": (5.0, "yr"),
+        "unrest_reach": (10.0, "widths"),
     },
     "AvulsionParams": {
         "crevasse_rule": ("bend", "-"),

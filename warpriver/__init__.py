@@ -90,6 +90,7 @@ _HOMES = {
     "ControlField": "warpriver.meander.controls",
     "DampingRegion": "warpriver.meander.controls",
     "ErodibilityField": "warpriver.meander.controls",
+    "FloodplainParams": "warpriver.params",
     "Every": "warpriver.history",
     "Guide": "warpriver.meander.controls",
     "History": "warpriver.history",

@@ -23,7 +23,7 @@ from warpriver.meander.junctions import JunctionParams, arrival_angles, junction
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
-from warpriver.params import AvulsionParams
+from warpriver.params import AvulsionParams, FloodplainParams
 
 __all__ = [
     "Attractor",
@@ -32,6 +32,7 @@ __all__ = [
     "ControlField",
     "DampingRegion",
     "ErodibilityField",
+    "FloodplainParams",
     "Guide",
     "JunctionParams",
     "Repeller",
