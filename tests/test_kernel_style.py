@@ -27,6 +27,7 @@ LAUNCHERS = {
     "beds": ["riverscape/beds.py"],
     "carving": ["landscape/carving.py"],
     "cells": ["hydrology/cells.py"],
+    "chutes": ["meander/chutes.py"],
     "collisions": ["meander/collisions.py"],
     "controls": ["meander/control_map.py"],
     "cutoffs": ["meander/cutoffs.py", "meander/loops.py"],

@@ -47,7 +47,9 @@ DEFAULTS = {
         "junctions": ("JunctionParams()", "-"),
         "avulsions": (None, "-"),
         "floodplain": (None, "-"),
+        "chutes": (None, "-"),
     },
+    "ChuteParams": {"rate": (0.002, "1/yr"), "winding": (1.5, "-"), "longest": (8.0, "widths")},
     "FloodplainParams": {
         "plug_factor": (0.3, "-"),
         "plug_time": (1000.0, "yr"),

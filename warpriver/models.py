@@ -44,7 +44,7 @@ class Model:
 
 def _migration(params: MeanderParams) -> Model:
     follows = "stems" if params.upstream_memory == "stem" else "through nodes"
-    cut_off = CutOff()
+    cut_off = CutOff(chutes=params.chutes is not None)
     remembering: list[Phase] = [Floodplain(cut_off.loops)] if params.floodplain is not None else []
     phases: list[Phase] = [Migrate(), *remembering, *_shaping(params, rate_of, follows)]
     if params.cutoff_distance > 0.0:

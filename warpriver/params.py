@@ -15,6 +15,7 @@ __all__ = [
     "DAYS_PER_YEAR",
     "SOLVER_PARAMS",
     "AvulsionParams",
+    "ChuteParams",
     "FloodplainParams",
     "JunctionParams",
     "LehenyParams",
@@ -229,6 +230,29 @@ class AvulsionParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
+class ChuteParams(Params):
+    """Constants of chute cutoffs: ``MeanderParams(chutes=ChuteParams())``.
+
+    A flood that flows across the bar of a bend may cut a chute there that becomes the channel [Grenfell2014]. A bend,
+    from inflection to inflection, is cut by a hazard a year where it winds enough and its chord is short enough.
+    """
+
+    rate: float = parameter(
+        0.002, "1/yr", low=0.0, source="warpriver", doc="hazard of a bend that may be cut; 0: none is"
+    )
+    winding: float = parameter(
+        1.5, "-", low=1.0, source="Grenfell2014", doc="least length of the bend over its chord, from which on it may be"
+    )
+    longest: float = parameter(
+        8.0,
+        "widths",
+        low=1.0,
+        source="Grenfell2014",
+        doc="longest chord of a bend that may be, the length of the chute",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class FloodplainParams(Params):
     """Constants of what a river leaves behind and meets again: ``MeanderParams(floodplain=FloodplainParams())``.
 
@@ -353,6 +377,13 @@ AVULSIONS: dict[str, Any] = {
     "kind": AvulsionParams,
     "source": "Paris2023",
     "doc": "crevasses, where banks break, and avulsions, new courses of channels from there; by default there are none",
+}
+CHUTES: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": ChuteParams,
+    "source": "Grenfell2014",
+    "doc": "chute cutoffs, bends that floods cut across their bars; by default there are none",
 }
 FLOODPLAIN: dict[str, Any] = {
     "unit": "-",
@@ -605,6 +636,7 @@ class MeanderParams(Params):
     junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
     floodplain: FloodplainParams | None = dataclasses.field(default=None, metadata=FLOODPLAIN)
+    chutes: ChuteParams | None = dataclasses.field(default=None, metadata=CHUTES)
 
     def __post_init__(self) -> None:
         super().__post_init__()
