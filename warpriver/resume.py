@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from warpriver.editing import edit_terrain
+from warpriver.edits.ground import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.engine.phase import Phase
 from warpriver.errors import InputError, WarpriverError

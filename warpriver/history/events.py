@@ -94,6 +94,7 @@ class Cutoff(Event):
         depth: Bankfull depth there, m; None in runs of versions that did not note it, as the following.
         discharge: Bankfull discharge of the channel, m3/s.
         section: (n, 2) float64 width and depth at each point of ``xy`` in m, or None where they are constant along it.
+        chute: Whether a chute across the bar cut the bend off, not the river at a neck.
     """
 
     channel: int
@@ -102,6 +103,7 @@ class Cutoff(Event):
     depth: float | None = None
     discharge: float | None = None
     section: np.ndarray | None = None
+    chute: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
