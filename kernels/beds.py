@@ -15,7 +15,7 @@ BLOCK = 16
 # Slope of banks: the greatest, degrees, and that at the water's edge. Part of the reach at which what is cut fades.
 STEEPEST_BANK, GENTLEST_BANK, FADES = 35.0, 0.15, 0.75
 # Kinds of marks on the bed.
-BASIN, ROCK = 0, 1
+BASIN, ROCK, OBSTACLE = 0, 1, 2
 
 
 @once
@@ -66,7 +66,7 @@ def build(scalar):
 
     @wp.struct
     class Marks:
-        """Basins and rocks: centre, radius and size in m; the size of a basin is its depth."""
+        """Basins, rocks, obstacles: centre and radius in m, and depth, height over the bed, or elevation of the top."""
 
         place: wp.array[vec4]
         kind: wp.array[int]
@@ -279,31 +279,48 @@ def build(scalar):
         return greatest
 
     @wp.func(module=name)
+    def mark_distance(marks: Marks, mark: int, xy: vec2) -> scalar:
+        """Square of the distance from the centre of a mark over its radius."""
+        place = marks.place[mark]
+        x, y = (xy[0] - place[0]) / place[2], (xy[1] - place[1]) / place[2]
+        return x * x + y * y
+
+    @wp.func(module=name)
     def bed_height(stations: Stations, marks: Marks, index: Index, xy: vec2, base: wp.float64) -> wp.float64:
         """Height of the bed at a place whose ground has a height: cut by courses and basins, rocks set in."""
         cell = index_cell(index, xy)
         if cell < 0 or wp.isnan(base):
             return base
         cut = river_cut(stations, index, cell, xy, base)
-        if cut <= ZERO:
-            return base
-        dug = scalar(0.0)
-        raised = scalar(0.0)
-        for k in range(index.mark_start[cell], index.mark_start[cell + 1]):
+        first, end = index.mark_start[cell], index.mark_start[cell + 1]
+        bed = base
+        if cut > ZERO:
+            dug = scalar(0.0)
+            raised = scalar(0.0)
+            for k in range(first, end):
+                mark = index.cell_mark[k]
+                r2 = mark_distance(marks, mark, xy)
+                if r2 < ONE:
+                    size = marks.place[mark][3]
+                    if marks.kind[mark] == BASIN:
+                        # g(r) = (1 - r^2)^3.
+                        g = ONE - r2
+                        dug = wp.max(dug, wp.min(size, DIG * cut) * g * g * g)
+                    elif marks.kind[mark] == ROCK:
+                        # Steep sides and a round top.
+                        g = ONE - r2 * r2
+                        raised = wp.max(raised, size * g * g)
+            bed = wp.min(base, base - wp.float64(cut + dug - raised))
+        floor = bed
+        for k in range(first, end):
             mark = index.cell_mark[k]
-            place = marks.place[mark]
-            x, y = (xy[0] - place[0]) / place[2], (xy[1] - place[1]) / place[2]
-            r2 = x * x + y * y
-            if r2 < ONE:
-                if marks.kind[mark] == BASIN:
-                    # g(r) = (1 - r^2)^3.
-                    g = ONE - r2
-                    dug = wp.max(dug, wp.min(place[3], DIG * cut) * g * g * g)
-                else:
-                    # Steep sides and a round top.
-                    g = ONE - r2 * r2
-                    raised = wp.max(raised, place[3] * g * g)
-        return wp.min(base, base - wp.float64(cut + dug - raised))
+            if marks.kind[mark] == OBSTACLE:
+                r2 = mark_distance(marks, mark, xy)
+                if r2 < ONE:
+                    # As high as it is said to be, also over the ground.
+                    share = wp.float64(ONE - r2 * r2)
+                    bed = wp.max(bed, floor + (wp.float64(marks.place[mark][3]) - floor) * share * share)
+        return bed
 
     @wp.kernel(module=name, enable_backward=False)
     def evaluate_points(

@@ -99,7 +99,9 @@ def seed_layers(courses: CourseMap, detail: float, seed: int, params: SeedingPar
         "body": _body(courses, known, detail, seed, params),
         "waves": _standing_waves(courses, known, detail, seed, params),
     }
-    parts = [_wakes(courses, known, seed, params), _log_wakes(courses, known, seed, params)]
+    parts = [_wakes(courses, known, seed, params)]
+    if courses.logs:
+        parts.append(_log_wakes(courses, known, seed, params))
     for name, each in zip(("wakes", "eddies"), zip(*parts, strict=True), strict=True):
         made[name] = Primitives.concatenate(each)
     return {name: rows for name, rows in made.items() if name == "body" or len(rows)}

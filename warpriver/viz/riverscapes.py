@@ -198,7 +198,9 @@ class _Picture:
         east, north = min(ground[2], high[0]), min(ground[3], high[1])
         if not (west < east and south < north):
             raise InputError(f"Camera.target {camera.target} shows nothing of the terrain; it lies within {ground}")
-        return west, south, east, north
+        # Whole cells, whose centres all lie on the ground.
+        columns, rows = (max(2, math.floor(v / self.cell + 1e-9)) for v in (east - west, north - south))
+        return west, north - rows * self.cell, west + columns * self.cell, north
 
     def shots(
         self, moments: FloatArray, leaves: int, loop: float | None, skip: int | None = None
@@ -271,7 +273,8 @@ class _Picture:
         shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.3 * found.depth, found.depth)
         shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
         rock = (bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004
-        self._float_bed = (bed - self._datum).astype(np.float32)
+        # Where there is no ground, nothing can be seen.
+        self._float_bed = np.nan_to_num(bed - self._datum, nan=-1e3).astype(np.float32)
         made.bed = wp.array(self._float_bed, device=self.device)
         made.rock = wp.array(rock.astype(np.float32), device=self.device)
         made.shore = wp.array(shore.astype(np.float32), device=self.device)
