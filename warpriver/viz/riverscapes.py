@@ -270,7 +270,7 @@ class _Picture:
         courses = self.scene.courses
         threaded = np.isin([course.channel_type for course in courses.courses], ("D", "DA"))[courses.course_of_point]
         # Bars between threads are bare far up.
-        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.3 * found.depth, found.depth)
+        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.12 * found.depth, found.depth)
         shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
         rock = (bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004
         # Where there is no ground, nothing can be seen.
