@@ -30,6 +30,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "CutLoop",
     "DeferJunction",
     "DivertChannel",
     "Edit",
@@ -330,6 +331,27 @@ class RedrawSection(Edit):
     def check(self) -> dict[str, Any]:
         """Check the fields."""
         return {"channel": _channel(self.channel), "xy": _line(self.xy, "xy")}
+
+
+@dataclasses.dataclass(frozen=True)
+class CutLoop(Edit):
+    """Cut a bend off, as a breached neck or a chute does: what lies between is left behind as an oxbow lake.
+
+    Attributes:
+        channel: Identity of the channel; no locked point can lie on the loop.
+        at: Place on the bend; or, where ``to`` is given, where the river leaves it.
+        to: Place farther downstream where it comes back. By default both are chosen, within 60 widths around ``at``,
+            such that the straight way is as short as can be beside the loop that it cuts off.
+    """
+
+    channel: int
+    at: Place
+    to: Place | None = None
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel and both places."""
+        to = None if self.to is None else _place(self.to, "to")
+        return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
 
 
 @dataclasses.dataclass(frozen=True)
