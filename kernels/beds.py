@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import raster
+from warpriver.kernels import raster, steps
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -26,11 +26,12 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.beds_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     cells = raster.build(scalar)
     vec2, vec3, vec4 = (wp.types.vector(n, scalar) for n in (2, 3, 4))
     RasterGrid = cells.RasterGrid
-    ZERO, HALF, ONE, TWO, THREE, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 6.0))
-    TEN, FIFTEEN, SIXTEENTH = (scalar(v) for v in (10.0, 15.0, 0.0625))
+    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
+    SIXTEENTH = scalar(0.0625)
     HALF_64, NAN_64 = wp.float64(0.5), wp.float64(math.nan)
     TINY, HALF_ROOT = scalar(1.0e-12), scalar(math.sqrt(0.5))
     # A bank rises by BANK_START at the water's edge, and then ever more up to BANK (35 degrees).
@@ -95,12 +96,6 @@ def build(scalar):
         west: scalar
         north: scalar
         cell_size: scalar
-
-    @wp.func(module=name)
-    def smoother(t: scalar) -> scalar:
-        """Quintic step from 0 at t = 0 to 1 at t = 1."""
-        x = wp.clamp(t, ZERO, ONE)
-        return x * x * x * (x * (SIX * x - FIFTEEN) + TEN)
 
     @wp.func(module=name)
     def cubic_weights(t: wp.float64) -> wp.vec4d:
@@ -223,7 +218,7 @@ def build(scalar):
         over = scalar(base - (level + wp.float64(t) * (below - level)))
         if wp.abs(at[1]) < half and section[1] > ZERO:
             over += section[1] * section_depth(stations, i, t, HALF - HALF * at[1] / half)
-        weight = ONE - smoother((away / reach - FADE) / (ONE - FADE))
+        weight = ONE - smooth_steps.quintic_step((away / reach - FADE) / (ONE - FADE))
         if away > ZERO:
             over -= bank_rise(away, section[3])
             # Ends of a line have banks; within one what lies ahead of a segment is that of the next.
@@ -232,7 +227,7 @@ def build(scalar):
                 limited = limit[0]
                 if at[3] > ZERO:
                     limited = limit[1]
-                weight *= ONE - smoother(beyond / limited)
+                weight *= ONE - smooth_steps.quintic_step(beyond / limited)
         return weight * soft_positive(over, soft_a + t * (soft_b - soft_a))
 
     @wp.func(module=name)

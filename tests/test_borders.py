@@ -693,7 +693,8 @@ CALLS = {
 }
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
-    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
+    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_riverscape", "render_scene",
+    "riverscape_movie",
     "harmonics_for_covariance", "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast",
     "line_formats", "posterior", "write_hindcast", "mountain_front_zones", "scene_schema", "draw_landscape",
     "simulate_with_plants", "draw_bed", "landscape_maps",

@@ -24,7 +24,7 @@ from warpriver.riverscape.water import WaterGrid
 from warpriver.validate import finite_numbers, not_negative, positive, whole
 from warpriver.viz.sheet import replacing
 
-__all__ = ["Camera", "draw_riverscape", "riverscape_movie"]
+__all__ = ["Camera", "draw_riverscape", "riverscape_movie", "top_view"]
 
 
 # What imageio calls kinds of files.
@@ -155,6 +155,23 @@ def riverscape_movie(
             writer.append_data(shot)
             if progress is not None:
                 progress(done, frames)
+
+
+def top_view(scene: Riverscape, window: tuple[float, float, float, float], cell_size: float, time: float) -> ByteArray:
+    """Return a window as it is seen from above, (rows, columns, 3), north up, a pixel a cell.
+
+    Args:
+        scene: The riverscape.
+        window: (west, south, east, north), whole cells, m.
+        cell_size: m.
+        time: s.
+    """
+    west, south, east, north = window
+    size = (max(16, round((east - west) / cell_size)), max(16, round((north - south) / cell_size)))
+    camera = Camera((0.5 * (west + east), 0.5 * (south + north)), 90.0, 90.0, 10.0, 0.0, east - west)
+    picture = _Picture(scene, camera, size, cell_size)
+    (*_, last) = picture.shots(np.linspace(time - FOAM_BEFORE, time, 13), 0, None)
+    return last
 
 
 def _need_imageio() -> Any:
