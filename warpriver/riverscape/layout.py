@@ -173,11 +173,6 @@ def _checked_slopes(network: RiverNetwork, ground: Ground, kind: IndexArray, lab
     if unknown.any():
         c = int(unknown.argmax())
         raise InputError(f"the slope of channel {c} is not known; give the network slopes or heights")
-    if not (slope > 0.0).any():
-        raise InputError(
-            "the ground is level: no channel falls, so that nothing says how fast they flow; give the network slopes, "
-            "or ground that falls"
-        )
     start, xy = network.starts().astype(np.int64), network.points()
     # The slope of extracted channels is that of the surface water was routed on, which falls; others are only lines.
     drawn = ~np.isfinite(network.channel_slope)
@@ -188,6 +183,11 @@ def _checked_slopes(network: RiverNetwork, ground: Ground, kind: IndexArray, lab
         raise InputError(
             f"channel {c} runs uphill: the ground at its end is {rise[c]:.3g} m above that at its head "
             f"({int(uphill.sum())} such channels in all); reverse its points, or draw it down the valley"
+        )
+    if not (slope > 0.0).any():
+        raise InputError(
+            "the ground is level: no channel falls, so that nothing says how fast they flow; give the network slopes, "
+            "or ground that falls"
         )
     steep = (kind == TYPES.index("D")) & (slope > BRAIDED_LIMIT)
     steep |= (kind == TYPES.index("DA")) & (slope > BRAIDED_LIMIT)
