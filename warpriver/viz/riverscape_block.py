@@ -36,8 +36,8 @@ class _Block:
         self.origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
         rows, columns = height.shape
         # From the south, as the plotter has it.
-        self._x: FloatArray = west + cell_size * (np.arange(columns) + 0.5)
-        self._y: FloatArray = south + cell_size * (np.arange(rows) + 0.5)
+        self._x = np.asarray(west + cell_size * (np.arange(columns) + 0.5), np.float64)
+        self._y = np.asarray(south + cell_size * (np.arange(rows) + 0.5), np.float64)
         self._z = height[::-1]
         self.top = float(self._z.max())
 
