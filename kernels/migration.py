@@ -148,6 +148,16 @@ def build(scalar):
         return vec3(curvature + TWELFTH * change, change, (slope - second * (x0 + x1)) * run.spacing)
 
     @wp.func(module=name)
+    def straightened(felt: scalar, curvature: scalar, width: scalar, constants: MigrationConstants) -> scalar:
+        """Curvature that the local term straightens: what is felt, and all that a radius of one width leaves over.
+
+        If the local term saturated altogether, a bend that is pushed inward would fold where it becomes a point.
+        """
+        if constants.curvature_saturation > ZERO and wp.abs(curvature) * width > ONE:
+            return felt + curvature - wp.sign(curvature) / width
+        return felt
+
+    @wp.func(module=name)
     def junction_strength(
         channels: Channels,
         points: Points,
@@ -159,8 +169,8 @@ def build(scalar):
     ) -> scalar:
         """Strength of a bend at a point; where the width jumps, at the junction downstream, the mean of both.
 
-        ``bend`` is the curvature and what is felt of it here; what more or less a link of another width feels counts
-        as strength.
+        ``bend`` is the curvature and what is straightened of it here; what more or less a link of another width
+        straightens counts as strength.
         """
         if j < run.last or run.lower < 0:
             return strength
@@ -169,7 +179,8 @@ def build(scalar):
             width = points.section[run.foot][0]
         share = scalar(1.0)
         if bend[1] != ZERO:
-            share = felt_curvature(bend[0], width, constants)[0] / bend[1]
+            felt = felt_curvature(bend[0], width, constants)[0]
+            share = straightened(felt, bend[0], width, constants) / bend[1]
         return HALF * (strength + share * strength_of(width, constants))
 
     @wp.func(module=name)
@@ -245,12 +256,12 @@ def build(scalar):
             felt = felt_curvature(curvature, section[0], constants)
             value = strength * remembered(bend, felt, constants)
             upstream = q[0] * upstream + q[1] * value_before + q[2] * value
-            felt_here = vec2(curvature, felt[0])
-            local = terms.local * junction_strength(channels, points, run, j, strength, felt_here, constants)
+            bent = vec2(curvature, straightened(felt[0], curvature, section[0], constants))
+            local = terms.local * junction_strength(channels, points, run, j, strength, bent, constants)
             if ends.head_locked + ends.foot_locked != 0:
                 local = local * line.local_weight(j, run, ends, wp.abs(curvature) * section[0])
             push = terms.upstream * line.end_weight(j, run, ends)
-            rate = local * felt[0] + push * upstream
+            rate = local * bent[1] + push * upstream
             smoothed = ((ONE - r) * rate) * swept_normal(channels, points.xy, j, run, k1) + r * smoothed
             if j == sweep.head:
                 upstream = sweep.upstream
@@ -399,18 +410,33 @@ def build(scalar):
         return pull
 
     @wp.func(module=name)
-    def eased(points: Points, run: Run, constants: MigrationConstants, j: int) -> vec2:
-        """Velocity with which a bend tighter than its width straightens, m/yr: D d2p/ds2, as far as that is stable."""
+    def easing_lag(run: Run, constants: MigrationConstants) -> int:
+        """Points that the local term diffuses past in a step: a second difference over so many is stable."""
+        diffused = -constants.local_weight * strength_of(run.form.widest, constants) * run.step
+        lag = 1 + int(TWO * wp.sqrt(diffused) / run.spacing)
+        if run.closed != 0:
+            lag = wp.min(lag, (run.last + 1 - run.first) / 4)
+        return lag
+
+    @wp.func(module=name)
+    def eased(points: Points, run: Run, constants: MigrationConstants, lag: int, j: int) -> vec2:
+        """Velocity with which a bend tighter than its width straightens, m/yr: D d2p/ds2.
+
+        The second difference is over as many points as are diffused past in the step, so that it is stable.
+        """
         velocity = vec2(ZERO, ZERO)
-        before = line.extended_point(points.xy, j - 1, run)
-        after = line.extended_point(points.xy, j + 1, run)
-        a = points.xy[j] - before
-        b = after - points.xy[j]
-        width = line.section_at(points, j, run)[0]
-        if wp.abs(line.circle_curvature(a, b, wp.length(a), wp.length(b))) * width > ONE:
-            diffusivity = -constants.local_weight * strength_of(width, constants)
-            part = wp.min(diffusivity * run.step / (run.spacing * run.spacing), QUARTER)
-            velocity = (part / run.step) * (b - a)
+        if run.closed == 0:
+            lag = wp.min(lag, wp.min(j - run.first, run.last - j))
+        before = line.extended_point(points.xy, j - lag, run)
+        after = line.extended_point(points.xy, j + lag, run)
+        bent = (after - points.xy[j]) - (points.xy[j] - before)
+        width = run.form.width
+        if points.section:
+            width = points.section[j][0]
+        arc = scalar(lag) * run.spacing
+        if wp.length_sq(bent) * width * width > arc * arc * arc * arc:
+            diffused = -constants.local_weight * strength_of(width, constants) * run.step
+            velocity = (wp.min(diffused / (arc * arc), QUARTER) / run.step) * bent
         return velocity
 
     @wp.func(module=name)
@@ -421,6 +447,7 @@ def build(scalar):
         run: Run,
         constants: MigrationConstants,
         scale: BankScale,
+        lag: int,
         j: int,
         velocity: vec2,
     ) -> vec2:
@@ -441,12 +468,9 @@ def build(scalar):
             free = factor * free
         drawn = free * drawn
         kept = free
-        if constants.curvature_saturation > ZERO:
-            # The local term that would straighten the tightest bends has saturated.
-            kept = ZERO
         if kept < ONE and block == ONE and j > run.first and j < run.last:
             # Else bends that are pushed against a slope, or strong banks, would be folded there.
-            drawn = drawn + (ONE - kept) * eased(points, run, constants, j)
+            drawn = drawn + (ONE - kept) * eased(points, run, constants, lag, j)
         return drawn
 
     @wp.func(module=name)
@@ -467,10 +491,12 @@ def build(scalar):
         last = int(run.last)
         if (run.lower < 0 and run.edge == EDGE_NONE) or line.foot_held(channels, run.channel):
             last = run.last - 1
-        free = land.is_plain(ground) and constants.curvature_saturation == ZERO
+        free = land.is_plain(ground)
         scale = BankScale()
+        lag = int(1)
         if not free:
             scale = land.bank_scale(ground.banks, run.form.width)
+            lag = easing_lag(run, constants)
         fastest = scalar(0.0)
         smoothed = vec2(ZERO, ZERO)
         top = int(run.stop - 1)
@@ -492,7 +518,7 @@ def build(scalar):
                 if run.closed != 0 or (j > run.first and j <= last):
                     velocity = smoothed
                     if not free:
-                        velocity = steered(channels, points, ground, run, constants, scale, j, smoothed)
+                        velocity = steered(channels, points, ground, run, constants, scale, lag, j, smoothed)
                     fastest = wp.max(fastest, wp.length(velocity))
                     moved = moved + run.step * velocity
                 moved_out.xy[j] = moved

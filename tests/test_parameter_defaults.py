@@ -46,6 +46,18 @@ DEFAULTS = {
         "control_floor": (0.02, "-"),
         "junctions": ("JunctionParams()", "-"),
         "avulsions": (None, "-"),
+        "floodplain": (None, "-"),
+        "chutes": (None, "-"),
+    },
+    "ChuteParams": {"rate": (0.002, "1/yr"), "winding": (1.5, "-"), "longest": (8.0, "widths")},
+    "FloodplainParams": {
+        "plug_factor": (0.3, "-"),
+        "plug_time": (1000.0, "yr"),
+        "bar_factor": (1.5, "-"),
+        "bar_time": (20.0, "yr"),
+        "unrest": (1.0, "-"),
+        "unrest_time": (5.0, "yr"),
+        "unrest_reach": (10.0, "widths"),
     },
     "AvulsionParams": {
         "crevasse_rule": ("bend", "-"),

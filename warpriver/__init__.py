@@ -87,9 +87,11 @@ __version__ = "0.1.0"
 _HOMES = {
     "Attractor": "warpriver.meander.controls",  # controls and their like are listed by their room
     "AvulsionParams": "warpriver.params",
+    "ChuteParams": "warpriver.params",
     "ControlField": "warpriver.meander.controls",
     "DampingRegion": "warpriver.meander.controls",
     "ErodibilityField": "warpriver.meander.controls",
+    "FloodplainParams": "warpriver.params",
     "Every": "warpriver.history",
     "Guide": "warpriver.meander.controls",
     "History": "warpriver.history",

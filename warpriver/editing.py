@@ -12,6 +12,7 @@ import numpy as np
 
 from warpriver import edits
 from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
+from warpriver.edits.ground import edit_terrain, terrain_window
 from warpriver.edits.values import Place
 from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
@@ -27,7 +28,7 @@ from warpriver.network import RiverNetwork
 from warpriver.params import AvulsionParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
+__all__ = ["LOCK_SPACINGS", "EditStack", "untold"]
 
 # Spacings that locked points keep from each other and from the ends of their channel: the samples between them are
 # even, so that a short part would be sampled by up to half a spacing in so many otherwise than the target.
@@ -90,7 +91,7 @@ class EditStack:
         back()
         # What was painted on a field since stays.
         own = isinstance(edit, edits.PaintControl)
-        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
+        painted = list(history.events[events + own :].of(ControlStroke))
         history.forget_events(events)
         history.events.extend(painted)
         self._undone.append(edit)
@@ -727,24 +728,3 @@ def _set_reach(edit: edits.SetChannel, river: _River, stepper: Stepper) -> None:
         work.split(reach, first + i, JOINT_THROUGH)
     work.resize(reach, edit.width, edit.depth)
     _adopt(stepper, work)
-
-
-# ---- the ground
-
-
-def edit_terrain(terrain: Terrain, edit: edits.EditTerrain) -> None:
-    """Do an edit of the ground."""
-    if edit.operation == "ridge":
-        terrain.add_ridge(edit.line, edit.height, edit.width)  # type: ignore[arg-type]
-    else:
-        terrain.brush(edit.operation, edit.center, edit.radius, edit.amount, level=edit.level)  # type: ignore[arg-type]
-
-
-def terrain_window(terrain: Terrain, edit: edits.EditTerrain) -> tuple[int, int, int, int] | None:
-    """Return the cells that an edit of the ground may change, as ``Raster.window``; None if there are none."""
-    if edit.operation == "ridge":
-        line, half = np.asarray(edit.line), 0.5 * (edit.width or 0.0)
-    else:
-        line, half = np.asarray([edit.center]), edit.radius or 0.0
-    (west, south), (east, north) = line.min(axis=0) - half, line.max(axis=0) + half
-    return terrain.raster.window(west, south, east, north)

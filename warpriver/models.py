@@ -12,6 +12,7 @@ from warpriver.errors import InputError
 from warpriver.meander.avulsions import Avulse
 from warpriver.meander.collisions import Collide
 from warpriver.meander.cutoffs import CutOff
+from warpriver.meander.floodplain import Floodplain
 from warpriver.meander.junctions import MoveJunctions
 from warpriver.meander.migration import Migrate, rate_of, step_limits
 from warpriver.meander.resampling import Resample
@@ -43,9 +44,11 @@ class Model:
 
 def _migration(params: MeanderParams) -> Model:
     follows = "stems" if params.upstream_memory == "stem" else "through nodes"
-    phases: list[Phase] = [Migrate(), *_shaping(params, rate_of, follows)]
+    cut_off = CutOff(chutes=params.chutes is not None)
+    remembering: list[Phase] = [Floodplain(cut_off.loops)] if params.floodplain is not None else []
+    phases: list[Phase] = [Migrate(), *remembering, *_shaping(params, rate_of, follows)]
     if params.cutoff_distance > 0.0:
-        phases.append(CutOff())
+        phases.append(cut_off)
     return Model((*phases, Resample(), *_joining(params)), step_limits)
 
 

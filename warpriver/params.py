@@ -15,6 +15,8 @@ __all__ = [
     "DAYS_PER_YEAR",
     "SOLVER_PARAMS",
     "AvulsionParams",
+    "ChuteParams",
+    "FloodplainParams",
     "JunctionParams",
     "LehenyParams",
     "MeanderParams",
@@ -228,6 +230,67 @@ class AvulsionParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
+class ChuteParams(Params):
+    """Constants of chute cutoffs: ``MeanderParams(chutes=ChuteParams())``.
+
+    A flood that flows across the bar of a bend may cut a chute there that becomes the channel [Grenfell2014]. A bend,
+    from inflection to inflection, is cut by a hazard a year where it winds enough and its chord is short enough.
+    """
+
+    rate: float = parameter(
+        0.002, "1/yr", low=0.0, source="warpriver", doc="hazard of a bend that may be cut; 0: none is"
+    )
+    winding: float = parameter(
+        1.5, "-", low=1.0, source="Grenfell2014", doc="least length of the bend over its chord, from which on it may be"
+    )
+    longest: float = parameter(
+        8.0,
+        "widths",
+        low=1.0,
+        source="Grenfell2014",
+        doc="longest chord of a bend that may be, the length of the chute",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class FloodplainParams(Params):
+    """Constants of what a river leaves behind and meets again: ``MeanderParams(floodplain=FloodplainParams())``.
+
+    Banks differ by what was laid down there [Bogoni2017]: oxbow lakes fill with clay, which resists, and young bars are
+    eroded more easily until plants hold them. The rate of a point is multiplied by 1 + (factor - 1) e^(-age / time) of
+    the bank half a width ahead. Around a fresh cutoff, where the river is steeper and adjusts, it is multiplied by
+    1 + unrest e^(-age / time - distance / reach) as well [Schwenk2016].
+    """
+
+    plug_factor: float = parameter(
+        0.3, "-", low=0.0, high=1.0, source="Bogoni2017", doc="factor of the rate in a fresh clay plug; 1: none"
+    )
+    plug_time: float = parameter(
+        1000.0, "yr", low=0.0, low_open=True, source="warpriver", doc="time in which plugs become as other banks"
+    )
+    bar_factor: float = parameter(
+        1.5, "-", low=1.0, high=10.0, source="Bogoni2017", doc="factor of the rate in a fresh bar; 1: none"
+    )
+    bar_time: float = parameter(
+        20.0, "yr", low=0.0, low_open=True, source="warpriver", doc="time in which plants come to hold bars"
+    )
+    unrest: float = parameter(
+        1.0,
+        "-",
+        low=0.0,
+        high=10.0,
+        source="Schwenk2016",
+        doc="by how much the rate next to a fresh cutoff is greater, as a part of it; 0: by nothing",
+    )
+    unrest_time: float = parameter(
+        5.0, "yr", low=0.0, low_open=True, source="Schwenk2016", doc="time in which that goes away"
+    )
+    unrest_reach: float = parameter(
+        10.0, "widths", low=0.1, high=100.0, source="Schwenk2016", doc="distance over which it falls to 1/e"
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class JunctionParams(Params):
     """Constants of the angles at which rivers meet, ``MeanderParams(junctions=JunctionParams())``.
 
@@ -314,6 +377,20 @@ AVULSIONS: dict[str, Any] = {
     "kind": AvulsionParams,
     "source": "Paris2023",
     "doc": "crevasses, where banks break, and avulsions, new courses of channels from there; by default there are none",
+}
+CHUTES: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": ChuteParams,
+    "source": "Grenfell2014",
+    "doc": "chute cutoffs, bends that floods cut across their bars; by default there are none",
+}
+FLOODPLAIN: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": FloodplainParams,
+    "source": "Bogoni2017",
+    "doc": "clay plugs in oxbow lakes, young bars, and faster migration near fresh cutoffs; by default there are none",
 }
 
 
@@ -558,6 +635,8 @@ class MeanderParams(Params):
     )
     junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
+    floodplain: FloodplainParams | None = dataclasses.field(default=None, metadata=FLOODPLAIN)
+    chutes: ChuteParams | None = dataclasses.field(default=None, metadata=CHUTES)
 
     def __post_init__(self) -> None:
         super().__post_init__()

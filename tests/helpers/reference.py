@@ -104,6 +104,12 @@ def felt_curvature(curvature, width, law):
     return c0 / width * np.tanh(width * curvature / c0) if c0 > 0.0 else curvature
 
 
+def straightened(curvature, width, law):
+    """What the local term straightens: the felt curvature, and with a limit all of it beyond 1 / w."""
+    beyond = curvature - np.clip(curvature, -1.0 / width, 1.0 / width) if law.curvature_saturation > 0.0 else 0.0
+    return felt_curvature(curvature, width, law) + beyond
+
+
 def felt_bend(curvature, slope, bend, width, law):
     """Second derivative along the line of the felt curvature, by the chain rule from those of C: f' C'' + f'' C'^2."""
     c0 = law.curvature_saturation
@@ -141,7 +147,7 @@ def migration_rate(xy, spacing, width, depth, law, mean_width=None):
     value = strength * (felt - felt_bend(curvature, slope, change, width, law) / 12.0)
     upstream = upstream_mean(value, optical_depths(spacing, width, depth, law))
     fade = end_weight(len(xy), spacing, law.end_damping * (np.mean(width) if mean_width is None else mean_width))
-    return local * strength * felt + gamma * fade * upstream
+    return local * strength * straightened(curvature, width, law) + gamma * fade * upstream
 
 
 def implicit_share(xy, spacing, width, law):
@@ -241,11 +247,19 @@ def move_points(xy, velocity, spacing, width, law, ground=1.0):
 
 
 def straightening(xy, spacing, width, law):
-    """How far points go in a step where the line turns on less than its width: D dt / h^2 d2p, 1/4 d2p at most."""
+    """How far points go in a step where the line turns on less than its width: D dt / l^2 d2p, 1/4 d2p at most.
+
+    The second difference d2p is over the points that are diffused past in the step, n each way, and fewer near the
+    ends; l = n h. The line turns where |d2p| / l^2 > 1 / w.
+    """
+    diffused = -law.local_weight * strength_of(width, law) * law.time_step
+    farthest = 1 + int(2.0 * np.sqrt(diffused.max()) / spacing)
     away = np.zeros(xy.shape)
-    tight = np.abs(circle_curvature(xy)) * width[1:-1] > 1.0
-    part = np.minimum(-law.local_weight * strength_of(width[1:-1], law) * law.time_step / spacing**2, 0.25)
-    away[1:-1] = (tight * part)[:, None] * (xy[:-2] - 2.0 * xy[1:-1] + xy[2:])
+    for i in range(1, len(xy) - 1):
+        n = min(farthest, i, len(xy) - 1 - i)
+        bent = xy[i - n] - 2.0 * xy[i] + xy[i + n]
+        if np.hypot(*bent) * width[i] > (n * spacing) ** 2:
+            away[i] = min(diffused[i] / (n * spacing) ** 2, 0.25) * bent
     return away
 
 

@@ -61,7 +61,8 @@ def migration_rate(xy, spacing, width, depth, law):
     alpha = np.broadcast_to(reference.decay(width, depth, law), len(xy))
     optical_depth = 0.5 * (alpha + np.roll(alpha, -1)) * spacing
     value = strength * (felt - reference.felt_bend(curvature, slope, change, width, law) / 12.0)
-    return local * strength * felt + gamma * upstream_mean(value, optical_depth)
+    bent = reference.straightened(curvature, width, law)
+    return local * strength * bent + gamma * upstream_mean(value, optical_depth)
 
 
 def roots(xy, spacing, width, law):

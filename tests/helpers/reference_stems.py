@@ -73,9 +73,9 @@ def migration_rates(lines, spacing, widths, depths, law):
     ends = slice(0, -1), slice(1, None)
     local_push, value = [], []
     for s, w, e in zip(strength, width, ends, strict=True):
-        local_push.append(s * reference.felt_curvature(curvature[e], w, law))
+        local_push.append(s * reference.straightened(curvature[e], w, law))
         lost = h**2 / 12.0 * reference.felt_bend(curvature[e], slope[e], bend[e], w, law)
-        value.append(local_push[-1] - s * lost)
+        value.append(s * (reference.felt_curvature(curvature[e], w, law) - lost))
     depth = by_segment(depths, lines)
     optical = 0.5 * h * sum(reference.decay(w, d, law) for w, d in zip(width, depth, strict=True))
     weights = np.array([reference.decay_weights(x) for x in optical])

@@ -103,6 +103,15 @@ def test_a_ring_grows_at_the_closed_form(device, radius):
     assert rate == pytest.approx(1.5 * 60.0 * 0.2 * np.tanh(50.0 / radius / 0.2), rel=1e-9)
 
 
+@pytest.mark.parametrize("radius", [20.0, 35.0])
+def test_a_ring_tighter_than_its_width_grows_less(device, radius):
+    """R' = k ((omega + gamma) c0 tanh(w / (R c0)) + omega (w / R - 1)): what exceeds 1 / w straightens as ever."""
+    law = Law(time_step=SHORT_STEP, scale_upstream=0, curvature_saturation=0.2, memory_length=2.5)
+    xy = circle(100, radius)
+    (rate,) = Case([xy], spacing=reference_rings.segments(xy).mean(), rings=[0], device=device).rates(law)
+    assert rate == pytest.approx(60.0 * (1.5 * 0.2 * np.tanh(50.0 / radius / 0.2) - (50.0 / radius - 1.0)), rel=1e-9)
+
+
 def test_a_bend_fades_over_so_many_widths_whatever_the_depth(device):
     bend = meander(40)
     foot = bend[-1] + np.arange(1, 101)[:, None] * np.array([50.0, 0.0])

@@ -56,7 +56,22 @@ Line = tuple[tuple[float, float], ...]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # Classes by name, and the rooms of those that are not here, which know them once they are imported.
 _CLASSES: dict[str, type[Edit]] = {}
-_ROOMS = {"SetControls": "warpriver.meander"}
+_ROOMS = {"SetControls": "warpriver.meander"} | dict.fromkeys(
+    (
+        "AddLog",
+        "AddRock",
+        "AddWater",
+        "ChangeWater",
+        "MoveObstacle",
+        "MoveWater",
+        "RedrawCourse",
+        "RemoveObstacle",
+        "RemoveWater",
+        "ReplaceWater",
+        "RetypeChannel",
+    ),
+    "warpriver.riverscape",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +79,7 @@ class Edit:
     """Something that an author does between two steps; see the classes that derive from it."""
 
     name: ClassVar[str] = "Edit"
+    of: ClassVar[str] = "network"
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make a class known under its name.
@@ -73,6 +89,8 @@ class Edit:
         """
         super().__init_subclass__(**options)
         cls.name = cls.__name__
+        if cls.name.startswith("_"):
+            return
         known = _CLASSES.get(cls.name)
         if known is not None and known.__module__ != cls.__module__:
             raise InputTypeError(f"{cls.__module__} and {known.__module__} both have an edit {cls.name}; rename one")
@@ -92,9 +110,9 @@ class Edit:
         return {"edit": self.name} | fields
 
 
-def edit_kinds() -> dict[str, type[Edit]]:
-    """Return the classes of edits that there are, by name."""
-    return dict(_CLASSES)
+def edit_kinds(of: str = "network") -> dict[str, type[Edit]]:
+    """Return the classes of edits that there are, by name, of a "network" or of a "riverscape"."""
+    return {name: kind for name, kind in _CLASSES.items() if kind.of == of}
 
 
 def edit_of(values: Any) -> Edit:

@@ -59,12 +59,14 @@ class Phase(Member, Protocol):
         follows_stems: Whether channels that go on from each other at a junction move as one river; they then take the
             same sub-steps.
         follows_through: Whether they do at through nodes, at which nothing joins.
+        every_substep: Whether the next sub-step depends on what ``after`` does, so that none is begun before.
     """
 
     name: str
     moves_nodes: bool = False
     follows_stems: bool = False
     follows_through: bool = False
+    every_substep: bool = False
 
     def check_network(self, network: RiverNetwork) -> None:
         """Raise ``ValueError`` for a network that the process cannot deal with."""

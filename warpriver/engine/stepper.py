@@ -108,6 +108,7 @@ class Stepper:
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
         alone = network.device.is_cpu or not self.capture or bool(splits)
+        alone = alone or any(phase.every_substep for phase in self.phases)
         self.batch_limit = 1 if alone else MAX_BATCH
         self._calm = 0
         self._events: list[Event] = []

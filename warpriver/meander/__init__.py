@@ -23,15 +23,17 @@ from warpriver.meander.junctions import JunctionParams, arrival_angles, junction
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
-from warpriver.params import AvulsionParams
+from warpriver.params import AvulsionParams, ChuteParams, FloodplainParams
 
 __all__ = [
     "Attractor",
     "AvulsionParams",
+    "ChuteParams",
     "Control",
     "ControlField",
     "DampingRegion",
     "ErodibilityField",
+    "FloodplainParams",
     "Guide",
     "JunctionParams",
     "Repeller",

@@ -42,9 +42,12 @@ def bank_table(seed: int) -> NDArray[np.float32]:
 
 
 def highest_factor(params: Any) -> float:
-    """Return the greatest factor by which banks may multiply a rate; 1 where all are alike."""
-    spread = getattr(params, "bank_spread", 0.0)
-    return max(1.0, math.exp(spread * (kernels.REACH - 0.5 * spread))) if spread else 1.0
+    """Return the greatest factor by which banks, and what a floodplain remembers, may multiply a rate; 1 if none do."""
+    spread, remembered = getattr(params, "bank_spread", 0.0), getattr(params, "floodplain", None)
+    factor = max(1.0, math.exp(spread * (kernels.REACH - 0.5 * spread))) if spread else 1.0
+    if remembered is None:
+        return factor
+    return factor * max(1.0, float(remembered.bar_factor)) * (1.0 + float(remembered.unrest))
 
 
 class BankField:

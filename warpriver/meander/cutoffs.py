@@ -8,6 +8,7 @@ from warpriver.engine.stages import Share, Stage, clear, launch
 from warpriver.engine.state import State
 from warpriver.history.events import Event
 from warpriver.kernels import cutoffs as kernels
+from warpriver.meander.chutes import Chutes
 from warpriver.meander.loops import ChunkMarks, Loops, PointTable
 
 __all__ = ["CutOff"]
@@ -20,13 +21,16 @@ class CutOff(Phase):
         point_neck: (P,) int32, the later point that a point's neck reaches, -1 if none; in the state's spare memory.
         necks: (C,) int32, necks of each channel, where the work is dealt out in slabs.
         table, marks, loops: What is near what, the chunks that hold necks, and what is cut off.
+        chutes: Bends that are cut without a neck; None where none are.
     """
 
     name = "cut off"
     point_neck: DeviceArray
     necks: DeviceArray
 
-    def __init__(self) -> None:
+    def __init__(self, *, chutes: bool = False) -> None:
+        """Start without arrays; ``chutes``: bends are cut across their bars as well."""
+        self.chutes = Chutes() if chutes else None
         self.table, self.marks, self.loops = PointTable(), ChunkMarks(), Loops(closed=False)
 
     def allocate(self, state: State) -> None:
@@ -35,10 +39,14 @@ class CutOff(Phase):
         self.necks = state.zeros(state.channel_capacity)
         for part in (self.table, self.marks, self.loops):
             part.allocate(state)
+        if self.chutes is not None:
+            self.chutes.allocate(state)
 
     def install(self, state: State) -> None:
         """Forget the necks of channels that are no more."""
         clear(self.necks)
+        if self.chutes is not None:
+            self.chutes.install(state)
 
     def stages(self, state: State) -> list[Stage]:
         """Return the stages: the table, the search, the choice of cuts, the cut."""
@@ -67,9 +75,11 @@ class CutOff(Phase):
                 device=device,
             )
 
+        chutes = [] if self.chutes is None else [self.chutes.stage(self.name, state, cuts, marks.chunk_mark)]
         return [
             *self.table.stages(state, params.cutoff_distance),
             Stage(self.name, find),
+            *chutes,
             *marks.stages(state),
             Stage(self.name, select),
             *self.loops.stages(state, cuts),

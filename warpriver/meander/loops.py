@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -225,6 +226,7 @@ class Loops:
         split = self._limited(state, network.channel_closed[cut["channel"]] & (state.params.ring_policy == "both"))
         columns = np.stack([cut[name][split] for name in ("channel", "begin", "count")], axis=1)
         edited = split_rings(network, columns, xy, state.next_identity) if split.any() else None
+        chutes = getattr(state.params, "chutes", None) is not None
         added = iter([] if edited is None else edited.channels.id[network.channel_count :].tolist())
         for k, (channel, begin, length, substep) in enumerate(cut.tolist()):
             width, depth = network.channel_width[channel], network.channel_depth[channel]
@@ -239,7 +241,8 @@ class Loops:
                 if along is not None and self.closed:
                     along = np.concatenate([along, along[:1]])
                 flow = float(network.channel_discharge[channel])
-                events.append(Cutoff(times[substep], identity, float(width), line, float(depth), flow, along))
+                chute = chutes and math.dist(loop[0], loop[-1]) > state.params.cutoff_distance * float(width)
+                events.append(Cutoff(times[substep], identity, float(width), line, float(depth), flow, along, chute))
         if edited is not None:
             state.adopt(edited, self.oxbow_xy, self.oxbow_section)
         return events
