@@ -50,6 +50,29 @@ def test_maps_are_those_of_a_recorded_run(tmp_path, river):
     assert np.frombuffer(frame, "<u4", 3).tolist() == [MAP, *mapper._maps().age.shape]
 
 
+def test_states_that_are_given_up_meanwhile_are_passed_over(tmp_path, river):
+    begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 6.0, "cell": 60.0, "wandering": 3.0}))
+    sent = []
+    worker, mapper = Worker(tmp_path / "s", sent.append), Mapper(tmp_path / "s", lambda message: None)
+    for _ in range(3):
+        worker.do_step(10)
+    learned(worker, sent, mapper)
+    mapper._maps()
+    for _ in range(12):
+        worker.do_step()
+    learned(worker, sent, mapper)
+    network = type(mapper._led).network
+    thinned = []
+
+    def meanwhile(index):
+        if len(thinned) < 1:
+            thinned.append(worker._reel._leave(worker._reel._held[::2]))
+        return network(mapper._led, index)
+
+    mapper._led.network = meanwhile
+    assert mapper._maps().time == worker._reel.states[-1][1] and thinned
+
+
 def test_maps_begin_anew_after_an_edit_was_undone(tmp_path, river):
     begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 6.0, "cell": 60.0, "wandering": 3.0}))
     sent = []

@@ -61,6 +61,8 @@ REACH_VIEWS, RIM_CELLS, WATER_DETAILS = 1.5, 4.0, 250.0
 MEMORY = 8 * 2**30
 # Where the values of a map without a limit end, as a percentile.
 TOP = 99.5
+# Events that are kept at least, the latest ones: so that memory is bounded however long a run plays.
+EVENTS_KEPT = 3000
 # Kinds of events that maps take.
 EVENTS: dict[str, type[Event]] = {each.__name__: each for each in (Cutoff, Collision, Avulsion, Crevasse)}
 
@@ -147,6 +149,11 @@ class Mapper:
                 height = np.load(news["ground"]["file"], allow_pickle=False)
                 self._ground = Terrain(height, news["ground"]["cell"], news["ground"]["origin"], self._run.crs)
         self._run.events.extend(_event_of(told) for told in news["events"])
+        if len(self._run.events) > 2 * EVENTS_KEPT:
+            # Those before have been laid down on the maps long ago, and their lakes are full.
+            latest = list(self._run.events[-EVENTS_KEPT:])
+            self._run.forget_events(0)
+            self._run.events.extend(latest)
         self._states = states
 
     def _kept(self, most: int, after: int = -1) -> list[tuple[int, float]]:
@@ -155,7 +162,10 @@ class Mapper:
         stride = max(1, -(-len(later) // most))
         chosen = later[len(later) - 1 :: -stride][::-1]
         assert self._run is not None
-        return [state for state in chosen if state_file(self._folder / REEL, state[0]).exists()]
+        return [state for state in chosen if self._is_kept(state)]
+
+    def _is_kept(self, state: tuple[int, float]) -> bool:
+        return state_file(self._folder / REEL, state[0]).exists()
 
     def _present(self, most: int) -> StoredRun:
         assert self._run is not None
@@ -200,7 +210,16 @@ class Mapper:
             last = self._led._states[-1][0]
             new = self._states[-1][0] - last
             self._led._states += self._kept(min(CATCH_UP, max(UPDATE, -(-new // UPDATE_STEPS))), last)
-        self._map.lead_to(len(self._led) - 1)
+        for last_try in (False, False, True):
+            # The run goes on, and may have given up some of the states since they were listed.
+            ahead = self._led._states[self._map.record + 1 :]
+            self._led._states[self._map.record + 1 :] = [state for state in ahead if self._is_kept(state)]
+            try:
+                self._map.lead_to(len(self._led) - 1)
+                break
+            except FileNotFoundError:
+                if last_try:
+                    raise
         return self._map.maps()
 
     def _bounds(self) -> tuple[float, float, float, float]:
