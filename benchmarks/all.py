@@ -19,6 +19,7 @@ SUITE = {
     "hydrology": ("--quick", ""),
     "riverscape": ("--quick", ""),
     "carving": ("--quick", ""),
+    "editing": ("--quick", ""),
 }
 # Routing runs on one core of the host, and the file of its figures is named without a device.
 HOST_ONLY = ("hydrology",)

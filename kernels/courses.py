@@ -30,7 +30,7 @@ def build(scalar):
     TWO_THIRDS = scalar(2.0 / 3.0)
     LAST, LAST_ = ACROSS - 1, scalar(ACROSS - 1)
     NOWHERE, HIGHEST = wp.float64(math.nan), wp.float64(math.inf)
-    ONE64, TWO64, THREE64, FOUR64, FIVE64, HALF64 = (wp.float64(v) for v in (1.0, 2.0, 3.0, 4.0, 5.0, 0.5))
+    ONE64, HALF64 = wp.float64(1.0), wp.float64(0.5)
 
     @wp.struct
     class Courses:
@@ -39,7 +39,7 @@ def build(scalar):
         ``place``: x, y and half width in m, distance along the course in m. ``flow``: direction, speed at the greatest
         depth in m/s, that depth in m. ``bank``: level that banks rise from, without steps. ``form``: rows of
         ``ACROSS``. ``fall``: whether the segment is a fall, where the water is that above or below. Buckets of a grid
-        list the segments that reach into them, in order.
+        list the segments that reach into them, in order; ``west`` and ``south`` are the first ones from the origin.
         """
 
         place: wp.array[vec4]
@@ -52,6 +52,8 @@ def build(scalar):
         bucket_start: wp.array[int]
         bucket_segment: wp.array[int]
         bucket_size: scalar
+        west: int
+        south: int
         columns: int
         rows: int
 
@@ -74,30 +76,12 @@ def build(scalar):
         point: wp.array[int]
 
     @wp.struct
-    class Rocks:
-        """Boulders as upper halves of spheroids: place in m, radius in m, height of the top; listed by bucket."""
-
-        place: wp.array[vec4]
-        top: wp.array[wp.float64]
-        bucket_start: wp.array[int]
-        bucket_rock: wp.array[int]
-
-    @wp.struct
     class Nearest:
         """The nearest place on the segments of one course: first point, share towards the next, distance squared."""
 
         point: int
         share: scalar
         square: scalar
-
-    @wp.struct
-    class Ground:
-        """Heights of cells, row 0 in the north: the centre of the first cell from the courses' origin, m."""
-
-        height: wp.array2d[wp.float64]
-        west: wp.float64
-        north: wp.float64
-        cell_size: wp.float64
 
     @wp.func(module=name)
     def side_of(courses: Courses, near: Nearest, at: vec2) -> scalar:
@@ -166,8 +150,9 @@ def build(scalar):
         best, near = Nearest(), Nearest()
         best.point = -1
         lowest = HIGHEST
-        column, row = int(at[0] / courses.bucket_size), int(at[1] / courses.bucket_size)
-        if at[0] < ZERO or at[1] < ZERO or column >= courses.columns or row >= courses.rows:
+        column = int(wp.floor(at[0] / courses.bucket_size)) - courses.west
+        row = int(wp.floor(at[1] / courses.bucket_size)) - courses.south
+        if column < 0 or row < 0 or column >= courses.columns or row >= courses.rows:
             return best
         bucket = row * courses.columns + column
         stop = courses.bucket_start[bucket + 1]
@@ -199,50 +184,6 @@ def build(scalar):
                     near.share = share
                     near.square = square
         return best
-
-    @wp.func(module=name)
-    def cubic(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64, x: wp.float64) -> wp.float64:
-        """Cubic through b and c with the slopes of their neighbours."""
-        twist = a * -ONE64 + THREE64 * b - THREE64 * c + d
-        bend = TWO64 * a - FIVE64 * b + FOUR64 * c - d
-        return b + HALF64 * x * (c - a + x * (bend + x * twist))
-
-    @wp.func(module=name)
-    def ground_row(ground: Ground, i: int, j: int, x: wp.float64) -> wp.float64:
-        """Cubic through four cells of a row."""
-        last = ground.height.shape[1] - 1
-        row = wp.clamp(i, 0, ground.height.shape[0] - 1)
-        a, b = ground.height[row, wp.clamp(j - 1, 0, last)], ground.height[row, wp.clamp(j, 0, last)]
-        c, d = ground.height[row, wp.clamp(j + 1, 0, last)], ground.height[row, wp.clamp(j + 2, 0, last)]
-        return cubic(a, b, c, d, x)
-
-    @wp.func(module=name)
-    def ground_height(ground: Ground, x: wp.float64, y: wp.float64) -> wp.float64:
-        """Height of the ground by cubics through the centres of its cells; beyond its edge that of the edge."""
-        u, v = (x - ground.west) / ground.cell_size, (ground.north - y) / ground.cell_size
-        u = wp.clamp(u, -ONE64, wp.float64(ground.height.shape[1]))
-        v = wp.clamp(v, -ONE64, wp.float64(ground.height.shape[0]))
-        j, i = int(wp.floor(u)), int(wp.floor(v))
-        u, v = u - wp.float64(j), v - wp.float64(i)
-        a, b = ground_row(ground, i - 1, j, u), ground_row(ground, i, j, u)
-        c, d = ground_row(ground, i + 1, j, u), ground_row(ground, i + 2, j, u)
-        return cubic(a, b, c, d, v)
-
-    @wp.func(module=name)
-    def rock_height(courses: Courses, rocks: Rocks, at: vec2, bed: wp.float64) -> wp.float64:
-        """The bed, or the rock that stands higher."""
-        column, row = int(at[0] / courses.bucket_size), int(at[1] / courses.bucket_size)
-        if at[0] < ZERO or at[1] < ZERO or column >= courses.columns or row >= courses.rows:
-            return bed
-        bucket = row * courses.columns + column
-        for k in range(rocks.bucket_start[bucket], rocks.bucket_start[bucket + 1]):
-            i = rocks.bucket_rock[k]
-            place = rocks.place[i]
-            off = vec2(at[0] - place[0], at[1] - place[1])
-            inside = ONE - wp.dot(off, off) / (place[2] * place[2])
-            if inside > ZERO:
-                bed = wp.max(bed, rocks.top[i] - wp.float64(place[3] * (ONE - wp.sqrt(inside))))
-        return bed
 
     @wp.kernel(module=name, enable_backward=False)
     def survey_places(
@@ -279,35 +220,10 @@ def build(scalar):
         survey_out.across[i] = across
         survey_out.along[i] = courses.place[k][3] + near.share * (courses.place[k + 1][3] - courses.place[k][3])
 
-    @wp.kernel(module=name, enable_backward=False)
-    def carve_places(
-        # terrain
-        ground: Ground,
-        # params
-        courses: Courses,
-        rocks: Rocks,
-        # in
-        point_xy: wp.array[wp.vec2d],
-        # out
-        bed_out: wp.array[wp.float64],
-    ):
-        """Height of the bed: the lowest of the ground and of all courses' sections and banks, and rocks on it."""
-        i = wp.tid()
-        xy = point_xy[i]
-        bed = ground_height(ground, xy[0], xy[1])
-        at = vec2(scalar(xy[0]), scalar(xy[1]))
-        near = lowest_course(courses, at)
-        if near.point >= 0:
-            bed = wp.min(bed, bed_of(courses, near, side_of(courses, near, at)))
-        bed_out[i] = rock_height(courses, rocks, at, bed)
-
     return SimpleNamespace(
         vec2=vec2,
         vec4=vec4,
         Courses=Courses,
         Survey=Survey,
-        Rocks=Rocks,
-        Ground=Ground,
         survey_places=survey_places,
-        carve_places=carve_places,
     )

@@ -94,9 +94,14 @@ def build(scalar):
 
     @wp.struct
     class Cells:
-        """Square cells in square tiles: of a tile its datum in m and its first cell, -1 where dry; programs by cell."""
+        """Square cells in square tiles: of a tile its datum in m and its first cell, -1 where dry; programs by cell.
+
+        ``tile_west`` and ``tile_south``: the first tile, counted from the corner that places are relative to.
+        """
 
         tile_size: scalar
+        tile_west: int
+        tile_south: int
         tile_columns: int
         tile_rows: int
         cell_size: scalar
@@ -319,12 +324,13 @@ def build(scalar):
         def write_surface(
             water: Primitives, tables: Noise, cells: Cells, x: wp.float64, y: wp.float64, i: int, surface_out: Surface
         ):
-            """Evaluate the tree at a place, m from the first tile's corner; NaN where there is no water."""
+            """Evaluate the tree at a place, m from the corner of all tiles; NaN where there is no water."""
             size = wp.float64(cells.tile_size)
             column, row = int(wp.floor(x / size)), int(wp.floor(y / size))
+            i_tile, j_tile = row - cells.tile_south, column - cells.tile_west
             first, tile = int(-1), int(0)
-            if column >= 0 and column < cells.tile_columns and row >= 0 and row < cells.tile_rows:
-                tile = row * cells.tile_columns + column
+            if j_tile >= 0 and j_tile < cells.tile_columns and i_tile >= 0 and i_tile < cells.tile_rows:
+                tile = i_tile * cells.tile_columns + j_tile
                 first = cells.tile_first[tile]
             found = sums()
             if first >= 0:

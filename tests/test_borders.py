@@ -194,6 +194,7 @@ CALLS = {
         wr.edits.AddChannel,
         {"xy": t["line"], "width": 3.0, "depth": 1.0, "discharge": 2.0, "ends": "any", "max_rise": 1.0},
     ),
+    "CutLoop": lambda t: (wr.edits.CutLoop, {"channel": 1, "at": 500.0, "to": 900.0}),
     "RedrawSection": lambda t: (wr.edits.RedrawSection, {"channel": 1, "xy": t["line"]}),
     "SetChannel": lambda t: (wr.edits.SetChannel, {"channel": 1, "width": 3.0, "reach": (0.0, (3.0, 4.0))}),
     "EditTerrain": lambda t: (

@@ -148,6 +148,45 @@ def test_a_section_takes_the_course_that_is_drawn():
     sim.run(steps=20)
 
 
+def winding(**options):
+    """A sine-generated river with strong bends, whose wavelength is 1,200 m."""
+    line = wr.generate.sine_generated(1_200.0, 1.9, 6, 30.0)
+    return Simulation(RiverNetwork.from_polylines([line], width=40.0), plain_params(spacing=30.0), **options)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_bend_is_cut_off_and_its_loop_is_left(solver):
+    made = winding()
+    sim = Simulation(made.network, SOLVERS[solver](spacing=30.0)) if solver == "paths" else made
+    line, before, length = sim.network.polylines()[0], bits(sim), sim.network.channel_lengths()[0]
+    apex = int(np.argmax(np.where(np.abs(line[:, 0] - 3_000.0) < 700.0, line[:, 1], -np.inf)))
+    sim.apply(edits.CutLoop(0, tuple(line[apex])))
+    (cutoff,) = sim.history.cutoffs
+    open_loop = cutoff.xy[:-1] if solver == "paths" else cutoff.xy
+    assert (np.abs(open_loop - line[apex]).sum(axis=1) == 0.0).any(), "the place lies on what was cut off"
+    i = int(np.flatnonzero((line == open_loop[0]).all(axis=1))[0])
+    np.testing.assert_array_equal(open_loop, line[i : i + len(open_loop)])
+    # The way across is straight, and the river is shorter by loop less way.
+    along, across = np.hypot(*np.diff(open_loop, axis=0).T).sum(), np.hypot(*(open_loop[-1] - open_loop[0]))
+    assert across < 0.35 * along
+    assert sim.network.channel_lengths()[0] == pytest.approx(length - along + across, abs=20.0)
+    after = bits(sim)
+    sim.undo()
+    assert bits(sim) == before and not sim.history.cutoffs
+    sim.redo()
+    assert bits(sim) == after and len(sim.history.cutoffs) == 1
+    sim.run(steps=3)
+
+
+def test_a_chute_goes_between_two_places():
+    sim = winding()
+    line = sim.network.polylines()[0]
+    sim.apply(edits.CutLoop(0, tuple(line[40]), tuple(line[75])))
+    np.testing.assert_array_equal(sim.history.cutoffs[0].xy, line[40:76])
+    again = Simulation.replay(winding(), sim.history)
+    assert bits(again) == bits(sim)
+
+
 def test_a_channel_is_added_joins_and_is_removed_again():
     sim = river()
     line = sim.network.polylines()[0]
@@ -451,6 +490,10 @@ def two_rivers():
     return Simulation(network, plain_params(spacing=50.0), terrain=None, device="cpu")
 
 
+def straight():
+    return Simulation(RiverNetwork.from_polylines([[(0.0, 0.0), (9e3, 0.0)]], width=60.0))
+
+
 def locked():
     sim = river()
     sim.lock(0, 5_000.0)
@@ -497,6 +540,10 @@ def end_of(sim, dx=0.0, dy=0.0):
         (river, lambda s: edits.RedrawSection(0, [end_of(s), (0, 9), end_of(s, -1e3)]), "(runs upstream|outside of)"),
         (locked, lambda s: edits.RedrawSection(0, s.network.points()[[20, 200]]), "(a locked point|runs upstream)"),
         (evenly, lambda s: edits.SetChannel(0, width=20.0), "is coarser than channel 0 is wide"),
+        (river, lambda s: edits.CutLoop(0, 5_000.0, 4_000.0), "to lies upstream of at"),
+        (river, lambda s: edits.CutLoop(0, 5_000.0, 5_200.0), "a cutoff takes more than 5 widths"),
+        (locked, lambda s: edits.CutLoop(0, 4_000.0, 6_000.0), "a locked point of channel 0 lies on the loop"),
+        (straight, lambda s: edits.CutLoop(0, 5_000.0), "hardly bends at"),
         (river, lambda s: edits.SetChannel(0, width=90.0, reach=(5_000.0, 4_000.0)), "reach runs upstream"),
         (river, lambda s: edits.SetChannel(0, width=90.0, reach=(5_000.0, 5_050.0)), "spacings long"),
         (locked, lambda s: edits.SetChannel(0, width=90.0, reach=(4_000.0, 6_000.0)), "a locked point of channel 0"),

@@ -12,22 +12,23 @@ import numpy as np
 
 from warpriver import edits
 from warpriver.channel_table import JOINT_LOCK, JOINT_THROUGH
+from warpriver.edits.ground import edit_terrain, terrain_window
 from warpriver.edits.values import Place
 from warpriver.engine.stepper import Stepper
 from warpriver.errors import InputError
 from warpriver.graph.authoring import Reworking, nearest_point, river_of, smooth_line
 from warpriver.graph.edits import JUNCTION_CLEARANCE
-from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Event, EventLog, HeldLock, History
+from warpriver.history import AppliedEdit, Avulsion, ControlStroke, Cutoff, Event, EventLog, HeldLock, History
 from warpriver.hydraulic_geometry import bankfull_depth, bankfull_discharge
 from warpriver.meander.avulsions import NewCourse, avulsion_of, carve, plan_course, rework_courses, window_of
 from warpriver.meander.courses import Refusal, carve_course
 from warpriver.meander.deferred import defer_junction
 from warpriver.meander.diversions import Diversion, divert, find_way, upstream_of
 from warpriver.network import RiverNetwork
-from warpriver.params import AvulsionParams
+from warpriver.params import AvulsionParams, PathMeander
 from warpriver.terrain import Terrain
 
-__all__ = ["LOCK_SPACINGS", "EditStack", "edit_terrain", "untold"]
+__all__ = ["LOCK_SPACINGS", "EditStack", "untold"]
 
 # Spacings that locked points keep from each other and from the ends of their channel: the samples between them are
 # even, so that a short part would be sampled by up to half a spacing in so many otherwise than the target.
@@ -36,6 +37,9 @@ LOCK_SPACINGS = 10
 PLACE_WIDTHS, JOIN_WIDTHS = 2.0, 0.5
 # Spacings over which a point that moves takes its channel along at least.
 MOVE_SPACINGS = 2.0
+# A loop that is cut off by hand: its least length in widths, how far around a place it may reach, how long the way
+# across is at most beside it where both ends are chosen, and among how many points on each side.
+LEAST_LOOP, LOOP_REACH, LOOP_RATIO, LOOP_SAMPLES = 5.0, 30.0, 0.8, 256
 
 
 C = TypeVar("C", bound="NewCourse | Diversion")
@@ -87,7 +91,7 @@ class EditStack:
         back()
         # What was painted on a field since stays.
         own = isinstance(edit, edits.PaintControl)
-        painted = [event for event in history.events[events + own :] if isinstance(event, ControlStroke)]
+        painted = list(history.events[events + own :].of(ControlStroke))
         history.forget_events(events)
         history.events.extend(painted)
         self._undone.append(edit)
@@ -115,6 +119,8 @@ class EditStack:
             back = _avulse(stepper, history, edit)
         elif isinstance(edit, edits.DivertChannel):
             back = self._divert(stepper, history, edit)
+        elif isinstance(edit, edits.CutLoop):
+            back = self._cut(stepper, history, edit)
         else:
             back = self._edit_network(stepper, edit)
         if not isinstance(edit, edits.PaintControl):  # told as a stroke
@@ -142,6 +148,12 @@ class EditStack:
             if window is not None and cells is not None:
                 raster.put_cells(window, cells)
 
+        return back
+
+    def _cut(self, stepper: Stepper, history: History, edit: edits.CutLoop) -> Back:
+        cutoff, straight = _cutoff_of(stepper, edit)
+        back = self._edit_network(stepper, straight)
+        history.events.append(cutoff)
         return back
 
     def _edit_network(self, stepper: Stepper, edit: edits.Edit) -> Back:
@@ -614,6 +626,66 @@ def _(edit: edits.RedrawSection, stepper: Stepper) -> None:
     _adopt(stepper, work)
 
 
+def _cutoff_of(stepper: Stepper, edit: edits.CutLoop) -> tuple[Cutoff, edits.RedrawSection]:
+    """Return the event of a bend that is cut off, and the straight way across it, as an edit."""
+    state, network = stepper.state, stepper.state.network
+    state.place_nodes()
+    river = _River(network, edit.channel)
+    (k, i), (other, j) = river.locate(edit.at), river.locate(edit.at if edit.to is None else edit.to, "to")
+    if k != other:
+        raise InputError(f"a locked point of channel {river.identity} lies on the loop; unlock it first")
+    c, xy, arc = river.parts[k], river.xy[k], river.arc[k]
+    width = float(network.channel_width[c])
+    if edit.to is None:
+        i, j = _neck_around(xy, arc, i, width)
+        if i == j:
+            raise InputError(
+                f"channel {river.identity} hardly bends at ({xy[i, 0]:g}, {xy[i, 1]:g}): no way across is shorter than "
+                f"{LOOP_RATIO:g} times the loop; give `to`, or a place on a bend"
+            )
+    elif i >= j:
+        raise InputError(
+            f"to lies upstream of at on channel {river.identity}, or at the same point; give both downstream"
+        )
+    if arc[j] - arc[i] <= LEAST_LOOP * width:
+        raise InputError(
+            f"the loop of channel {river.identity} is {arc[j] - arc[i]:.4g} m long; a cutoff takes more than "
+            f"{LEAST_LOOP:g} widths ({LEAST_LOOP * width:.4g} m)"
+        )
+    loop, section = xy[i : j + 1].copy(), None
+    if isinstance(state.params, PathMeander):  # whose loops are closed
+        loop = np.concatenate([loop, loop[:1]])
+    depth = float(network.channel_depth[c])
+    if network.point_section is not None:
+        along = network.point_section[river.first[k] + i : river.first[k] + j + 1].numpy().astype(np.float64)
+        section = np.concatenate([along, along[: len(loop) - len(along)]])
+        width, depth = (float(v) for v in section[0])
+    time, flow = stepper.step_count * state.params.time_step, float(network.channel_discharge[c])
+    cutoff = Cutoff(time, int(network.channel_id[c]), width, loop, depth, flow, section)
+    return cutoff, edits.RedrawSection(edit.channel, (tuple(xy[i].tolist()), tuple(xy[j].tolist())))
+
+
+def _neck_around(xy: np.ndarray, arc: np.ndarray, at: int, width: float) -> tuple[int, int]:
+    """Return the points between which a bend is cut off: the shortest way across beside the loop; twice ``at`` if none.
+
+    Args:
+        xy: (n, 2) points of the channel, m.
+        arc: (n,) arc lengths, m.
+        at: Index of a point on the bend.
+        width: m.
+    """
+    reach = LOOP_REACH * width
+    above = np.arange(np.searchsorted(arc, arc[at] - reach), at + 1)
+    below = np.arange(at, np.searchsorted(arc, arc[at] + reach, side="right"))
+    # As many on each side as tell loops apart, however finely the line is sampled.
+    above, below = above[:: -(-len(above) // LOOP_SAMPLES)], below[:: -(-len(below) // LOOP_SAMPLES)]
+    across = np.hypot(*(xy[above][:, None] - xy[below][None, :]).transpose(2, 0, 1))
+    along = arc[below][None, :] - arc[above][:, None]
+    ratio = np.where(along > LEAST_LOOP * width, across / np.maximum(along, 1e-300), np.inf)
+    best = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
+    return (int(above[best[0]]), int(below[best[1]])) if ratio[best] <= LOOP_RATIO else (at, at)
+
+
 @_do.register
 def _(edit: edits.SetChannel, stepper: Stepper) -> None:
     river = _River(stepper.state.network, edit.channel)
@@ -656,24 +728,3 @@ def _set_reach(edit: edits.SetChannel, river: _River, stepper: Stepper) -> None:
         work.split(reach, first + i, JOINT_THROUGH)
     work.resize(reach, edit.width, edit.depth)
     _adopt(stepper, work)
-
-
-# ---- the ground
-
-
-def edit_terrain(terrain: Terrain, edit: edits.EditTerrain) -> None:
-    """Do an edit of the ground."""
-    if edit.operation == "ridge":
-        terrain.add_ridge(edit.line, edit.height, edit.width)  # type: ignore[arg-type]
-    else:
-        terrain.brush(edit.operation, edit.center, edit.radius, edit.amount, level=edit.level)  # type: ignore[arg-type]
-
-
-def terrain_window(terrain: Terrain, edit: edits.EditTerrain) -> tuple[int, int, int, int] | None:
-    """Return the cells that an edit of the ground may change, as ``Raster.window``; None if there are none."""
-    if edit.operation == "ridge":
-        line, half = np.asarray(edit.line), 0.5 * (edit.width or 0.0)
-    else:
-        line, half = np.asarray([edit.center]), edit.radius or 0.0
-    (west, south), (east, north) = line.min(axis=0) - half, line.max(axis=0) + half
-    return terrain.raster.window(west, south, east, north)

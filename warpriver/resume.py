@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from warpriver.editing import edit_terrain
+from warpriver.edits.ground import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.engine.phase import Phase
 from warpriver.errors import InputError, WarpriverError
@@ -22,6 +22,7 @@ from warpriver.history import (
     ParameterChange,
     Record,
 )
+from warpriver.history.events import events_of
 from warpriver.io.raster.terrains import read_terrain
 from warpriver.meander.courses import carve_course
 from warpriver.models import Model, model_of
@@ -76,7 +77,7 @@ def ground_again(
 def _stages(start: Ground | None, events: Iterable[Event]) -> list[Stage]:
     """The grounds of a run in order, each with what was done on it until the next one was noted."""
     stages: list[Stage] = [(start, [])]
-    for event in events:
+    for event in events_of(events, GroundChange, AppliedEdit, Avulsion):
         if isinstance(event, GroundChange):
             stages.append((event.ground, []))
         elif isinstance(event, AppliedEdit) and isinstance(edit := event.edit, EditTerrain):
@@ -141,7 +142,7 @@ def edits_after(history: History, record: Record) -> list[Edit]:
     """Return the edits that were done after a record, before the next step."""
     return [
         event.edit
-        for event in history.events[record.events_before :]
+        for event in history.events[record.events_before :].of(AppliedEdit, ControlStroke)
         if isinstance(event, (AppliedEdit, ControlStroke)) and event.step == record.step
     ]
 

@@ -264,7 +264,7 @@ class Simulation:
             history = History.load(history)
         record = history.record(0)
         before = history.events[: record.events_before]
-        if any(isinstance(event, ParameterChange) for event in history.events):
+        if history.events.of(ParameterChange):
             raise InputError(
                 "the constants of the run changed on its way, which is no edit; replay it from a simulation"
             )
@@ -277,7 +277,7 @@ class Simulation:
             dtype=history.dtype,
             ground=history.ground,
         )
-        fresh.events.extend(event for event in before if isinstance(event, (ControlChange, ControlStroke)))
+        fresh.events.extend(before.of(ControlChange, ControlStroke))
         self = cls.__new__(cls)
         self._take_up(fresh, record, history.params, terrain, device, phases, **options)
         self._ground = history.ground
@@ -586,6 +586,8 @@ class Simulation:
                 self._advance(steps)
             except FloatingPointError:
                 return StopReason.NOT_FINITE
+            with _storing():
+                self.history.relieve()
             if schedule.due(self.step_count, self.params.time_step):
                 self._record()
             advance(steps)

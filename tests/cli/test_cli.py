@@ -13,8 +13,10 @@ import pytest
 from warpriver import LehenyParams, RiverNetwork, Terrain, bench, erode, extract_network, generate, read_terrain
 from warpriver.cli import main
 from warpriver.cli.info import describe_device, describe_gpus
+from warpriver.edits import write_edits
 from warpriver.history import History
 from warpriver.io import read_network, write_network, write_terrain
+from warpriver.riverscape import AddRock, read_riverscape
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
@@ -474,3 +476,37 @@ def test_riverscape_writes_types_and_a_bed(tmp_path, capsys):
     (carved,) = [p for p in (tmp_path / "bed").iterdir() if p.stem == "bed" and p.suffix in (".tif", ".npz")]
     assert read_terrain(carved).shape == (50, 50)
     assert (tmp_path / "bed" / "bed.png").stat().st_size > 0
+
+
+def test_riverscape_writes_its_water_with_edits(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("warpriver.cli.riverscape.MOVIE_SIZE", (64, 36))
+    ground = generate.fluvial_terrain((60, 60), 30.0, 200.0, seed=2)
+    write_terrain(ground, tmp_path / "dem.npz")
+    x, y = extract_network(ground, min_drainage_area=2e5).polylines()[0][5]
+    write_edits(tmp_path / "edits.json", [(0, AddRock((float(x), float(y)), 4.0))])
+    window = f"{x - 20:.0f},{y - 20:.0f},{x + 20:.0f},{y + 20:.0f}"
+    arguments = ["riverscape", tmp_path / "dem.npz", "--min-area", 0.2, "--detail", 2, "--window", window]
+    arguments += [
+        "--flowmap",
+        "unity",
+        "--mesh",
+        "--movie",
+        "--frames",
+        ".npz",
+        "--scene",
+        "--seconds",
+        0.2,
+        "--fps",
+        10,
+    ]
+    code, said, err = run(capsys, *arguments, "--edits", tmp_path / "edits.json", "-o", tmp_path / "out")
+    assert code == 0, err
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= {"flow.png", "flow.png.json", "riverscape.glb", "frames", "scene.json", "scene.npz"}
+    assert any(name.startswith("movie.") for name in names) and "types.csv" not in names
+    assert len(list((tmp_path / "out" / "frames").iterdir())) == 11 and "2 frames" in said
+    assert read_riverscape(tmp_path / "out" / "scene.json").edits[0].diameter == 4.0
+    code, _, err = run(capsys, "riverscape", tmp_path / "dem.npz", "--movie", "-o", tmp_path / "no")
+    assert code == 2 and "--movie needs --window" in err
+    code, _, err = run(capsys, *arguments, "--edits", tmp_path / "gone.json", "-o", tmp_path / "no")
+    assert code != 0 and "gone.json" in err

@@ -6,6 +6,7 @@ import reference_banks
 
 import warpriver as wr
 from warpriver.engine import state as engine_state
+from warpriver.engine.stems import find_map_edges
 from warpriver.meander.inlets import find_inlets, inlet_periods
 
 WIDTH = 40.0
@@ -60,11 +61,11 @@ def test_heads_at_the_edge_of_the_map_are_inlets_and_springs_are_not():
         ((600.0, 500.0), (1000.0, 400.0)),
     ]
     network = wr.RiverNetwork.from_polylines([np.linspace(*line, 9) for line in lines], [20.0, 30.0, 20.0, 40.0])
-    terrain = wr.Terrain(np.zeros((50, 50)), 20.0, origin=(0.0, 1000.0))
-    assert find_inlets(network, terrain, "edge").tolist() == [True, True, False, False]
+    edges = find_map_edges(wr.Terrain(np.zeros((50, 50)), 20.0, origin=(0.0, 1000.0)))
+    assert find_inlets(network, edges, "edge").tolist() == [True, True, False, False]
     assert find_inlets(network, None, "edge").tolist() == [True, True, True, False]
-    assert find_inlets(network, terrain, "all").tolist() == [True, True, True, False]
-    assert not find_inlets(network, terrain, "none").any()
+    assert find_inlets(network, edges, "all").tolist() == [True, True, True, False]
+    assert not find_inlets(network, edges, "none").any()
     angle = 2.0 * np.pi * np.arange(40) / 40
     ring = wr.RiverNetwork.from_polylines([500.0 * np.stack([np.cos(angle), np.sin(angle)], 1)], 20.0, closed=True)
     assert not find_inlets(ring, None, "all").any()

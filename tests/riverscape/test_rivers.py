@@ -70,9 +70,10 @@ def test_courses_of_ones_own_have_no_types():
     course = Course(np.column_stack([x, 50.0 + 0.0 * x]), 1.0 - 0.005 * x, 4.0, 0.5, 1.0)
     own = Riverscape(ground, [course])
     assert own.types is None and own.network is None
-    for call in (lambda: own.stations, lambda: own.bed_at([(50.0, 50.0)]), lambda: Riverscape(ground, [course], "C")):
-        with pytest.raises(InputError):
-            call()
+    bed = own.bed_at([(50.0, 50.0), (50.0, 20.0)])
+    assert bed.depth[0] == pytest.approx(0.5) and bed.depth[1] == 0.0 and bed.material[0].sum() == pytest.approx(1.0)
+    with pytest.raises(InputError, match="types and flow are those of a network"):
+        Riverscape(ground, [course], "C")
 
 
 def test_templates_serve_rivers_that_are_carved_into_a_landscape():

@@ -30,7 +30,7 @@ def test_water_lies_in_its_bed_and_below_its_banks(name, scenes):
         steep = np.concatenate([drop, [0.0]]) + np.concatenate([[0.0], drop]) > 0.05
         near = 0.05 * np.asarray(course.depth).max()
         np.testing.assert_allclose(found.still[~steep[inside]], level[~steep[inside]], atol=near)
-        bed = scene.courses.bed(xy, scene.terrain, rocks=False)
+        bed = scene.bed(xy, rocks=False)
         assert (found.elevation > bed).mean() > 0.97
     west, south, east, north = scene.courses.bounds
     at = np.random.default_rng(0).uniform((west - 3, south - 3), (east + 3, north + 3), (6000, 2))

@@ -5,6 +5,7 @@ import pytest
 from river_scenes import one_river
 from scipy.special import j0
 
+import warpriver as wr
 from warpriver.metrics import wavelength
 from warpriver.riverscape import TrajectoryParams
 from warpriver.riverscape.stations import TYPES
@@ -56,7 +57,7 @@ def test_the_number_of_threads_follows_the_flow():
 
 def test_threads_share_the_water_and_meet_at_the_nodes():
     axis = straight(900.0)
-    lines = _braid(axis, 0, 5, 20.0, "D", np.random.default_rng(4), TrajectoryParams())
+    lines = _braid(axis, 0, np.full(2, 5), 20.0, "D", np.random.default_rng(4), TrajectoryParams())
     threads, plain = lines[:-1], lines[-1]
     middle = len(threads[0].axis) // 2
     assert sum(t.share[middle] for t in threads) == pytest.approx(1.0)
@@ -69,7 +70,7 @@ def test_threads_share_the_water_and_meet_at_the_nodes():
     assert crossings > 20  # they part and meet
     half = np.nanmax(plain.belt) / 2
     assert np.abs(y).max() < half and np.nanmin(plain.belt) >= 0.0
-    wide = _braid(axis, 0, 5, 20.0, "DA", np.random.default_rng(4), TrajectoryParams())
+    wide = _braid(axis, 0, np.full(2, 5), 20.0, "DA", np.random.default_rng(4), TrajectoryParams())
     assert np.nanmax(wide[-1].belt) > 1.5 * np.nanmax(plain.belt)
 
 
@@ -94,3 +95,60 @@ def test_the_same_seed_gives_the_same_courses():
     a, b, other = (one_river("C", 0.008, 0.3, 300.0, seed=s).stations for s in (5, 5, 6))
     assert np.array_equal(a.xy, b.xy) and np.array_equal(a.water, b.water)
     assert len(a.xy) != len(other.xy) or not np.array_equal(a.xy, other.xy)
+
+
+def test_threads_leave_and_join_the_nearest_where_their_number_changes():
+    """Where they part both lie on one line with the water of both; beyond that all water is shared out."""
+    along = np.linspace(0.0, 4000.0, 401)
+    axis = _Axis(along, np.column_stack([along, 0.0 * along]), np.tile([1.0, 0.0], (401, 1)), np.full((401, 2), np.inf))
+    number = np.where(along < 1500.0, 3, np.where(along < 2600.0, 5, 4))
+    lines = _braid(axis, 0, number, 20.0, "D", np.random.default_rng(4), TrajectoryParams())
+    threads = [line for line in lines if line.thread >= 0]
+    assert len(threads) == 5 and len({line.thread for line in threads}) == 5
+    ends = [(line.axis[0], line.axis[-1]) for line in threads]
+    assert [e for e in ends if e == (0.0, 4000.0)] == [(0.0, 4000.0)] * 3
+    (fourth,) = [e for e in ends if e[0] > 0.0 and e[1] == 4000.0]
+    (fifth,) = [e for e in ends if e[0] > 0.0 and e[1] < 4000.0]
+    assert fourth[0] == pytest.approx(1500.0, abs=15.0) and fifth == pytest.approx((1500.0, 2600.0), abs=15.0)
+    for k, line in enumerate(threads):
+        for end, place in ((0, line.axis[0]), (-1, line.axis[-1])):
+            if 0.0 < place < 4000.0:
+                others = [o for j, o in enumerate(threads) if j != k and o.axis[0] <= place <= o.axis[-1]]
+                off = [np.hypot(*(o.xy[np.abs(o.axis - place).argmin()] - line.xy[end])) for o in others]
+                near = others[int(np.argmin(off))]
+                assert min(off) < 1e-9
+                assert near.share[np.abs(near.axis - place).argmin()] == pytest.approx(line.share[end])
+    # Away from where they part and meet the water is that of the river.
+    belt = np.nanmax(lines[-1].belt)
+    for x in np.arange(2.0 * belt, 4000.0 - 2.0 * belt, 10.0):
+        if min(abs(x - 1500.0), abs(x - 2600.0)) > 1.3 * belt:
+            shares = [np.interp(x, o.axis, o.share) for o in threads if o.axis[0] <= x <= o.axis[-1]]
+            assert sum(shares) == pytest.approx(1.0, abs=1e-9)
+            assert len(shares) == (3 if x < 1500.0 else 5 if x < 2600.0 else 4)
+
+
+def test_a_braided_river_whose_flow_grows_gets_more_threads_on_the_way(device):
+    """From 13 to 20 m3/s: round(1 + phi^(1/3)) is 3 at the head and 4 at the end; the water falls on all threads."""
+    x = np.linspace(0.0, 1900.0, 60)
+    line = np.column_stack([x + 40.0, 200.0 + 0.0 * x])
+    network = wr.RiverNetwork.from_polylines([line], width=20.0, slope=[0.012], drainage_area=[2.8e8])
+    rows = (40.0 - np.arange(40) - 0.5) * 10.0
+    east = (np.arange(200) + 0.5) * 10.0
+    height = 100.0 - 0.012 * east + 1e-5 * (rows[:, None] - 200.0) ** 2
+    scene = wr.Riverscape(wr.Terrain(height, 10.0, (0.0, 400.0)), network, "D", detail=1.0, device=device)
+    stations = scene.stations
+    wet = np.flatnonzero(stations.wet)
+    begins = stations.along[stations.start[wet]], stations.xy[stations.start[wet], 0]
+    late = wet[begins[1] > 100.0]
+    assert len(late) >= 1 and len(wet) > 3
+    for k in wet:
+        part = slice(stations.start[k], stations.start[k + 1])
+        assert (np.diff(stations.water[part]) <= 0.0).all()
+    for k in late:
+        # It begins on another thread, at that one's level: no fall where they part.
+        first = stations.start[k]
+        others = [m for m in wet if m != k]
+        index = np.concatenate([np.arange(stations.start[m], stations.start[m + 1]) for m in others])
+        near = index[np.hypot(*(stations.xy[index] - stations.xy[first]).T).argmin()]
+        assert np.hypot(*(stations.xy[near] - stations.xy[first])) < 4.0
+        assert stations.water[near] == pytest.approx(stations.water[first], abs=0.05)

@@ -6,7 +6,7 @@ from plain import plain_params
 
 import warpriver as wr
 from warpriver import edits
-from warpriver.studio.author import Author, brushed
+from warpriver.studio.author import Author, Checkpoint, brushed
 
 STEPS = 30
 
@@ -87,10 +87,45 @@ def test_a_session_that_is_taken_up_again_has_the_same_bits(tmp_path):
     author.step(60)
     author.write_session(tmp_path / "edits.json")
     again = Author(simulation())
-    again.take_up(wr.edits.read_edits(tmp_path / "edits.json"))
+    again.take_up(author.entries, 0, author.simulation.step_count)
     assert bits(again.simulation) == bits(author.simulation)
     other = wr.Simulation.replay(simulation(), tmp_path / "edits.json")
     assert bits(other) == bits(author.simulation)
+
+
+def test_a_checkpoint_goes_on_to_the_same_bits_and_one_of_another_session_is_passed_over(tmp_path):
+    author = Author(simulation())
+    author.step(20)
+    for edit in some_edits(author.simulation):
+        author.apply(edit)
+    author.paint(author.simulation.network.polylines()[0][50], 900.0, -80.0)
+    author.step(15)
+    told = author.save_checkpoint(tmp_path / "checkpoint")
+    checkpoint = Checkpoint(tmp_path / "checkpoint", told["edits"], told["steps"], told["digest"])
+    author.step(10)
+    author.apply(edits.LockPoint(int(author.simulation.network.channel_id[0]), 900.0))
+    author.step(9)
+    again = Author(simulation())
+    again.take_up(author.entries, 0, author.simulation.step_count, checkpoint)
+    assert bits(again.simulation) == bits(author.simulation) and again.edits == author.edits
+    assert [mark.step for mark in again._marks][:2] == [0, 35], "it was taken up at the checkpoint"
+    while again.undoable:  # also what lies before it
+        again.undo()
+    plain = simulation()
+    plain.step(54)
+    assert bits(again.simulation) == bits(plain)
+    for entries, steps in ((author.entries[1:], 54), (author.entries, 34)):
+        assert not checkpoint.fits(entries, steps)
+
+
+def test_marks_share_events_and_unchanged_ground():
+    author = Author(simulation())
+    author.step(100)
+    author.apply(some_edits(author.simulation)[1])
+    author.step(50)
+    first, second, third, fourth = author._marks
+    assert first.ground is second.ground is third.ground and fourth.ground is not third.ground
+    assert author.simulation.history.events[0] is fourth.state["history"].events[0]
 
 
 def test_rewinding_forgets_later_edits():

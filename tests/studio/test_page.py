@@ -10,6 +10,7 @@ from browser import CHROMIUM, Browser
 
 import warpriver as wr
 from warpriver import edits
+from warpriver.studio.journal import read_journal
 
 pytest.importorskip("PIL", reason="looking at the page needs pillow")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium")
@@ -39,8 +40,7 @@ def browser(served):
 
 def said(served):
     """Edits that the session's folder holds."""
-    path = served.folder / "edits.json"
-    return [edit for _, edit in edits.read_edits(path).edits] if path.exists() else []
+    return [entry.edit for entry in read_journal(served.folder / "edits.log")[0]]
 
 
 def pixels(browser, colour=WATER, within=40):

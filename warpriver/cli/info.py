@@ -202,6 +202,8 @@ def _info_file(options: argparse.Namespace) -> int:
 
 
 def _tell_run(source: Path, options: argparse.Namespace) -> list[str]:
+    from warpriver.history import GroundChange, ParameterChange
+
     run = stored_run(source)
     assert run is not None
     history = read_run(run)
@@ -209,9 +211,8 @@ def _tell_run(source: Path, options: argparse.Namespace) -> list[str]:
     ground = history.last_ground
     if ground is not None:
         told.append(f"terrain: {ground.about}{', ' + ground.path if ground.path else ''}")
-    for event in history.events:
-        if event.kind in ("parameter_change", "ground_change"):
-            told.append(f"at {event.time:.4g} yr: {event}")
+    for event in history.events.of(ParameterChange, GroundChange):
+        told.append(f"at {event.time:.4g} yr: {event}")
     return told + _tell_network(history.networks[-1])
 
 

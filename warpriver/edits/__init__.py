@@ -14,6 +14,7 @@ from warpriver.edits.session import Session, read_edits, write_edits
 from warpriver.edits.values import (
     AddChannel,
     AvulseChannel,
+    CutLoop,
     DeferJunction,
     DivertChannel,
     Edit,
@@ -32,6 +33,7 @@ from warpriver.edits.values import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "CutLoop",
     "DeferJunction",
     "DivertChannel",
     "Edit",

@@ -52,7 +52,7 @@ def write_edits(path: str | os.PathLike[str], edits: object, *, seed: int = 0, s
 
     Args:
         path: The file, which is replaced.
-        edits: A :class:`Session`, a history, a simulation, or (step, edit) pairs.
+        edits: A :class:`Session`, a history, a simulation, a riverscape, or (step, edit) pairs.
         seed: Seed of the run, where pairs are given.
         steps: Steps that it did, where pairs are given.
 
@@ -115,6 +115,9 @@ def session_of(edits: object, seed: int = 0, steps: int = 0) -> Session:
         return read_edits(edits)
     history: Any = getattr(edits, "history", edits)
     applied = getattr(history, "edits", None)
+    if isinstance(applied, tuple) and all(isinstance(each, Edit) for each in applied):
+        # Of a scene, which has no steps.
+        return Session(_pairs(applied), getattr(history, "seed", seed))
     if applied is not None:
         done = getattr(edits, "step_count", int(history.steps[-1]) if len(history) else 0)
         return Session(_pairs(applied), history.seed, done)
@@ -127,6 +130,7 @@ def _pairs(edits: object) -> tuple[tuple[int, Edit], ...]:
     listed: Iterable[Any] = edits if isinstance(edits, Iterable) else [edits]
     for each in listed:
         pair = (each.step, each.edit) if isinstance(getattr(each, "edit", None), Edit) else each
+        pair = (0, pair) if isinstance(pair, Edit) else pair
         if not isinstance(pair, Sequence) or isinstance(pair, (str, bytes)) or len(pair) != 2:
             raise InputError(f"{shown(each)} is no (step, edit) pair; give a list of them, a history or a Session")
         if not isinstance(pair[1], Edit):

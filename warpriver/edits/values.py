@@ -30,6 +30,7 @@ from warpriver.validate import (
 __all__ = [
     "AddChannel",
     "AvulseChannel",
+    "CutLoop",
     "DeferJunction",
     "DivertChannel",
     "Edit",
@@ -55,7 +56,22 @@ Line = tuple[tuple[float, float], ...]
 BRUSHES = ("raise", "lower", "smooth", "flatten")
 # Classes by name, and the rooms of those that are not here, which know them once they are imported.
 _CLASSES: dict[str, type[Edit]] = {}
-_ROOMS = {"SetControls": "warpriver.meander"}
+_ROOMS = {"SetControls": "warpriver.meander"} | dict.fromkeys(
+    (
+        "AddLog",
+        "AddRock",
+        "AddWater",
+        "ChangeWater",
+        "MoveObstacle",
+        "MoveWater",
+        "RedrawCourse",
+        "RemoveObstacle",
+        "RemoveWater",
+        "ReplaceWater",
+        "RetypeChannel",
+    ),
+    "warpriver.riverscape",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,6 +79,7 @@ class Edit:
     """Something that an author does between two steps; see the classes that derive from it."""
 
     name: ClassVar[str] = "Edit"
+    of: ClassVar[str] = "network"
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make a class known under its name.
@@ -72,6 +89,8 @@ class Edit:
         """
         super().__init_subclass__(**options)
         cls.name = cls.__name__
+        if cls.name.startswith("_"):
+            return
         known = _CLASSES.get(cls.name)
         if known is not None and known.__module__ != cls.__module__:
             raise InputTypeError(f"{cls.__module__} and {known.__module__} both have an edit {cls.name}; rename one")
@@ -91,9 +110,9 @@ class Edit:
         return {"edit": self.name} | fields
 
 
-def edit_kinds() -> dict[str, type[Edit]]:
-    """Return the classes of edits that there are, by name."""
-    return dict(_CLASSES)
+def edit_kinds(of: str = "network") -> dict[str, type[Edit]]:
+    """Return the classes of edits that there are, by name, of a "network" or of a "riverscape"."""
+    return {name: kind for name, kind in _CLASSES.items() if kind.of == of}
 
 
 def edit_of(values: Any) -> Edit:
@@ -312,6 +331,27 @@ class RedrawSection(Edit):
     def check(self) -> dict[str, Any]:
         """Check the fields."""
         return {"channel": _channel(self.channel), "xy": _line(self.xy, "xy")}
+
+
+@dataclasses.dataclass(frozen=True)
+class CutLoop(Edit):
+    """Cut a bend off, as a breached neck or a chute does: what lies between is left behind as an oxbow lake.
+
+    Attributes:
+        channel: Identity of the channel; no locked point can lie on the loop.
+        at: Place on the bend; or, where ``to`` is given, where the river leaves it.
+        to: Place farther downstream where it comes back. By default both are chosen, within 60 widths around ``at``,
+            such that the straight way is as short as can be beside the loop that it cuts off.
+    """
+
+    channel: int
+    at: Place
+    to: Place | None = None
+
+    def check(self) -> dict[str, Any]:
+        """Check the channel and both places."""
+        to = None if self.to is None else _place(self.to, "to")
+        return {"channel": _channel(self.channel), "at": _place(self.at), "to": to}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
@@ -16,7 +17,7 @@ from warpriver.engine.checks import require
 from warpriver.engine.replay import Replay
 from warpriver.engine.snapshot import Snapshot
 from warpriver.engine.stages import CUDA_CHUNK, Share, Stage, launch, put, run_stages
-from warpriver.engine.stems import StemArrays
+from warpriver.engine.stems import MapEdges, StemArrays, find_map_edges
 from warpriver.errors import InputError, OutOfMemoryError
 from warpriver.graph.edits import EditedChannels
 from warpriver.kernels import channels, runs, schedule
@@ -283,6 +284,11 @@ class State:
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.max_speed_bits = _bits(self.max_speed)
 
+    @functools.cached_property
+    def map_edges(self) -> MapEdges | None:
+        """Where the map ends; None on a plain. Edits of the ground leave cells without data as they are."""
+        return None if self.terrain is None else find_map_edges(self.terrain)
+
     def _allocate_mobility(self) -> None:
         """Make room for the mobilities, where any point may be less or more free than others."""
         self.mobility = self.zeros(self.channel_capacity, self.scalar) if self.is_uneven else None
@@ -385,7 +391,7 @@ class State:
         put(self.start, np.concatenate([start, np.full(len(self.start) - len(start), start[-1], np.int32)]))
         network.channel_start = self.start[: network.channel_count + 1]
         if self.stems is not None:
-            if self.stems.take(network, self.terrain):
+            if self.stems.take(network, self.map_edges):
                 self.changed()
             if "channel_substeps" in carried:
                 carried["channel_substeps"] = self.stems.level(carried["channel_substeps"])

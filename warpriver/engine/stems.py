@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -14,7 +14,7 @@ from warpriver.kernels.channels import EDGE_NONE, EDGE_NORTH_SOUTH, EDGE_WEST_EA
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 
-__all__ = ["StemArrays"]
+__all__ = ["MapEdges", "StemArrays", "find_map_edges"]
 
 
 class StemArrays:
@@ -40,10 +40,8 @@ class StemArrays:
         self.length = wp.zeros(count, dtype=wp.int64, device=device)
         self.substeps = wp.zeros(count, dtype=wp.int32, device=device)
         self.joined = self.slides = self.locked = False
-        self._bounded: Terrain | None = None
-        self._bounds = (0.0, 0.0, 0.0, 0.0)
 
-    def take(self, network: RiverNetwork, terrain: Terrain | None, alone: np.ndarray | None = None) -> bool:
+    def take(self, network: RiverNetwork, edges: MapEdges | None, alone: np.ndarray | None = None) -> bool:
         """Take the channels of a network, some of which may be stems of their own; tell whether stages are outdated."""
         before = self.joined, self.slides, self.locked
         capacity = len(self._edge)
@@ -56,10 +54,8 @@ class StemArrays:
             values[: network.channel_count] = getattr(self.links, name)
             put(array, values)
         edge = np.full(capacity, EDGE_NONE, np.int32)
-        if terrain is not None and not self._through_only:
-            if self._bounded is not terrain:
-                self._bounded, self._bounds = terrain, data_bounds(terrain)
-            edge[: network.channel_count] = find_edges(network, self._bounds, terrain.cell_size)
+        if edges is not None and not self._through_only:
+            edge[: network.channel_count] = find_edges(network, edges)
         put(self._edge, edge)
         held = np.zeros(capacity, np.int32)
         held[: network.channel_count] = network.channel_joint == JOINT_LOCK
@@ -94,35 +90,44 @@ class StemArrays:
         return np.where(substeps > 0, greatest[self.links.top], 0)
 
 
-def data_bounds(terrain: Terrain) -> tuple[float, float, float, float]:
-    """Return the outer edges (west, south, east, north) in m of what has data; rows and columns on the rim may not."""
+class MapEdges(NamedTuple):
+    """Outer edges in m of what of a terrain has data, and the size of its cells."""
+
+    west: float
+    south: float
+    east: float
+    north: float
+    cell_size: float
+
+    def distance(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far points, (N, 2), are inside of the nearer edge along each axis, m."""
+        x, y = xy.T
+        return np.minimum(x - self.west, self.east - x), np.minimum(y - self.south, self.north - y)
+
+
+def find_map_edges(terrain: Terrain) -> MapEdges:
+    """Return the edges of what has data; rows and columns on the rim may not. All of the terrain where nothing has."""
     west, south, east, north = terrain.bounds
+    size = terrain.cell_size
     known = np.isfinite(terrain.to_numpy())
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
-        return terrain.bounds
-    size = terrain.cell_size
+        return MapEdges(west, south, east, north, size)
     last_row, last_column = known.shape[0] - 1 - rows[-1], known.shape[1] - 1 - columns[-1]
-    return west + columns[0] * size, south + last_row * size, east - last_column * size, north - rows[0] * size
+    return MapEdges(
+        west + columns[0] * size, south + last_row * size, east - last_column * size, north - rows[0] * size, size
+    )
 
 
-def find_edges(network: RiverNetwork, bounds: tuple[float, float, float, float], cell_size: float) -> np.ndarray:
+def find_edges(network: RiverNetwork, edges: MapEdges) -> np.ndarray:
     """Return the edge of the map at the foot of each channel, (C,) int32: ``EDGE_NORTH_SOUTH`` and so on.
 
     A channel leaves the map where it alone ends at a node within a cell of the edge, from which nothing flows on.
-
-    Args:
-        network: The network.
-        bounds: Outer edges (west, south, east, north) of the map in m.
-        cell_size: Size of its cells, m.
     """
-    west, south, east, north = bounds
-    foot = network.node_xy[network.channel_to]
-    away_x = np.minimum(foot[:, 0] - west, east - foot[:, 0])
-    away_y = np.minimum(foot[:, 1] - south, north - foot[:, 1])
+    away_x, away_y = edges.distance(network.node_xy[network.channel_to])
     edge = np.where(away_x <= away_y, EDGE_NORTH_SOUTH, EDGE_WEST_EAST)
     meeting = np.bincount(network.channel_to, minlength=network.node_count)
     meeting += np.bincount(network.channel_from, minlength=network.node_count)
-    leaves = (meeting[network.channel_to] == 1) & (np.minimum(away_x, away_y) < cell_size)
-    edges: np.ndarray = np.where(leaves, edge, EDGE_NONE).astype(np.int32)
-    return edges
+    leaves = (meeting[network.channel_to] == 1) & (np.minimum(away_x, away_y) < edges.cell_size)
+    found: np.ndarray = np.where(leaves, edge, EDGE_NONE).astype(np.int32)
+    return found

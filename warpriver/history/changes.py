@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.edits.values import Edit, PaintControl, edit_of
-from warpriver.history.events import Event
+from warpriver.history.events import Event, events_of
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.terrain import Terrain
 
@@ -200,13 +200,12 @@ class ControlStroke(Event):
 
 def params_after(params: MeanderParams | PathMeander, events: Iterable[Event]) -> MeanderParams | PathMeander:
     """Return constants with the changes that events tell of."""
-    changed = {event.name: json.loads(event.after) for event in events if isinstance(event, ParameterChange)}
+    changed = {event.name: json.loads(event.after) for event in events_of(events, ParameterChange)}
     return params.replace(**changed) if changed else params
 
 
 def ground_after(ground: Ground | None, events: Iterable[Event]) -> Ground | None:
     """Return the ground after the changes that events tell of."""
-    for event in events:
-        if isinstance(event, GroundChange):
-            ground = event.ground
+    for event in events_of(events, GroundChange):
+        ground = event.ground
     return ground

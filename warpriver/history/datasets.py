@@ -16,7 +16,7 @@ import numpy as np
 from warpriver.crs import pyproj_or_none
 from warpriver.errors import InputError, OutputExistsError, PathError
 from warpriver.extras import need
-from warpriver.history.events import Event, event_fields
+from warpriver.history.events import EventLog, event_fields
 from warpriver.validate import whole
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def dataset_of(history: History, every: int = 1) -> xarray.Dataset:
     if not len(history):
         raise InputError("the history holds no record; run the simulation first")
     records = sorted({*range(0, len(history), every), len(history) - 1})
-    values = _records(history, records) | _events(list(history.events)) | _mesh(history.crs)
+    values = _records(history, records) | _events(history.events) | _mesh(history.crs)
     made: xarray.Dataset = module.Dataset(values, attrs=_about(history))
     return made
 
@@ -148,22 +148,17 @@ def _mesh(crs: str | None) -> dict[str, Any]:
     return {"network": ((), np.int32(0), topology), "crs": ((), np.int32(0), reference)}
 
 
-def _events(events: Sequence[Event]) -> dict[str, Any]:
+def _events(events: EventLog) -> dict[str, Any]:
     """Return when events happened and what they tell in numbers, and the lines that they left end to end."""
-    kinds = list(dict.fromkeys(event.kind for event in events))
-    number = {kind: k for k, kind in enumerate(kinds)}
-    flags: dict[str, Any] = {"flag_values": np.arange(len(kinds), dtype=np.int8), "flag_meanings": " ".join(kinds)}
-    values: dict[str, Any] = {
-        "event_time": _named("event", np.array([e.time for e in events], np.float64), "time of an event", "year"),
-        "event_kind": _named("event", np.array([number[e.kind] for e in events], np.int8), "kind of an event", **flags),
-    }
-    units = {"width": "m", "depth": "m", "discharge": "m3 s-1"}
-    for name in ("channel", "width", "depth", "discharge"):
-        told = [getattr(event, name, None) for event in events]
-        column = np.array([np.nan if value is None else value for value in told], np.float64)
-        values[f"event_{name}"] = _named("event", column, f"{name} of an event", units.get(name, "1"))
+    kinds: dict[str, int] = {}
+    number: list[int] = []
+    numbers: dict[str, list[float]] = {name: [] for name in ("channel", "width", "depth", "discharge")}
     lines, sections = [], []
     for event in events:
+        number.append(kinds.setdefault(event.kind, len(kinds)))
+        for name, column in numbers.items():
+            value = getattr(event, name, None)
+            column.append(np.nan if value is None else float(value))
         names = [field.name for field in event_fields(type(event))]
         line = getattr(event, "xy", None) if "xy" in names else None
         known = line is not None and line.ndim == 2
@@ -173,6 +168,14 @@ def _events(events: Sequence[Event]) -> dict[str, Any]:
             pair = [getattr(event, name, None) for name in ("width", "depth")]
             section = np.tile([np.nan if value is None else float(value) for value in pair], (len(lines[-1]), 1))
         sections.append(section[: len(lines[-1])])
+    flags: dict[str, Any] = {"flag_values": np.arange(len(kinds), dtype=np.int8), "flag_meanings": " ".join(kinds)}
+    values: dict[str, Any] = {
+        "event_time": _named("event", events.times, "time of an event", "year"),
+        "event_kind": _named("event", np.array(number, np.int8), "kind of an event", **flags),
+    }
+    units = {"width": "m", "depth": "m", "discharge": "m3 s-1"}
+    for name, told in numbers.items():
+        values[f"event_{name}"] = _named("event", np.array(told), f"{name} of an event", units.get(name, "1"))
     xy = np.concatenate(lines) if lines else np.empty((0, 2))
     section = np.concatenate(sections) if sections else np.empty((0, 2))
     count = np.array([len(line) for line in lines], np.int64)

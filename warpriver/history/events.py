@@ -7,12 +7,15 @@ any of them or None.
 
 from __future__ import annotations
 
+import array
+import bisect
 import dataclasses
+import heapq
 import re
 import types
 import typing
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, ClassVar, TypeVar, cast, overload
+from typing import Any, ClassVar, Protocol, TypeVar, cast, overload
 
 import numpy as np
 
@@ -27,10 +30,13 @@ __all__ = [
     "Event",
     "EventField",
     "EventLog",
+    "EventView",
     "HeldLock",
     "Split",
+    "StoredEvents",
     "event_class",
     "event_fields",
+    "events_of",
 ]
 
 # Classes by the name of their kind.
@@ -301,40 +307,91 @@ _ALLOWED: dict[type, Any] = {
     np.ndarray: np.ndarray,
 }
 E = TypeVar("E", bound=Event)
+F = TypeVar("F", bound=Event)
+
+
+class StoredEvents(Protocol):
+    """A part of a log that is on disk."""
+
+    def of(self, kind: str) -> Sequence[Event]:
+        """Read its events of one kind, in order."""
 
 
 class EventLog(Sequence[Event]):
-    """All events of a run in the order in which they happened."""
+    """All events of a run in the order in which they happened.
+
+    Of those that are on disk only kind and time are in memory; they are read when they are asked for.
+    """
 
     def __init__(self, events: Iterable[Event] = ()):
         """Start a log with events."""
-        self._events: list[Event] = []
-        self._by_kind: dict[str, list[Event]] = {}
-        self._forms: dict[tuple[str, str], tuple[Any, ...]] = {}
+        # None: on disk.
+        self._held: list[Event | None] = []
+        self._times = array.array("d")
+        self._kinds = array.array("h")
+        self._names: list[str] = []
+        # Places of the events of each kind.
+        self._places: dict[str, array.array[int]] = {}
+        # Where those on disk are: the place of the first event of each part, and the part.
+        self._firsts: list[int] = []
+        self._parts: list[StoredEvents] = []
+        self._forms: dict[str, dict[str, tuple[Any, ...]]] = {}
+        self._bytes = 0
         self.extend(events)
 
     def __len__(self) -> int:
-        return len(self._events)
+        return len(self._held)
 
     @overload
     def __getitem__(self, index: int) -> Event: ...
 
     @overload
-    def __getitem__(self, index: slice) -> Sequence[Event]: ...
+    def __getitem__(self, index: slice) -> EventView[Event]: ...
 
-    def __getitem__(self, index: int | slice) -> Event | Sequence[Event]:
-        return self._events[index]
+    def __getitem__(self, index: int | slice) -> Event | EventView[Event]:
+        if isinstance(index, slice):
+            return EventView(self, range(*index.indices(len(self))))
+        return self._at(range(len(self))[index])
+
+    def _at(self, place: int) -> Event:
+        """Return the event at a place from 0 on."""
+        event = self._held[place]
+        if event is not None:
+            return event
+        part = bisect.bisect_right(self._firsts, place) - 1
+        kind = self._names[self._kinds[place]]
+        places = self._places[kind]
+        row = bisect.bisect_left(places, place) - bisect.bisect_left(places, self._firsts[part])
+        return self._parts[part].of(kind)[row]
 
     def __iter__(self) -> Iterator[Event]:
-        return iter(self._events)
+        place = 0
+        while place < len(self):
+            yield self._at(place)
+            place += 1
 
-    def of(self, cls: type[E]) -> Sequence[E]:
-        """Return the events of one kind, as a sequence that grows with the log."""
-        return _EventsOfKind(self, cls)
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the events, (E,) yr float64; none is read for them."""
+        return np.array(self._times, np.float64)
+
+    @property
+    def kinds(self) -> list[str]:
+        """Names of the kinds of the events; none is read for them."""
+        return [self._names[kind] for kind in self._kinds]
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of the arrays of events that are in memory."""
+        return self._bytes
+
+    def of(self, *classes: type[E]) -> EventView[E]:
+        """Return the events of one kind or several, as a sequence that grows with the log."""
+        return EventView(self, None, tuple(cls.kind for cls in classes))
 
     def counts(self) -> dict[str, int]:
         """Return how many events of each kind there are, of kinds that there are."""
-        return {kind: len(events) for kind, events in self._by_kind.items() if events}
+        return {kind: len(places) for kind, places in self._places.items() if places}
 
     def append(self, event: Event) -> None:
         """Add an event.
@@ -343,23 +400,80 @@ class EventLog(Sequence[Event]):
             TypeError: It is no event, or holds what cannot be stored.
         """
         self._check(event)
-        self._events.append(event)
-        self._by_kind.setdefault(event.kind, []).append(event)
+        self._bytes += _bytes_of(event)
+        self._note(event.kind, float(event.time), event)
 
     def extend(self, events: Iterable[Event]) -> None:
         """Add events."""
         for event in events:
             self.append(event)
 
+    def _note(self, kind: str, time: float, event: Event | None) -> None:
+        places = self._places.get(kind)
+        if places is None:
+            places = self._places[kind] = array.array("q")
+            self._names.append(kind)
+        places.append(len(self._held))
+        self._kinds.append(self._names.index(kind))
+        self._times.append(time)
+        self._held.append(event)
+
     def truncate(self, count: int) -> None:
         """Keep the first ``count`` events only."""
-        for event in reversed(self._events[count:]):
-            self._by_kind[event.kind].pop()
-        del self._events[count:]
+        for place in range(len(self) - 1, count - 1, -1):
+            self._places[self._names[self._kinds[place]]].pop()
+            self._bytes -= _bytes_of(self._held[place])
+        for values in (self._held, self._times, self._kinds):
+            del values[count:]
+        while self._firsts and self._firsts[-1] >= count:
+            self._firsts.pop()
+            self._parts.pop()
+
+    # ---- on disk
+
+    def settle(self, first: int, count: int, part: StoredEvents, keep: tuple[type[Event], ...] = ()) -> None:
+        """Let events that have been stored go from memory.
+
+        Args:
+            first: Place of the first of them; those before it have been stored.
+            count: Number of them.
+            part: Where they can be read.
+            keep: Kinds that stay in memory all the same.
+        """
+        for place in range(first, first + count):
+            event = self._held[place]
+            if event is not None and not isinstance(event, keep):
+                self._bytes -= _bytes_of(event)
+                self._held[place] = None
+        self._firsts.append(first)
+        self._parts.append(part)
+
+    def take_stored(self, first: int, kinds: Sequence[str], times: Sequence[float], part: StoredEvents) -> None:
+        """Note events that are on disk in place of those from a place on.
+
+        Args:
+            first: That place.
+            kinds: Their kinds.
+            times: Their times, yr.
+            part: Where they can be read.
+        """
+        self.truncate(first)
+        for kind, time in zip(kinds, times, strict=True):
+            self._note(kind, time, None)
+        if len(kinds):
+            self._firsts.append(first)
+            self._parts.append(part)
+
+    def in_memory(self) -> tuple[EventLog, np.ndarray]:
+        """Return a log of the events that are in memory, and their places, (n,) int64."""
+        places = np.array([place for place, event in enumerate(self._held) if event is not None], np.int64)
+        return EventLog(event for event in self._held if event is not None), places
 
     def __repr__(self) -> str:
         told = ", ".join(f"{count} {kind}" for kind, count in self.counts().items())
         return f"EventLog({told or 'empty'})"
+
+    # ---- what can be stored
 
     def _check(self, event: Event) -> None:
         if _CLASSES.get(getattr(event, "kind", "")) is not type(event):
@@ -374,8 +488,9 @@ class EventLog(Sequence[Event]):
                 )
 
     def _check_array(self, event: Event, name: str, array: np.ndarray) -> None:
-        # Those of all events are stored end to end.
-        form, known = (array.dtype, array.shape[1:]), self._forms.get((event.kind, name))
+        # Those of a segment are stored end to end.
+        forms = self._forms_of(event.kind)
+        form, known = (array.dtype, array.shape[1:]), forms.get(name)
         if form == known and array.ndim:
             return
         what = f"{name} of the event {type(event).__name__} is {array.dtype} {array.shape}"
@@ -383,21 +498,58 @@ class EventLog(Sequence[Event]):
             raise InputTypeError(f"{what}; give an array of numbers, words or flags with one axis or more")
         if known is not None and (form[1] != known[1] or not form[0].kind == known[0].kind == "U"):
             raise InputTypeError(f"{what}, in events before {known[0]} {('n', *known[1])}; all must be of one form")
-        self._forms[event.kind, name] = form
+        forms[name] = form
+
+    def _forms_of(self, kind: str) -> dict[str, tuple[Any, ...]]:
+        """Return the forms of the arrays of a kind, those of the last event where all are on disk."""
+        if kind not in self._forms:
+            self._forms[kind] = {}
+            if self._places.get(kind):
+                for name, value in vars(self._at(self._places[kind][-1])).items():
+                    if isinstance(value, np.ndarray):
+                        self._forms[kind][name] = value.dtype, value.shape[1:]
+        return self._forms[kind]
 
 
-class _EventsOfKind(Sequence[E]):
-    """The events of one kind in a log."""
+def _bytes_of(event: Event | None) -> int:
+    """Return the bytes of the arrays of an event that is in memory."""
+    if event is None:
+        return 0
+    return sum(value.nbytes for value in vars(event).values() if isinstance(value, np.ndarray))
 
-    def __init__(self, log: EventLog, cls: type[E]):
-        self._log, self._kind = log, cls.kind
+
+class EventView(Sequence[E]):
+    """Some events of a log, each read when it is asked for."""
+
+    def __init__(self, log: EventLog, within: range | None = None, kinds: tuple[str, ...] | None = None):
+        """Take those at some places, by default at all, and of some kinds, by default of all."""
+        self._log, self._within, self._kinds = log, within, kinds
+
+    def _places(self) -> Sequence[int]:
+        within = range(len(self._log)) if self._within is None else self._within
+        if self._kinds is None:
+            return within
+        parts = [self._log._places.get(kind, ()) for kind in self._kinds]
+        places = parts[0] if len(parts) == 1 else list(heapq.merge(*parts))
+        if self._within is None:
+            return places
+        if within.step == 1:
+            return places[bisect.bisect_left(places, within.start) : bisect.bisect_left(places, within.stop)]
+        kept = set(places)
+        return [place for place in within if place in kept]
 
     @property
-    def _events(self) -> list[E]:
-        return cast(list[E], self._log._by_kind.get(self._kind, []))
+    def times(self) -> np.ndarray:
+        """Their times, (n,) yr float64; none is read for them."""
+        return self._log.times[np.asarray(self._places(), np.int64)]
+
+    def of(self, *classes: type[F]) -> EventView[F]:
+        """Return those of one kind or several."""
+        kinds = tuple(cls.kind for cls in classes if self._kinds is None or cls.kind in self._kinds)
+        return EventView(self._log, self._within, kinds)
 
     def __len__(self) -> int:
-        return len(self._events)
+        return len(self._places())
 
     @overload
     def __getitem__(self, index: int) -> E: ...
@@ -406,16 +558,38 @@ class _EventsOfKind(Sequence[E]):
     def __getitem__(self, index: slice) -> Sequence[E]: ...
 
     def __getitem__(self, index: int | slice) -> E | Sequence[E]:
-        return self._events[index]
+        if not isinstance(index, slice):
+            return cast(E, self._log._at(self._places()[index]))
+        if self._kinds is None:
+            return EventView(self._log, cast(range, self._places())[index])
+        return [cast(E, self._log._at(place)) for place in self._places()[index]]
 
     def __iter__(self) -> Iterator[E]:
-        return iter(self._events)
+        for place in self._places():
+            yield cast(E, self._log._at(place))
 
     def __eq__(self, other: object) -> bool:
         """Tell whether another sequence holds equal events in the same order."""
-        return isinstance(other, Sequence) and self._events == list(other)
+        if not isinstance(other, Sequence) or len(other) != len(self):
+            return False
+        return all(one == two for one, two in zip(self, other, strict=True))
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        return repr(self._events)
+        return repr(list(self))
+
+
+@overload
+def events_of(events: Iterable[Event], cls: type[E], /) -> Iterable[E]: ...
+
+
+@overload
+def events_of(events: Iterable[Event], *classes: type[Event]) -> Iterable[Event]: ...
+
+
+def events_of(events: Iterable[Event], *classes: type[Event]) -> Iterable[Event]:
+    """Return the events of some kinds; of a log, or a part of one, no others are read."""
+    if isinstance(events, (EventLog, EventView)):
+        return events.of(*classes)
+    return [event for event in events if isinstance(event, classes)]

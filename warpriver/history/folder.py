@@ -15,7 +15,7 @@ import numpy as np
 
 from warpriver.errors import InputError, OutputExistsError, PathError
 from warpriver.files import STAGING, beside, sync_folder
-from warpriver.history.events import Event
+from warpriver.history.events import Event, EventLog
 from warpriver.history.lock import LOCK, FolderLock
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -24,7 +24,9 @@ from warpriver.history.segments import (
     Segment,
     SegmentIndex,
     checked_segment,
+    decode_event_index,
     decode_events,
+    decode_events_of,
     decode_records,
     encode,
     opened,
@@ -32,7 +34,7 @@ from warpriver.history.segments import (
     write_archive,
 )
 
-__all__ = ["HEADER", "RunFolder"]
+__all__ = ["HEADER", "RunFolder", "SegmentEvents"]
 
 HEADER = "run.json"
 
@@ -51,6 +53,7 @@ class RunFolder:
         self._index = index
         self._lock = FolderLock(path)
         self._cache: tuple[int, list[Record]] | None = None
+        self._events: tuple[int, dict[str, list[Event]]] | None = None
 
     @property
     def segments(self) -> Sequence[Segment]:
@@ -181,17 +184,41 @@ class RunFolder:
             self._cache = (number, records)
         return self._cache[1][row]
 
-    def events(self) -> list[Event]:
-        """Return the events of all segments; those that a resumed run had not met yet do not count."""
-        found: list[Event] = []
-        for segment in self.segments:
-            if segment.events == 0:
-                del found[segment.first_event :]
-                continue
-            with opened(checked_segment(self.path, segment, bytes_too=True)) as archive:
-                first, events = decode_events(archive)
-            found[first:] = events
-        return found
+    def events(self) -> EventLog:
+        """Return the events of all segments, which are read when asked for.
+
+        Those that a resumed run had not met yet do not count.
+
+        Raises:
+            ValueError: A segment is missing or damaged, or holds events of a kind that no class here has.
+        """
+        log = EventLog()
+        for number, segment in enumerate(self.segments):
+            kinds: list[str] = []
+            times: list[float] = []
+            if segment.events:
+                with opened(checked_segment(self.path, segment, bytes_too=False)) as archive:
+                    kinds, times = decode_event_index(archive)
+                    if len(kinds) != segment.events:
+                        raise InputError(f"it holds {len(kinds)} events, and {INDEX} lists {segment.events}")
+            log.take_stored(segment.first_event, kinds, times, SegmentEvents(self, number))
+        return log
+
+    def events_of(self, number: int, kind: str) -> list[Event]:
+        """Return the events of one kind in a segment, which are kept for the next call.
+
+        Raises:
+            ValueError: The segment is missing or damaged.
+        """
+        known = self._events[1] if self._events is not None and self._events[0] == number else None
+        if known is None or kind not in known:
+            path = checked_segment(self.path, self.segments[number], bytes_too=known is None)
+            with opened(path) as archive:
+                found = decode_events_of(archive, kind)
+            if known is None:
+                self._events = (number, known := {})
+            known[kind] = found
+        return known[kind]
 
     @staticmethod
     def salvage(path: Path) -> Iterator[tuple[list[Record], int, list[Event]]]:
@@ -211,6 +238,18 @@ class RunFolder:
             yield records, first, events
         if listed < there:
             raise DamageError(f"{INDEX} lists {listed} of these segments, so that none can be told to be the last")
+
+
+class SegmentEvents:
+    """The events of a segment, as a part of a log."""
+
+    def __init__(self, folder: RunFolder, number: int):
+        """Take those of a segment of a folder, by its number."""
+        self._folder, self._number = folder, number
+
+    def of(self, kind: str) -> list[Event]:
+        """Read its events of one kind, in order."""
+        return self._folder.events_of(self._number, kind)
 
 
 def _segments_of(path: Path) -> tuple[int, int]:

@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
@@ -23,10 +23,19 @@ import warpriver.history as settings  # SEGMENT_BYTES and SEGMENT_SECONDS: a pro
 from warpriver.crs import short_name
 from warpriver.errors import InputError, InputTypeError, MissingFileError, MissingRecordError, warn
 from warpriver.extras import need
-from warpriver.history.changes import AppliedEdit, ControlStroke, Ground, ground_after, params_after
+from warpriver.history.changes import (
+    AppliedEdit,
+    ControlChange,
+    ControlStroke,
+    Ground,
+    GroundChange,
+    ParameterChange,
+    ground_after,
+    params_after,
+)
 from warpriver.history.datasets import dataset_of, write_zarr
 from warpriver.history.events import Avulsion, Collision, Crevasse, Cutoff, Event, EventLog, Split
-from warpriver.history.folder import HEADER, RunFolder
+from warpriver.history.folder import HEADER, RunFolder, SegmentEvents
 from warpriver.history.record import Record
 from warpriver.history.segments import (
     DamageError,
@@ -55,6 +64,9 @@ __all__ = ["History", "StopReason", "read_history"]
 FORMAT = "warpriver-run-3"
 # What the system says where a file finds no room: then a shorter one may.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# Events that stay in memory: edits, and what a run that goes on must know. There are as many as were made by hand.
+EDITS = (AppliedEdit, ControlStroke)
+LASTING = (*EDITS, ControlChange, GroundChange, ParameterChange)
 # Earlier courses that a notebook shows at most.
 THUMBNAIL_COURSES = 12
 
@@ -199,7 +211,7 @@ class History:
         """Everything that happened, in order: :class:`Cutoff`, :class:`Collision`, :class:`Split` and further kinds."""
         if self._events is None:
             assert self._folder is not None
-            self._events = EventLog(self._folder.events())
+            self._events = self._folder.events()
         return self._events
 
     @property
@@ -240,9 +252,7 @@ class History:
     @property
     def edits(self) -> Sequence[AppliedEdit | ControlStroke]:
         """The events that are edits; each has the ``step`` after which it was done, and the ``edit``."""
-        if not self.events.of(ControlStroke):
-            return self.events.of(AppliedEdit)
-        return [event for event in self.events if isinstance(event, (AppliedEdit, ControlStroke))]
+        return cast("Sequence[AppliedEdit | ControlStroke]", self.events.of(*EDITS))
 
     def __len__(self) -> int:
         return len(self._records)
@@ -416,9 +426,21 @@ class History:
             return
         self._pending.append(len(self._records) - 1)
         self._pending_bytes += record.nbytes
-        late = time.monotonic() - self._flushed >= settings.SEGMENT_SECONDS
-        if late or self._pending_bytes >= settings.SEGMENT_BYTES:
+        if time.monotonic() - self._flushed >= settings.SEGMENT_SECONDS:
             self.flush()
+        self.relieve()
+
+    def relieve(self) -> None:
+        """Store what is pending if it takes up much memory; events may do so that no record follows for long.
+
+        Raises:
+            OSError: As :meth:`flush`.
+        """
+        if self._folder is not None and self._pending_bytes + self._event_bytes() >= settings.SEGMENT_BYTES:
+            self.flush()
+
+    def _event_bytes(self) -> int:
+        return 0 if self._events is None else self._events.held_bytes
 
     def _note(self, held: Record | tuple[int, int], step: int, at: float) -> None:
         self._records.append(held)
@@ -447,17 +469,40 @@ class History:
         path = Path(path)
         if self.path is not None and path.resolve() == self.path.resolve():
             return
-        before = self._folder, self._records, self._pending, self._events_stored
-        # Stored elsewhere so far: bring the records along.
-        records, self._events = [self.record(k) for k in range(len(self._records))], self.events
+        if self._folder is not None:
+            copy = self._copied_to(path)
+            for name in (*_STORAGE, "_records", "_events"):
+                setattr(self, name, getattr(copy, name))
+            return
+        before = self._pending, self._events_stored
         try:
             with RunFolder.create(path, self._header()) as self._folder:
-                self._records, self._pending, self._events_stored = list(records), list(range(len(records))), 0
+                self._pending, self._events_stored = list(range(len(self._records))), 0
                 self.flush()
         except BaseException:
             if self._folder is None or not self._folder.segments:
-                self._folder, self._records, self._pending, self._events_stored = before
+                self._folder, (self._pending, self._events_stored) = None, before
             raise
+
+    def _copied_to(self, path: Path) -> History:
+        """Return a copy that is stored in a new folder; record by record, so that memory does not grow with the run."""
+        told: dict[str, Any] = {
+            "seed": self.seed,
+            "origin": self.origin,
+            "crs": self.crs,
+            "dtype": self.dtype,
+            "ground": self.ground,
+        }
+        copy = History(self.params, **told)
+        copy.stop_reason = self.stop_reason
+        with RunFolder.create(path, self._header(), keep=False) as copy._folder:
+            for k in range(len(self)):
+                record = self.record(k)
+                copy.events.extend(self.events[len(copy.events) : record.events_before])
+                copy.append(record)
+            copy.events.extend(self.events[len(copy.events) :])
+            copy.flush()
+        return copy
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -505,12 +550,14 @@ class History:
         first, part = self._events_stored, self._pending[:count]
         records = [self.record(k) for k in part]
         end = records[-1].events_before if count < len(self._pending) else None
-        events = [] if self._events is None else self._events[first:end]
+        events: Sequence[Event] = [] if self._events is None else self._events[first:end]
         number = self._folder.append(records, events, first)
         for row, k in enumerate(part):
             self._records[k] = (number, row)
         del self._pending[:count]
         self._pending_bytes = 0 if not self._pending else self._pending_bytes - sum(r.nbytes for r in records)
+        if self._events is not None and len(events):
+            self._events.settle(first, len(events), SegmentEvents(self._folder, number), LASTING)
         self._events_stored += len(events)
 
     def _lose_folder(self) -> None:
@@ -523,8 +570,12 @@ class History:
         for name in ("_records", "_steps", "_times"):
             setattr(self, name, [getattr(self, name)[k] for k in kept])
         self._folder, self._pending, self._pending_bytes, self._events_stored = None, [], 0, 0
-        if self._events is None:
-            self._events = EventLog()
+        self._events, places = EventLog().in_memory() if self._events is None else self._events.in_memory()
+        # Events are counted anew.
+        for k, held in enumerate(self._records):
+            assert isinstance(held, Record)
+            before = int(np.searchsorted(places, held.events_before))
+            self._records[k] = dataclasses.replace(held, events_before=before)
 
     def close(self, reason: StopReason) -> None:
         """Note why the run ended and store what is pending.
@@ -551,20 +602,7 @@ class History:
             records = [self.record(k) for k in range(len(self))]
             write_archive(target, {**encode(records, self.events, 0), "header": np.array(self._header())})
             return
-        told: dict[str, Any] = {
-            "seed": self.seed,
-            "origin": self.origin,
-            "crs": self.crs,
-            "dtype": self.dtype,
-            "ground": self.ground,
-        }
-        copy = History(self.params, **told)
-        copy.events.extend(self.events)
-        copy.stop_reason = self.stop_reason
-        with RunFolder.create(target, self._header(), keep=False) as copy._folder:
-            for k in range(len(self)):
-                copy.append(self.record(k))
-            copy.flush()
+        self._copied_to(target)
 
     # ---- reopening
 

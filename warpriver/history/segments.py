@@ -26,7 +26,9 @@ __all__ = [
     "Segment",
     "SegmentIndex",
     "checked_segment",
+    "decode_event_index",
     "decode_events",
+    "decode_events_of",
     "decode_records",
     "encode",
     "opened",
@@ -206,7 +208,7 @@ def write_archive(target: Path, arrays: Mapping[str, Any]) -> tuple[int, int]:
 def _checksum(path: Path) -> int:
     crc = 0
     with path.open("rb") as file:
-        while block := file.read(2**20):
+        while block := file.read(2**16):
             crc = zlib.crc32(block, crc)
     return crc
 
@@ -378,10 +380,32 @@ def decode_events(arrays: Any) -> tuple[int, list[Event]]:
     return int(arrays["event/first"]), [next(found[k]) for k in order.tolist()]
 
 
-def _decode_kind(arrays: Any, kind: str, module: str, count: int) -> list[Event]:
+def decode_event_index(arrays: Any) -> tuple[list[str], list[float]]:
+    """Return kinds and times of the events of an archive in order; nothing else of them is read."""
+    order, kinds = arrays["event/order"], arrays["event/kinds"].tolist()
+    times = np.empty(len(order))
+    for k, (kind, module) in enumerate(zip(kinds, arrays["event/modules"].tolist(), strict=True)):
+        _class_of(kind, module)
+        times[order == k] = arrays[f"event/{kind}/time"]
+    return [kinds[k] for k in order.tolist()], times.tolist()
+
+
+def decode_events_of(arrays: Any, kind: str) -> list[Event]:
+    """Return the events of one kind of an archive."""
+    place = arrays["event/kinds"].tolist().index(kind)
+    count = int((arrays["event/order"] == place).sum())
+    return _decode_kind(arrays, kind, str(arrays["event/modules"][place]), count)
+
+
+def _class_of(kind: str, module: str) -> type[Event]:
     cls = event_class(kind)
     if cls is None:
         raise UnknownKindError(f"holds events of the kind {kind!r}, which no class here has; import {module} first")
+    return cls
+
+
+def _decode_kind(arrays: Any, kind: str, module: str, count: int) -> list[Event]:
+    cls = _class_of(kind, module)
     columns: dict[str, list[Any]] = {}
     for name, of_type, optional in event_fields(cls):
         key = f"event/{kind}/{name}"
@@ -399,4 +423,5 @@ def _decode_column(arrays: Any, key: str, of_type: type) -> list[Any]:
     if of_type is not np.ndarray:
         values: list[Any] = arrays[key].tolist()
         return values
-    return _split(arrays[key], arrays[f"{key}/start"]) if key in arrays else []
+    # Copies: one that is kept does not hold those of all others.
+    return [part.copy() for part in _split(arrays[key], arrays[f"{key}/start"])] if key in arrays else []

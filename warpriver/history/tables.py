@@ -10,7 +10,7 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import need
-from warpriver.history.events import Avulsion, Collision, Cutoff, Event, event_fields
+from warpriver.history.events import Avulsion, Collision, Cutoff, Event, event_class, event_fields
 from warpriver.validate import shown, whole
 
 if TYPE_CHECKING:
@@ -86,37 +86,35 @@ def geometry_of(features: Features) -> np.ndarray:
 
 def event_columns(history: History) -> dict[str, np.ndarray]:
     """Return all events as columns: what each kind tells in numbers and words, with length and middle of its line."""
-    events = list(history.events)
-    columns: dict[str, np.ndarray] = {
-        "time_yr": np.array([event.time for event in events], np.float64),
-        "kind": np.array([event.kind for event in events], str),
-    }
+    events, count = history.events, len(history.events)
+    columns: dict[str, np.ndarray] = {"time_yr": events.times, "kind": np.array(events.kinds, str)}
     for name in ("length_m", "x", "y"):
-        columns[name] = np.full(len(events), np.nan)
-    for cls in {type(event): None for event in events}:
-        rows = [k for k, event in enumerate(events) if type(event) is cls]
-        _take_kind(columns, cls, rows, [events[k] for k in rows], len(events))
+        columns[name] = np.full(count, np.nan)
+    told = list(events.counts())
+    for kind in told:
+        cls = event_class(kind)
+        assert cls is not None
+        rows = np.flatnonzero(columns["kind"] == kind)
+        # One after the other: their lines are not kept.
+        for row, event in zip(rows.tolist(), events.of(cls), strict=True):
+            _take_event(columns, event, row, count)
     return columns
 
 
-def _take_kind(
-    columns: dict[str, np.ndarray], cls: type[Event], rows: Sequence[int], events: Sequence[Any], count: int
-) -> None:
-    """Add what events of one kind tell to the columns of all."""
-    for name, kind, _ in event_fields(cls):
-        values = [getattr(event, name) for event in events]
+def _take_event(columns: dict[str, np.ndarray], event: Event, row: int, count: int) -> None:
+    """Add what an event tells to the columns of all."""
+    for name, kind, _ in event_fields(type(event)):
+        value = getattr(event, name)
         if kind is np.ndarray:
-            if name == "xy" and values and values[0].ndim == 2:
-                columns["length_m"][rows] = [np.hypot(*np.diff(xy, axis=0).T).sum() for xy in values]
-                middle = np.array([xy.mean(axis=0) if len(xy) else (np.nan, np.nan) for xy in values])
-                columns["x"][rows], columns["y"][rows] = middle[:, 0], middle[:, 1]
+            if name == "xy" and value is not None and value.ndim == 2:
+                columns["length_m"][row] = np.hypot(*np.diff(value, axis=0).T).sum()
+                columns["x"][row], columns["y"][row] = value.mean(axis=0) if len(value) else (np.nan, np.nan)
             continue
         target = EVENT_NAMES.get(name, name)
         if target not in columns:
             columns[target] = np.full(count, "", object) if kind is str else np.full(count, np.nan)
-        for row, value in zip(rows, values, strict=True):
-            if value is not None:
-                columns[target][row] = value
+        if value is not None:
+            columns[target][row] = value
 
 
 def summary_columns(history: History) -> dict[str, np.ndarray]:
@@ -140,11 +138,9 @@ def summary_columns(history: History) -> dict[str, np.ndarray]:
         "step": history.steps,
         **{name: np.array([row[k] for row in rows]) for k, name in enumerate(names)},
     }
-    events = list(history.events)
-    kinds = {Cutoff.kind: None, Collision.kind: None} | dict.fromkeys(event.kind for event in events)
-    for kind in kinds:
-        times = np.sort([event.time for event in events if event.kind == kind])
-        columns[f"{kind}s"] = np.searchsorted(times, history.times, "right")
+    times, kinds = history.events.times, np.array(history.events.kinds, str)
+    for kind in {Cutoff.kind: 0, Collision.kind: 0} | history.events.counts():
+        columns[f"{kind}s"] = np.searchsorted(np.sort(times[kinds == kind]), history.times, "right")
     return columns
 
 
@@ -192,7 +188,7 @@ def _loops(history: History) -> Features:
 
 def _abandoned(history: History) -> Features:
     """Return the courses that channels gave up where they met others, or where they left them for new ones."""
-    events: list[Any] = [event for event in history.events if isinstance(event, (Collision, Avulsion))]
+    events: list[Any] = list(history.events.of(Collision, Avulsion))
     pieces = [
         [xy for xy in (event.pieces() if isinstance(event, Collision) else [event.xy]) if len(xy) > 1]
         for event in events

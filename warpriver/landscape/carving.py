@@ -15,6 +15,7 @@ from warpriver.crs import same_crs, short_name
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError, warn
 from warpriver.extras import IMPORTING
+from warpriver.history.events import Cutoff
 from warpriver.history.history import History
 from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.hydrology.drape import falling_levels
@@ -494,11 +495,15 @@ def _lakes(history: History | None, params: CarveParams) -> list[_Lake]:
     if history is None or not len(history.times):
         return []
     end = float(history.times[-1])
-    young = [c for c in history.cutoffs if math.exp(-max(end - c.time, 0.0) / params.lake_time) > SHALLOW]
+    # Only these are read.
+    times = history.events.of(Cutoff).times
+    left = np.exp(-np.maximum(end - times, 0.0) / params.lake_time) > SHALLOW
+    young = [history.cutoffs[k] for k in np.flatnonzero(left).tolist()]
     swept = _later_courses(history, min((c.time for c in young), default=end))
     found = []
     for cutoff in young:
-        depth = float(bankfull_depth(cutoff.width)) * math.exp(-max(end - cutoff.time, 0.0) / params.lake_time)
+        bankfull = cutoff.depth if cutoff.depth is not None else float(bankfull_depth(cutoff.width))
+        depth = bankfull * math.exp(-max(end - cutoff.time, 0.0) / params.lake_time)
         length = float(np.hypot(*np.diff(cutoff.xy, axis=0).T).sum()) if len(cutoff.xy) > 2 else 0.0
         if length <= (2.0 * params.plug_length + 1.0) * cutoff.width:
             continue

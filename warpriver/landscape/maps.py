@@ -199,8 +199,8 @@ class Landscape:
     def lead_to(self, record: int) -> None:
         """Lead the cells up to a record, the present one or a later one."""
         history, splat = self._history, self._splat
-        times, events = history.times, history.events
-        at = np.array([event.time for event in events])
+        times, events = history.times, history.events.of(Cutoff, Collision, Avulsion, Crevasse)
+        at = events.times
         for k in range(self.record + 1, record + 1):
             network, now = history.networks[k], float(times[k])
             segments, counted = segments_of(network), k > self._first

@@ -18,6 +18,7 @@ import numpy as np
 from warpriver.arrays import FloatArray
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import beside
+from warpriver.io.gltf import GltfMesh, write_gltf
 from warpriver.landscape.surfaces import Surface
 from warpriver.public import public
 from warpriver.validate import finite_numbers
@@ -28,8 +29,6 @@ __all__ = ["SCENES", "write_surfaces"]
 GLB, OBJ, USDA, USDC = SCENES = (".glb", ".obj", ".usda", ".usdc")
 # Rows of text that are made at a time.
 ROWS = 50_000
-# Numbers of glTF: types of components, and what a buffer is for.
-FLOAT, UNSIGNED, VERTICES, INDICES = 5126, 5125, 34962, 34963
 
 
 @public
@@ -107,60 +106,16 @@ def _rows(form: str, table: np.ndarray) -> Iterator[bytes]:
 
 
 def _write_glb(surfaces: Sequence[Surface], file: BinaryIO, zero: FloatArray, told: dict[str, Any]) -> None:
-    pieces: list[bytes] = []
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-
-    def held(array: np.ndarray, kind: str, component: int, target: int, **more: Any) -> int:
-        data = np.ascontiguousarray(array).tobytes()
-        offset = sum(len(piece) for piece in pieces)
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target})
-        pieces.append(data + b"\0" * (-len(data) % 4))
-        view = len(views) - 1
-        accessors.append({"bufferView": view, "componentType": component, "count": len(array), "type": kind, **more})
-        return len(accessors) - 1
-
-    meshes, materials = [], []
-    for k, surface in enumerate(surfaces):
-        points = _placed(surface, zero, True).astype("<f4")
-        # Images of glTF have their first row on top.
-        uv = np.column_stack([surface.uv[:, 0], 1.0 - surface.uv[:, 1]]).astype("<f4")
-        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    meshes = []
+    for surface in surfaces:
         attributes = {
-            "POSITION": held(points, "VEC3", FLOAT, VERTICES, **limits),
-            "NORMAL": held(_turned(surface.normals, True).astype("<f4"), "VEC3", FLOAT, VERTICES),
-            "TEXCOORD_0": held(uv, "VEC2", FLOAT, VERTICES),
+            "POSITION": _placed(surface, zero, True),
+            "NORMAL": _turned(surface.normals, True),
+            # Images of glTF have their first row on top.
+            "TEXCOORD_0": np.column_stack([surface.uv[:, 0], 1.0 - surface.uv[:, 1]]),
         }
-        indices = held(surface.triangles.ravel().astype("<u4"), "SCALAR", UNSIGNED, INDICES)
-        meshes.append(
-            {"name": surface.name, "primitives": [{"attributes": attributes, "indices": indices, "material": k}]}
-        )
-        rough = 0.15 if surface.color[3] < 1.0 else 0.95
-        material: dict[str, Any] = {
-            "name": surface.name,
-            "pbrMetallicRoughness": {
-                "baseColorFactor": list(surface.color),
-                "metallicFactor": 0.0,
-                "roughnessFactor": rough,
-            },
-        }
-        materials.append(material | ({"alphaMode": "BLEND"} if surface.color[3] < 1.0 else {}))
-    whole = b"".join(pieces)
-    scene = {
-        "asset": {"version": "2.0", "generator": "warpriver", "extras": told},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(len(meshes)))}],
-        "nodes": [{"mesh": k, "name": surface.name} for k, surface in enumerate(surfaces)],
-        "meshes": meshes,
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(whole)}],
-    }
-    text = json.dumps(scene).encode()
-    text += b" " * (-len(text) % 4)
-    file.write(b"glTF" + np.array([2, 28 + len(text) + len(whole), len(text)], "<u4").tobytes() + b"JSON")
-    file.write(text + np.array([len(whole)], "<u4").tobytes() + b"BIN\0" + whole)
+        meshes.append(GltfMesh(surface.name, attributes, surface.triangles, surface.color))
+    write_gltf(meshes, file, told)
 
 
 # ---- OBJ

@@ -9,6 +9,7 @@ import numpy as np
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
+from warpriver.io.gltf import point_normals
 from warpriver.io.meshes import cell_triangles
 from warpriver.landscape.carving import Carved
 from warpriver.landscape.profiles import fine_lines, lines_of
@@ -103,7 +104,7 @@ def channel_ribbons(network: RiverNetwork) -> Surface:
     a, b, c, d = 2 * first, 2 * first + 1, 2 * first + 2, 2 * first + 3
     # Left and right bank here, then of the next place.
     triangles = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    return Surface("channels", points, _mesh_normals(points, triangles), uv, triangles, WATER, network.crs)
+    return Surface("channels", points, point_normals(points, triangles), uv, triangles, WATER, network.crs)
 
 
 def _ground_surface(carved: Carved, most: int) -> Surface:
@@ -144,15 +145,4 @@ def _raster_surface(
     used = np.zeros(len(points), bool)
     used[triangles.ravel()] = True
     points, uv, triangles = points[used], uv[used], (np.cumsum(used) - 1)[triangles]
-    return Surface(name, points, _mesh_normals(points, triangles), uv, triangles, color, terrain.crs)
-
-
-def _mesh_normals(points: FloatArray, triangles: IndexArray) -> FloatArray:
-    """Return the unit normals of points: of the faces around them, by their areas."""
-    corner = points[triangles]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(face[:, k], 3), minlength=len(points)) for k in range(3)], axis=1
-    )
-    size = np.linalg.norm(normal, axis=1)[:, None]
-    return np.where(size > 0.0, normal / np.maximum(size, 1e-300), [0.0, 0.0, 1.0])
+    return Surface(name, points, point_normals(points, triangles), uv, triangles, color, terrain.crs)

@@ -12,6 +12,7 @@ import warp as wp
 from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.history import ControlChange, ControlStroke, Event
+from warpriver.history.events import events_of
 from warpriver.meander.control_map import Layout
 from warpriver.meander.controls import (
     Attractor,
@@ -100,7 +101,7 @@ def controls_after(events: Iterable[Event], device: wp.DeviceLike = "cpu") -> tu
         device: Warp device of their rasters.
     """
     controls: tuple[Control, ...] = ()
-    for event in events:
+    for event in events_of(events, ControlChange, ControlStroke):
         if isinstance(event, ControlChange):
             controls = _changed(controls, event, device)
         elif isinstance(event, ControlStroke):
@@ -111,9 +112,8 @@ def controls_after(events: Iterable[Event], device: wp.DeviceLike = "cpu") -> tu
 def layout_after(events: Iterable[Event]) -> Layout | None:
     """Return the raster that the controls are stamped into after the events of a run; None without controls."""
     layout = None
-    for event in events:
-        if isinstance(event, ControlChange):
-            layout = Layout(event.cell_size, event.west, event.north, event.rows, event.columns)
+    for event in events_of(events, ControlChange):
+        layout = Layout(event.cell_size, event.west, event.north, event.rows, event.columns)
     return layout if layout is not None and layout.rows else None
 
 

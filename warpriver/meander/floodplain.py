@@ -14,7 +14,6 @@ from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.saved import SavedError
 from warpriver.engine.stages import Share, Stage, launch, put
 from warpriver.engine.state import State
-from warpriver.engine.stems import data_bounds
 from warpriver.history.events import Event
 from warpriver.kernels import floodplain as kernels
 from warpriver.kernels.status import CUT_POINTS, CUTS
@@ -50,8 +49,8 @@ class _Layout(NamedTuple):
         width = network.channel_width
         if network.point_section is not None:
             width = np.concatenate(network.point_widths())
-        if state.terrain is not None:
-            west, south, east, north = data_bounds(state.terrain)
+        if state.map_edges is not None:
+            west, south, east, north, _ = state.map_edges
         else:
             west, south, east, north = (float(v) for v in network.bounds())
             margin = MARGIN * float(width.max())

@@ -11,33 +11,30 @@ import warp as wp
 from warpriver.arrays import FlagArray
 from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
-from warpriver.engine.stems import data_bounds
+from warpriver.engine.stems import MapEdges
 from warpriver.kernels import inlets as kernels
 from warpriver.meander.memory import rate_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
-from warpriver.terrain import Terrain
 
 __all__ = ["Inlets", "find_inlets", "inlet_periods"]
 
 
-def find_inlets(network: RiverNetwork, terrain: Terrain | None, rule: str) -> FlagArray:
+def find_inlets(network: RiverNetwork, edges: MapEdges | None, rule: str) -> FlagArray:
     """Return which channels begin at an inlet, (C,) bool.
 
     Args:
         network: The network.
-        terrain: The ground, or None for a plain, on which all heads count as at its edge.
+        edges: Where the map ends, or None on a plain, on which all heads count as at its edge.
         rule: "edge": heads within a cell of the edge of the map, or a width, if that is more; "all": all heads, to
             which nothing flows; "none": none.
     """
     if rule == "none":
         return np.zeros(network.channel_count, bool)
     fed: FlagArray = np.isin(network.channel_from, network.channel_to, invert=True) & ~network.channel_closed
-    if rule == "edge" and terrain is not None:
-        west, south, east, north = data_bounds(terrain)
-        x, y = network.node_xy[network.channel_from].T
-        away = np.minimum.reduce([x - west, east - x, y - south, north - y])
-        fed &= away < np.maximum(terrain.cell_size, network.channel_width)
+    if rule == "edge" and edges is not None:
+        away = np.minimum(*edges.distance(network.node_xy[network.channel_from]))
+        fed &= away < np.maximum(edges.cell_size, network.channel_width)
     return fed
 
 
@@ -74,7 +71,7 @@ class Inlets:
     def install(self, state: State) -> None:
         """Take the channels of the network."""
         network, params = state.network, state.params
-        fed = find_inlets(network, state.terrain, params.inlet)
+        fed = find_inlets(network, state.map_edges, params.inlet)
         period = np.where(fed, inlet_periods(network.channel_width, network.channel_depth, params), 0.0)
         state.assign(self.fed, fed.astype(np.int32))
         state.assign(self._period, period)

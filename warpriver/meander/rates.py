@@ -10,7 +10,7 @@ import warp as wp
 from warpriver.arrays import DeviceArray
 from warpriver.device import PRECISIONS
 from warpriver.engine.stages import launch, whole_share
-from warpriver.engine.stems import StemArrays
+from warpriver.engine.stems import StemArrays, find_map_edges
 from warpriver.engine.stepper import check_ground
 from warpriver.errors import InputTypeError
 from warpriver.extras import IMPORTING
@@ -153,7 +153,8 @@ def _compute_rates(
     rate = wp.zeros(network.point_count, dtype=scalar, device=device)
     stems = StemArrays(count, device, through_only=params.upstream_memory != "stem")
     # The stencil at a junction reaches two segments far into the next link.
-    stems.take(network, terrain, alone=np.diff(start) < 3)
+    edges = None if terrain is None else find_map_edges(terrain)
+    stems.take(network, edges, alone=np.diff(start) < 3)
     stems.give(channels)
     handed_on = kernel.Memory()
     if stems.joined:

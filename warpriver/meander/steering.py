@@ -9,7 +9,8 @@ import numpy as np
 from warpriver.edits.values import PaintControl
 from warpriver.engine.state import State
 from warpriver.errors import InputError
-from warpriver.history import Event
+from warpriver.history import ControlChange, ControlStroke, Event
+from warpriver.history.events import events_of
 from warpriver.meander.control_map import ControlMap, Layout, changes, merged
 from warpriver.meander.control_record import change_to, controls_after, layout_after, stroke_of
 from warpriver.meander.controls import Bounds, Control, ControlField, checked_controls
@@ -55,7 +56,7 @@ class Steering:
         self._area: Bounds = (west, south, east, north)
         layout = None
         if events is not None:
-            told = list(events)
+            told = list(events_of(events, ControlChange, ControlStroke))
             controls, layout = controls_after(told, self._device), layout_after(told)
         self.controls = checked_controls(controls, self._crs)
         self.map: ControlMap | None = None

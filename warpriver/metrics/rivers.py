@@ -391,7 +391,7 @@ def _lag(before: RiverNetwork, after: RiverNetwork | None) -> float:
 
 def _oxbows(history: History) -> dict[str, float]:
     """Lengths of the oxbow lakes of a run, each in widths of the channel that left it."""
-    cutoffs = list(history.cutoffs)
+    cutoffs = history.cutoffs
     if not cutoffs:
         return {"oxbows": 0.0}
     length = oxbow_lengths(cutoffs) / np.array([positive(c.width, "width") for c in cutoffs])

@@ -5,9 +5,23 @@ hydraulic model: depths and speeds are those of uniform flow in a section of the
 """
 
 from warpriver.riverscape.beds import Bed
-from warpriver.riverscape.courses import Course, CourseMap, Rock, SurveyedPlaces
+from warpriver.riverscape.courses import Course, CourseMap, Log, Rock, SurveyedPlaces
 from warpriver.riverscape.drift import Foam, LeafFrame
+from warpriver.riverscape.edits import (
+    AddLog,
+    AddRock,
+    AddWater,
+    ChangeWater,
+    MoveObstacle,
+    MoveWater,
+    RedrawCourse,
+    RemoveObstacle,
+    RemoveWater,
+    ReplaceWater,
+    RetypeChannel,
+)
 from warpriver.riverscape.examples import Example, example
+from warpriver.riverscape.files import read_riverscape
 from warpriver.riverscape.labels import ChannelLabels, label_channels, river_mask
 from warpriver.riverscape.layout import BedParams
 from warpriver.riverscape.outputs import FlowMap, read_flow_map, write_frames
@@ -22,7 +36,7 @@ from warpriver.riverscape.rosgen import (
     classify_values,
     entrenchment_ratio,
 )
-from warpriver.riverscape.scene import Frame, Riverscape, read_riverscape
+from warpriver.riverscape.scene import Frame, Riverscape
 from warpriver.riverscape.seeding import SeedingParams, seed_water
 from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
 from warpriver.riverscape.templates import FlowParams, UniformFlow, UnitSections, uniform_flow, unit_sections
@@ -33,9 +47,13 @@ __all__ = [
     "CRITERIA",
     "KINDS",
     "TYPES",
+    "AddLog",
+    "AddRock",
+    "AddWater",
     "Basins",
     "Bed",
     "BedParams",
+    "ChangeWater",
     "ChannelLabels",
     "Course",
     "CourseMap",
@@ -46,10 +64,18 @@ __all__ = [
     "Foam",
     "Frame",
     "LeafFrame",
+    "Log",
     "Merge",
+    "MoveObstacle",
+    "MoveWater",
     "Primitives",
     "ProfileParams",
+    "RedrawCourse",
+    "RemoveObstacle",
+    "RemoveWater",
     "Replace",
+    "ReplaceWater",
+    "RetypeChannel",
     "RiverTypes",
     "Rivers",
     "Riverscape",

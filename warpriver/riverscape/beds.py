@@ -18,7 +18,7 @@ from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import PRECISIONS, launch_kernel, require_memory
 from warpriver.kernels import beds as kernels
 from warpriver.riverscape.stations import TYPES, Stations
-from warpriver.riverscape.templates import BEND_TABLE, FORM_TABLE, LANES, section_depth, spread_factor
+from warpriver.riverscape.templates import BEND_TABLE, LANES, section_depth, spread_factor
 from warpriver.terrain import Terrain
 
 __all__ = ["MATERIALS", "Bed", "Beds", "Located", "ground_of"]
@@ -155,7 +155,7 @@ class Beds:
         limits = self._limits()
         stations.segment = self._array(np.column_stack([limits, self._far(limits) ** 2]), built.vec3)
         stations.group = self._array(courses.group[courses.station_course], wp.int32)
-        stations.form_depth = self._array(FORM_TABLE, self._scalar)
+        stations.form_depth = self._array(courses.form_table, self._scalar)
         stations.bend_depth = self._array(BEND_TABLE, self._scalar)
         return stations, limits
 
@@ -329,8 +329,9 @@ class Beds:
         share = 0.5 - 0.5 * located.left / half
         nearer = np.where(located.part < 0.5, k, np.minimum(k + 1, len(courses.along) - 1))
         blend, lane, bend = (np.nan_to_num(located.of(v)) for v in (courses.blend, courses.lane, courses.bend))
-        depth = section_depth(share, courses.form[k], blend, lane, bend)
-        most = np.nan_to_num(located.of(courses.speed)) * spread_factor(courses.form[k], blend, lane, bend)
+        section = (courses.form[k], blend, lane, bend, courses.form_table)
+        depth = section_depth(share, *section)
+        most = np.nan_to_num(located.of(courses.speed)) * spread_factor(*section)
         speed = most * depth ** (2.0 / 3.0)
         speed = np.where((located.station >= 0) & (located.edge < 0.0), speed, 0.0)
         ahead = np.nan_to_num(located.of(courses.tangent))

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from warpriver.arrays import DeviceArray, FloatArray, IndexArray
+from warpriver.arrays import DeviceArray, FlagArray, FloatArray, IndexArray
 from warpriver.device import launch_kernel, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import courses as kernels
 from warpriver.public import public
-from warpriver.terrain import Terrain
 from warpriver.validate import checked_line, checked_points, floats
 
-__all__ = ["TYPES", "Course", "CourseMap", "Rock", "SurveyedPlaces"]
+__all__ = ["TYPES", "Course", "CourseFrame", "CourseMap", "Log", "Rock", "SurveyedPlaces", "checked_courses"]
 
 
 # Rosgen's types, by slope and section [Rosgen1994].
@@ -29,9 +28,9 @@ REACH_IN_DEPTHS, REACH_IN_HALF_WIDTHS = 6.0, 0.5
 MOST_BUCKETS = 2**26
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True)
 class Rock:
-    """A boulder in or beside the water: the upper half of a spheroid.
+    """A boulder in or beside the water.
 
     Attributes:
         center: (2,) m.
@@ -40,6 +39,23 @@ class Rock:
     """
 
     center: tuple[float, float]
+    diameter: float
+    top: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Log:
+    """A trunk that lies in or beside the water.
+
+    Attributes:
+        start: (2,) middle of one end, m.
+        end: (2,) of the other.
+        diameter: m.
+        top: Elevation of its upper side, m.
+    """
+
+    start: tuple[float, float]
+    end: tuple[float, float]
     diameter: float
     top: float
 
@@ -179,18 +195,37 @@ class SurveyedPlaces:
     along: FloatArray
     point: IndexArray
 
+    def __getitem__(self, rows: IndexArray | FlagArray) -> SurveyedPlaces:
+        return SurveyedPlaces(*(getattr(self, f.name)[rows] for f in dataclasses.fields(self)))
+
+
+class CourseFrame(NamedTuple):
+    """What places of a map of courses are relative to: maps of one frame give the same bits where they are alike.
+
+    Attributes:
+        origin: (x, y) in m.
+        size: Side of the squares that are searched, m.
+    """
+
+    origin: tuple[float, float]
+    size: float
+
 
 class CourseMap:
-    """Courses and rocks on a device, to be asked at any place.
+    """Courses, rocks and logs on a device, to be asked at any place.
 
     Args:
         courses: One or more.
         rocks: Boulders.
+        logs: Trunks.
+        frame: That of another map, to give the same bits where both are alike; by default one of its own.
         device: Warp device.
 
     Attributes:
         courses: As given.
         rocks: As given.
+        logs: As given.
+        frame: What places are relative to.
         start: First point of each course among all points, and their count.
 
     Raises:
@@ -198,10 +233,16 @@ class CourseMap:
     """
 
     @public
-    def __init__(self, courses: Sequence[Course], *, rocks: Sequence[Rock] = (), device: wp.DeviceLike = "cpu") -> None:
-        self.courses, self.rocks = list(courses), list(rocks)
-        if not self.courses or not all(isinstance(course, Course) for course in self.courses):
-            raise InputError("courses must be one Course or more; wr.riverscape.Course(...) makes one")
+    def __init__(
+        self,
+        courses: Sequence[Course],
+        *,
+        rocks: Sequence[Rock] = (),
+        logs: Sequence[Log] = (),
+        frame: CourseFrame | None = None,
+        device: wp.DeviceLike = "cpu",
+    ) -> None:
+        self.courses, self.rocks, self.logs = checked_courses(courses), list(rocks), list(logs)
         self.device = resolve_device(device)
         self._kernels = kernels.build(wp.float64)
         self.start = np.concatenate([[0], np.cumsum([len(np.asarray(c.xy)) for c in self.courses])])
@@ -209,7 +250,7 @@ class CourseMap:
         joined = {
             name: self.joined(name) for name in ("xy", "level", "width", "depth", "along", "direction", "peak_speed")
         }
-        self._bucket(joined)
+        self._bucket(joined, frame)
         self._on_device(joined)
 
     def joined(self, name: str) -> FloatArray:
@@ -258,70 +299,37 @@ class CourseMap:
         names = [f.name for f in dataclasses.fields(SurveyedPlaces)]
         return SurveyedPlaces(*(getattr(found, name).numpy() for name in names))
 
-    @public
-    def bed(self, xy: ArrayLike, terrain: Terrain, *, rocks: bool = True) -> FloatArray:
-        """Height of the bed at places: the least of the ground and all sections and banks, and the rocks on it.
-
-        Args:
-            xy: (n, 2) m.
-            terrain: The ground; between its cells' centres by cubics.
-            rocks: Whether rocks lie on it.
-
-        Raises:
-            ValueError: Places that are not finite, or a terrain on another device.
-        """
-        points = checked_points(xy, "xy")
-        bed = wp.empty(len(points), dtype=wp.float64, device=self.device)
-        if len(points):
-            at: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
-            inputs = [self._ground(terrain), self._courses, self._rocks if rocks else self._no_rocks, at]
-            launch_kernel(self._kernels.carve_places, len(points), inputs, [bed], device=self.device)
-        return np.asarray(bed.numpy())
-
-    def _ground(self, terrain: Terrain) -> Any:
-        raster = terrain.raster
-        ground = self._kernels.Ground()
-        ground.height = raster.values if raster.device == self.device else raster.values.to(self.device)
-        ground.cell_size = raster.cell_size
-        ground.west = raster.origin[0] + 0.5 * raster.cell_size - self.origin[0]
-        ground.north = raster.origin[1] - 0.5 * raster.cell_size - self.origin[1]
-        return ground
-
-    def _bucket(self, joined: dict[str, FloatArray]) -> None:
+    def _bucket(self, joined: dict[str, FloatArray], frame: CourseFrame | None) -> None:
         """Lay a grid over all water and list what reaches into each of its squares."""
         xy, half = joined["xy"], 0.5 * joined["width"]
         reach = half * (1.0 + REACH_IN_HALF_WIDTHS) + REACH_IN_DEPTHS * joined["depth"]
         inner = np.ones(len(xy), bool)
         inner[self.start[1:] - 1] = False
-        self._segment = np.flatnonzero(inner)
-        wide = np.maximum(reach[self._segment], reach[self._segment + 1])[:, None]
-        low = np.minimum(xy[self._segment], xy[self._segment + 1]) - wide
-        high = np.maximum(xy[self._segment], xy[self._segment + 1]) + wide
-        rock_xy = np.array([rock.center for rock in self.rocks], np.float64).reshape(-1, 2)
-        radius = np.array([0.5 * rock.diameter for rock in self.rocks])[:, None]
-        corner = np.minimum(low.min(axis=0), (rock_xy - radius).min(axis=0, initial=np.inf))
-        far = np.maximum(high.max(axis=0), (rock_xy + radius).max(axis=0, initial=-np.inf))
-        size = max(float(np.median(reach)) / 3.0, 1e-3)
-        # Where the water is sparse, larger squares.
-        size = max(size, float(np.sqrt(np.prod(far - corner) / MOST_BUCKETS)))
-        self.origin = (float(corner[0]), float(corner[1]))
-        self._size = size
-        self._shape = tuple(int(v) + 1 for v in np.floor((far - corner) / size))
-        self._bucket_start, self._bucket_segment = self._listed(low, high)
-        self._bucket_segment = self._segment[self._bucket_segment]
-        self._rock_start, self._rock_listed = self._listed(rock_xy - radius, rock_xy + radius)
-
-    def _listed(self, low: FloatArray, high: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """First entry of each bucket, and the boxes in each of them, in their order."""
-        first = np.floor((low - self.origin) / self._size).astype(np.int64)
-        across, up = (np.floor((high - self.origin) / self._size).astype(np.int64) - first + 1).T
+        segment = np.flatnonzero(inner)
+        wide = np.maximum(reach[segment], reach[segment + 1])[:, None]
+        low = np.minimum(xy[segment], xy[segment + 1]) - wide
+        high = np.maximum(xy[segment], xy[segment + 1]) + wide
+        corner, far = low.min(axis=0), high.max(axis=0)
+        if frame is None:
+            size = max(float(np.median(reach)) / 3.0, 1e-3)
+            # Where the water is sparse, larger squares.
+            size = max(size, float(np.sqrt(np.prod(far - corner) / MOST_BUCKETS)))
+            frame = CourseFrame((float(corner[0]), float(corner[1])), size)
+        self.frame, self.origin = frame, frame.origin
+        first = np.floor((low - self.origin) / frame.size).astype(np.int64)
+        last = np.floor((high - self.origin) / frame.size).astype(np.int64)
+        self._corner = first.min(axis=0)
+        self._shape = tuple(int(v) + 1 for v in last.max(axis=0) - self._corner)
+        across, up = (last - first + 1).T
         count = across * up
         box = np.repeat(np.arange(len(low)), count)
         k = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-        bucket = (first[box, 1] + k // across[box]) * self._shape[0] + first[box, 0] + k % across[box]
+        column, row = first[box, 0] + k % across[box] - self._corner[0], first[box, 1] + k // across[box]
+        bucket = (row - self._corner[1]) * self._shape[0] + column
         order = np.argsort(bucket, kind="stable")
-        start = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=self._shape[0] * self._shape[1]))])
-        return start, box[order]
+        counts = np.bincount(bucket, minlength=self._shape[0] * self._shape[1])
+        self._bucket_start = np.concatenate([[0], np.cumsum(counts)])
+        self._bucket_segment = segment[box[order]]
 
     def _on_device(self, joined: dict[str, FloatArray]) -> None:
         made = self._kernels
@@ -344,18 +352,18 @@ class CourseMap:
         courses.fall = put(falls, wp.int32, np.int32)
         courses.bucket_start = put(self._bucket_start, wp.int32, np.int32)
         courses.bucket_segment = put(self._bucket_segment, wp.int32, np.int32)
-        courses.bucket_size = self._size
+        courses.bucket_size = self.frame.size
+        courses.west, courses.south = (int(v) for v in self._corner)
         courses.columns, courses.rows = self._shape
         self._courses = courses
-        rows = [[*np.subtract(r.center, self.origin), 0.5 * r.diameter, 0.35 * r.diameter] for r in self.rocks]
-        self._rocks, self._no_rocks = made.Rocks(), made.Rocks()
-        self._rocks.place = put(np.array(rows).reshape(-1, 4), made.vec4, np.float64)
-        self._rocks.top = put(np.array([rock.top for rock in self.rocks]), wp.float64, np.float64)
-        self._rocks.bucket_start = put(self._rock_start, wp.int32, np.int32)
-        self._rocks.bucket_rock = put(self._rock_listed, wp.int32, np.int32)
-        self._no_rocks.bucket_start = wp.zeros_like(self._rocks.bucket_start)
-        for name in ("place", "top", "bucket_rock"):
-            setattr(self._no_rocks, name, getattr(self._rocks, name))
+
+
+def checked_courses(courses: Sequence[Course]) -> list[Course]:
+    """Return courses as a list; raises ``ValueError`` for none, and for what is none."""
+    found = list(courses)
+    if not found or not all(isinstance(course, Course) for course in found):
+        raise InputError("courses must be one Course or more; wr.riverscape.Course(...) makes one")
+    return found
 
 
 def _mean(form: FloatArray) -> FloatArray:

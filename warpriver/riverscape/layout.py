@@ -17,10 +17,12 @@ from warpriver.graph.forest import leaving_channels
 from warpriver.network import RiverNetwork
 from warpriver.params import Params, parameter
 from warpriver.riverscape.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
+from warpriver.riverscape.before import Before, Profile
 from warpriver.riverscape.labels import ChannelLabels
 from warpriver.riverscape.profiles import Graph, ProfileParams, Steps, falling_profile, lay_steps, step_levels
 from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
 from warpriver.riverscape.templates import (
+    FORM_TABLE,
     FORMS,
     TEMPLATES,
     FlowParams,
@@ -31,7 +33,7 @@ from warpriver.riverscape.templates import (
 )
 from warpriver.riverscape.trajectories import Axes, Lines, TrajectoryParams, lay_axes, lay_lines
 
-__all__ = ["BedParams", "Ground", "Layout", "lay_courses"]
+__all__ = ["BANK_EASE", "BedParams", "Ground", "Layout", "bank_reach", "lay_courses", "no_falls"]
 
 
 # Height of the ground that beds are cut into at (n, 2) places.
@@ -106,8 +108,14 @@ class Layout(NamedTuple):
 
 
 def lay_courses(
-    ground: Ground, cell_size: float, network: RiverNetwork, kind: IndexArray, labels: ChannelLabels, layout: Layout
-) -> Stations:
+    ground: Ground,
+    cell_size: float,
+    network: RiverNetwork,
+    kind: IndexArray,
+    labels: ChannelLabels,
+    layout: Layout,
+    before: Before | None = None,
+) -> tuple[Stations, Profile]:
     """Lay the courses of all channels.
 
     Args:
@@ -117,22 +125,26 @@ def lay_courses(
         kind: (C,) types.
         labels: Flow and slope of its channels.
         layout: Constants.
+        before: What was laid before, of the same channels between the same nodes: what does not change stays, to the
+            bit.
     """
     slope = _checked_slopes(network, ground, kind, labels)
     k = np.array([TEMPLATES[t].width_to_depth for t in kind])
     mean = _sized(labels.flow, slope, k, network.channel_width, layout)
     spacing = np.maximum(layout.detail, mean.width / STATIONS_ACROSS)
-    axes = lay_axes(network, spacing)
+    axes = lay_axes(network, spacing, None if before is None else before.directions(network))
     wave = layout.trajectory.wavelength * mean.width
     braided = np.isin(kind, [TYPES.index("D"), TYPES.index("DA")])
     swings = braided | ((wave < layout.trajectory.shown_cells * cell_size) & (layout.planform == "type"))
     room = _room(axes, ground, mean, swings)
-    lines = lay_lines(axes, kind, labels.flow, mean.width, room, swings, layout.seed, layout.trajectory)
-    graph = Graph(axes.start, network.channel_from, network.channel_to, network.node_count)
     point_flow = _flow_along(network, axes, labels)
+    lines = lay_lines(axes, kind, point_flow, mean.width, room, swings, layout.seed, layout.trajectory)
+    graph = Graph(axes.start, network.channel_from, network.channel_to, network.node_count)
     rough = _stations(lines, spacing)
     sizes = _sizes(rough, axes, point_flow, slope, k, network, layout)
     z = _axis_profile(ground, rough, sizes, axes, graph, slope, mean, cell_size, layout)
+    if before is not None:
+        z = before.levels(z, graph)
     steps = lay_steps(z, axes.along, graph, kind, slope, mean.width, mean.speed, layout.seed, layout.profile)
     at = _stations(lines, spacing, steps)
     sizes = _sizes(at, axes, point_flow, slope, k, network, layout)
@@ -140,9 +152,19 @@ def lay_courses(
     water = _on_axis(z, axes, channel, at.axis)
     water = step_levels(water, channel, at.axis, steps)
     # To the bit: all that meets at a node has one level.
-    water[at.start[:-1]], water[at.start[1:] - 1] = z[axes.start[lines.channel]], z[axes.start[lines.channel + 1] - 1]
+    begins, ends = lines.ends(axes)
+    water[at.start[:-1][begins]] = z[axes.start[lines.channel[begins]]]
+    water[at.start[1:][ends] - 1] = z[axes.start[lines.channel[ends] + 1] - 1]
     water = _falling(water, at.start)
-    return _courses(ground, network, kind, axes, lines, at, sizes, water, steps, slope, layout)
+    made = _courses(ground, network, kind, axes, lines, at, sizes, water, steps, slope, layout)
+    profile = Profile(axes.start, z)
+    if before is None:
+        return made, profile
+    anew = before.changed & before.leveled
+    stations = before.stations.with_channels_of(made, anew)
+    for c in np.flatnonzero(before.changed & ~anew).tolist():
+        stations = stations.with_tail_of(made, c, layout.bed.change)
+    return stations, before.profile.with_channels_of(profile, anew)
 
 
 def _checked_slopes(network: RiverNetwork, ground: Ground, kind: IndexArray, labels: ChannelLabels) -> FloatArray:
@@ -413,11 +435,9 @@ def _courses(
     """Put sections on stations, and what lies in the courses."""
     tangent = _tangents(at.xy, at.start)
     # Lines leave and reach their nodes along the axis, on which one channel of a stem goes on as the next.
-    first, last = at.start[:-1], at.start[1:] - 1
-    tangent[first], tangent[last] = (
-        axes.tangent[axes.start[lines.channel]],
-        axes.tangent[axes.start[lines.channel + 1] - 1],
-    )
+    begins, ends = lines.ends(axes)
+    tangent[at.start[:-1][begins]] = axes.tangent[axes.start[lines.channel[begins]]]
+    tangent[at.start[1:][ends] - 1] = axes.tangent[axes.start[lines.channel[ends] + 1] - 1]
     curvature = _curvatures(tangent, at.along, at.start)
     wet = np.isnan(at.belt)
     shape = _sections(network, kind, axes, lines, at, sizes, curvature, steps, layout)
@@ -425,7 +445,7 @@ def _courses(
     ease = BANK_EASE * sizes.width
     level = np.where(wet, water, water + plain)
     width = np.where(wet, shape.width, np.nan_to_num(at.belt))
-    reach = _reach(ground, at, tangent, level, width, sizes.width, layout)
+    reach = bank_reach(ground, at.xy, tangent, level, width, sizes.width, layout.bed)
     courses = Stations(
         start=at.start,
         channel=lines.channel,
@@ -452,9 +472,10 @@ def _courses(
         reach=reach,
         ease=ease,
         rim=layout.profile.freeboard * sizes.mean_depth,
-        falls=_no_falls(),
-        basins=Basins(*(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64))),
-        rocks=Rocks(*(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64))),
+        form_table=FORM_TABLE,
+        falls=no_falls(),
+        basins=Basins(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64)),
+        rocks=Rocks(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int64)),
     )
     falls = _falls(courses, layout.profile)
     basins, rocks = _marks(courses, at, lines, kind, steps, sizes, layout)
@@ -513,9 +534,8 @@ def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: St
 
     The mean depth falls as the width grows, so that the area, and with it the speed, stay.
     """
-    count = len(lines.channel)
-    random = np.random.default_rng([layout.seed, 3])
-    phase, period = random.uniform(0.0, 2.0 * np.pi, (count, 3)), random.uniform(0.7, 1.4, (count, 3))
+    drawn = _drawn(lines.channel, layout.seed, 3, 6)
+    phase, period = 2.0 * np.pi * drawn[:, :3], 0.7 + 0.7 * drawn[:, 3:]
     widths = at.along / np.maximum(sizes.width, 1e-9)
     vary = np.zeros(len(at.along))
     for k, (size, length) in enumerate(((0.5, 7.0), (0.3, 3.2), (0.2, 1.4))):
@@ -528,10 +548,23 @@ def _variation(lines: Lines, kind: IndexArray, at: _At, sizes: _Sizes, steps: St
         pool = np.clip((at.axis - steps.axis[above]) / (steps.end[above] - steps.axis[above]), 0.0, 1.0)
         stepped = np.isin(kind[at.channel], [TYPES.index(name) for name in ROCKS])
         # Each pool bulges by an amount of its own; the lips between them are alike.
-        bulge = 0.5 * (1.0 - np.cos(2.0 * np.pi * pool)) * random.uniform(0.3, 1.7, len(steps.channel))[above]
+        bulge = (
+            0.5
+            * (1.0 - np.cos(2.0 * np.pi * pool))
+            * (0.3 + 1.4 * _drawn(steps.channel, layout.seed, 4, 1)[:, 0])[above]
+        )
         vary += np.where(stepped, layout.bed.pool_width * (2.0 * bulge - 1.0), 0.0)
     ends = np.minimum(at.along, at.along[at.start[1:] - 1][at.course] - at.along)
     return 1.0 + vary * np.clip(ends / np.maximum(sizes.width, 1e-9), 0.0, 1.0)
+
+
+def _drawn(channel: IndexArray, seed: int, salt: int, columns: int) -> FloatArray:
+    """Numbers in [0, 1) for rows in the order of channels, (n, columns): each channel has random ones of its own."""
+    names, count = np.unique(channel, return_counts=True)
+    made = [np.empty((0, columns))]
+    for c, n in zip(names.tolist(), count.tolist(), strict=True):
+        made.append(np.random.default_rng([seed, c, salt]).uniform(size=(n, columns)))
+    return np.concatenate(made)
 
 
 def _following(network: RiverNetwork, axes: Axes) -> IndexArray:
@@ -558,17 +591,27 @@ def _bank_rise(away: FloatArray, ease: FloatArray) -> FloatArray:
     return found
 
 
-def _reach(
+def bank_reach(
     ground: Ground,
-    at: _At,
+    xy: FloatArray,
     tangent: FloatArray,
     water: FloatArray,
     width: FloatArray,
     thread: FloatArray,
-    layout: Layout,
+    params: BedParams,
 ) -> FloatArray:
-    """Distance from the water within which banks of 35 degrees come up to the ground, or the farthest there may be."""
-    farthest = np.maximum(layout.bed.farthest * thread, 2.0)
+    """Distance from the water within which banks of 35 degrees come up to the ground, or the farthest there may be.
+
+    Args:
+        ground: Height of the ground.
+        xy: (P, 2) stations.
+        tangent: (P, 2).
+        water: (P,) level, m.
+        width: (P,) of the water, or of the plain between threads, m.
+        thread: (P,) width of the water of a thread, m.
+        params: Constants.
+    """
+    farthest = np.maximum(params.farthest * thread, 2.0)
     part = (np.arange(1, BANK_LOOKS + 1) / BANK_LOOKS) ** 1.5
     left = np.column_stack([-tangent[:, 1], tangent[:, 0]])
     away = farthest[:, None] * part
@@ -576,7 +619,7 @@ def _reach(
     found = np.zeros(len(water))
     for sign in (1.0, -1.0):
         offset = sign * (0.5 * width[:, None] + away)
-        place = at.xy[:, None] + left[:, None] * offset[..., None]
+        place = xy[:, None] + left[:, None] * offset[..., None]
         height = ground(place.reshape(-1, 2)).reshape(len(water), -1)
         above = np.nan_to_num(height, nan=-np.inf) > water[:, None] + rise
         # The first look from which on nothing is above the bank.
@@ -592,7 +635,8 @@ def _reach(
     return out
 
 
-def _no_falls() -> Falls:
+def no_falls() -> Falls:
+    """Return steps of which there are none."""
     none = np.empty(0)
     whole = np.empty(0, np.int64)
     nowhere = np.empty((0, 2))
@@ -606,7 +650,7 @@ def _falls(courses: Stations, params: ProfileParams) -> Falls:
         steep = -np.diff(courses.water) > params.cascade_slope * np.diff(courses.along)
     steep &= (course[1:] == course[:-1]) & courses.wet[course[1:]]
     if not steep.any():
-        return _no_falls()
+        return no_falls()
     before, after = np.concatenate([[False], steep[:-1]]), np.concatenate([steep[1:], [False]])
     joins = np.concatenate([[False], course[1:-1] == course[:-2]]) if len(steep) > 1 else np.zeros(1, bool)
     begin = np.flatnonzero(steep & ~(before & joins))
@@ -629,9 +673,8 @@ def _marks(
 ) -> tuple[Basins, Rocks]:
     """Basins in the pools between steps and below falls; rocks at their lips and in runs."""
     first = {int(c): k for k, c in reversed(list(enumerate(lines.channel)))}
-    count = len(steps.channel)
     course = np.array([first[int(c)] for c in steps.channel], np.int64)
-    random = np.random.default_rng([layout.seed, 2])
+    drawn = _drawn(steps.channel, layout.seed, 2, 2)
     span = float(max(at.axis.max(), 1.0)) + 1.0
     coordinate = at.course * span + at.axis
 
@@ -650,8 +693,8 @@ def _marks(
     foot = steps.axis + steps.length
     pool = steps.end - foot
     x, y, _, _, width, depth = station(course, foot + 0.5 * pool)
-    radius = np.minimum(0.6 * pool, 0.6 * width) * random.uniform(0.8, 1.1, count)
-    hollow = layout.bed.basin_depth * depth * random.uniform(0.6, 1.4, count)
+    radius = np.minimum(0.6 * pool, 0.6 * width) * (0.8 + 0.3 * drawn[:, 0])
+    hollow = layout.bed.basin_depth * depth * (0.6 + 0.8 * drawn[:, 1])
     drop = np.maximum(steps.upper - steps.lower, 0.0)
     # Scour under falling water, 1.9 h^0.225 q^0.54 below its surface [Veronese1937].
     middle = (courses.start[:-1] + courses.start[1:]) // 2
@@ -660,7 +703,7 @@ def _marks(
     hollow = np.where(steps.free, np.maximum(hollow, scour - depth), hollow)
     keep = (radius > 0.05 * width) & (pool > 0.15 * width)
     basins = Basins(np.column_stack([x, y])[keep], radius[keep], hollow[keep], course[keep])
-    return basins, _rocks(courses, at, lines, kind, steps, course, station, random)
+    return basins, _rocks(courses, at, lines, kind, steps, course, station, layout.seed)
 
 
 def _rocks(
@@ -671,30 +714,33 @@ def _rocks(
     steps: Steps,
     course: IndexArray,
     station: Callable[[IndexArray, FloatArray], tuple[FloatArray, ...]],
-    random: np.random.Generator,
+    seed: int,
 ) -> Rocks:
     # Side by side along each lip, but for that at the head of a channel, which is no step of its own.
     inner = np.flatnonzero(steps.axis > 0.0)
     lips = np.repeat(inner, RIM_ROCKS)
     own, axis = [course[lips]], [steps.axis[lips]]
     lane = np.tile((np.arange(RIM_ROCKS) + 0.5) / RIM_ROCKS - 0.5, len(inner))
-    across = [lane + random.uniform(-0.5, 0.5, len(lips)) / RIM_ROCKS]
-    shift, size = [random.uniform(-0.14, 0.08, len(lips))], [random.uniform(0.07, 0.19, len(lips))]
+    drawn = _drawn(steps.channel[lips], seed, 5, 4)
+    across = [lane + (drawn[:, 0] - 0.5) / RIM_ROCKS]
+    shift, size, tall = [0.22 * drawn[:, 1] - 0.14], [0.07 + 0.12 * drawn[:, 2]], [drawn[:, 3]]
     for name, dense in ROCKS.items():
         for k in np.flatnonzero((kind[lines.channel] == TYPES.index(name)) & courses.wet).tolist():
             part = slice(courses.start[k], courses.start[k + 1])
             number = round(dense * courses.along[part][-1] / float(courses.width[part].mean()))
+            random = np.random.default_rng([seed, int(lines.channel[k]), 6])
             own.append(np.full(number, k))
             axis.append(random.uniform(0.0, at.axis[part][-1], number))
             side = random.uniform(0.15, 0.5, number) * random.choice([-1.0, 1.0], number)
             across.append(side)
             shift.append(np.zeros(number))
             size.append(0.16 * random.uniform(0.3, 1.0, number) ** 1.5)
+            tall.append(random.uniform(size=number))
     which, place = np.concatenate(own).astype(np.int64), np.concatenate(axis)
     x, y, tx, ty, width, depth = station(which, place)
     off, ahead = np.concatenate(across) * width, np.concatenate(shift) * width
     radius = np.concatenate(size) * width
     xy = np.column_stack([x + tx * ahead - ty * off, y + ty * ahead + tx * off])
-    height = np.minimum(depth * random.uniform(0.5, 1.7, len(which)), 0.9 * radius)
+    height = np.minimum(depth * (0.5 + 1.2 * np.concatenate(tall)), 0.9 * radius)
     keep = radius > 0.02
     return Rocks(xy[keep], radius[keep], height[keep], which[keep])

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import os
 import pathlib
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpriver.arrays import FloatArray
-from warpriver.errors import InputError, PathError
+from warpriver.errors import InputError, MissingExtraError, OutputExistsError, PathError
+from warpriver.extras import need
 from warpriver.files import beside
-from warpriver.io.raster.terrains import write_raster
+from warpriver.io.raster.terrains import write_raster, write_terrain
 from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.riverscape.scene import Frame, Riverscape
@@ -29,6 +31,16 @@ __all__ = ["FlowMap", "read_flow_map", "write_frames"]
 
 # Which way the green channel points in the pictures that a program reads: its texture's v runs down or up.
 PRESETS = {"unreal": "south", "unity": "north"}
+# Formats that are not rasters of one field each.
+EXR, ZARR, HEIGHT_MAPS = ".exr", ".zarr", (".png", ".r16", ".raw")
+# What the fields are called in EXR files.
+CHANNELS = {
+    "elevation": "elevation",
+    "depth": "depth",
+    "east": "velocity.x",
+    "north": "velocity.y",
+    "effervescence": "foam",
+}
 # What a frame is written as: name, unit.
 FIELDS = (("elevation", "m"), ("depth", "m"), ("east", "m/s"), ("north", "m/s"), ("effervescence", ""))
 
@@ -194,17 +206,28 @@ def write_frames(
     loop: float | None = None,
     suffix: str = ".tif",
 ) -> list[pathlib.Path]:
-    """Write the water frame by frame, and the bed once, as rasters.
+    """Write the water frame by frame, and the bed once.
+
+    =============== ===============================================================================================
+    .tif, .npz ...  rasters, any that :func:`warpriver.io.write_raster` knows: ``bed`` and, of each frame,
+                    ``0007_elevation`` (NaN where there is no water), ``0007_depth``, ``0007_east`` and ``0007_north``
+                    of the velocity, ``0007_effervescence``
+    .png, .r16      the same as height maps of 16 bits, with their range in the .json beside each; the elevation is that
+                    of the bed where there is no water
+    .exr            ``bed.exr``, and of each frame one ``0007.exr`` with the channels elevation, depth, velocity.x,
+                    velocity.y and foam, 32 bits (``warpriver[exr]``)
+    .zarr           ``frames.zarr``, all frames in one store of dimensions (time, y, x) that opens in xarray
+                    (``warpriver[zarr]``)
+    =============== ===============================================================================================
 
     Args:
         scene: The riverscape.
-        folder: Where files go; it is made if need be. ``bed`` and, of each frame, ``0007_elevation`` (NaN where there
-            is no water), ``0007_depth``, ``0007_east`` and ``0007_north`` of the velocity, ``0007_effervescence``.
+        folder: Where files go; it is made if need be.
         times: s.
         cell_size: m.
         bounds: (west, south, east, north) in m; by default those of the terrain.
         loop: Period in s after which the water repeats itself without a seam; by default it never does.
-        suffix: Of the files: any that :func:`warpriver.io.write_raster` knows, such as ``.tif`` or ``.npz``.
+        suffix: Of the files.
 
     Returns:
         The files.
@@ -215,21 +238,97 @@ def write_frames(
         OSError: A file cannot be written.
     """
     target = pathlib.Path(folder)
+    kind = str(suffix).lower()
+    exr = _openexr() if kind == EXR else None
+    frames = scene.frames(bounds, cell_size, times, loop=loop)
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PathError.of(error, f"cannot make the folder {target}") from error
+    if kind == ZARR:
+        return [_write_store(scene, frames, target / f"frames{ZARR}")]
     written: list[pathlib.Path] = []
-    for number, frame in enumerate(scene.frames(bounds, cell_size, times, loop=loop)):
+    for number, frame in enumerate(frames):
         rasters = frame_rasters(frame, scene.terrain)
+        named = {f"{number:04d}_{name}": raster for name, raster in rasters.items()}
         if number == 0:
-            bed = Raster(frame.bed.numpy(), cell_size, frame.water.origin, scene.terrain.raster.crs, "m", "bed")
-            rasters = {"bed": bed, **rasters}
-        for name, raster in rasters.items():
-            path = target / (f"{name}{suffix}" if name == "bed" else f"{number:04d}_{name}{suffix}")
-            write_raster(raster, path)
+            named = {"bed": _bed_raster(frame, scene.terrain)} | named
+        if exr is not None:
+            written += _write_exr(exr, target, number, named)
+            continue
+        for name, raster in named.items():
+            path = target / f"{name}{suffix}"
+            if kind in HEIGHT_MAPS:
+                values = raster.numpy()
+                if name.endswith("_elevation"):
+                    values = np.where(np.isnan(values), frame.bed.numpy(), values)
+                write_terrain(Terrain(values, raster.cell_size, raster.origin, raster.crs), path)
+            else:
+                write_raster(raster, path)
             written.append(path)
     return written
+
+
+def _bed_raster(frame: Frame, terrain: Terrain) -> Raster:
+    return Raster(frame.bed.numpy(), frame.water.cell_size, frame.water.origin, terrain.raster.crs, "m", "bed")
+
+
+def _openexr() -> Any:
+    try:
+        return importlib.import_module("OpenEXR")
+    except ImportError as error:
+        raise MissingExtraError("EXR files need OpenEXR: pip install 'warpriver[exr]'") from error
+
+
+def _write_exr(exr: Any, folder: pathlib.Path, number: int, named: dict[str, Raster]) -> list[pathlib.Path]:
+    """Write the bed, if it is among them, and a frame with a channel for each field."""
+    written = []
+    frame = {CHANNELS[name.partition("_")[2]]: raster for name, raster in named.items() if name != "bed"}
+    for name, fields in (("bed", {"Y": named["bed"]} if "bed" in named else {}), (f"{number:04d}", frame)):
+        if not fields:
+            continue
+        first = next(iter(fields.values()))
+        header = {
+            "compression": exr.ZIP_COMPRESSION,
+            "type": exr.scanlineimage,
+            "comments": json.dumps(
+                {
+                    "west": first.origin[0],
+                    "north": first.origin[1],
+                    "meters_per_pixel": first.cell_size,
+                    "crs": first.crs,
+                    "unit": "m, m/s",
+                }
+            ),
+        }
+        channels = {channel: raster.numpy().astype(np.float32) for channel, raster in fields.items()}
+        path = folder / f"{name}{EXR}"
+        with beside(path) as temporary:
+            exr.File(header, channels).write(str(temporary))
+        written.append(path)
+    return written
+
+
+def _write_store(scene: Riverscape, frames: Iterator[Frame], path: pathlib.Path) -> pathlib.Path:
+    """Write frames into a Zarr store, one after the other."""
+    xarray, _ = need("write_frames", "xarray", "zarr")
+    if path.exists():
+        raise OutputExistsError(f"{path} exists; name another folder")
+    try:
+        for number, frame in enumerate(frames):
+            fields = {name: raster.to_xarray() for name, raster in frame_rasters(frame, scene.terrain).items()}
+            made = xarray.Dataset(fields).expand_dims(time=[frame.time])
+            made["time"].attrs["long_name"] = "time in s"
+            if number:
+                # What has no time is there already.
+                plain = [name for name in made.variables if "time" not in made[name].dims]
+                made.drop_vars(plain).to_zarr(os.fspath(path), append_dim="time", consolidated=False)
+            else:
+                made = made.assign(bed=_bed_raster(frame, scene.terrain).to_xarray())
+                made.to_zarr(os.fspath(path), mode="w-", consolidated=False)
+    except OSError as error:
+        raise PathError.of(error, f"cannot write {path}") from error
+    return path
 
 
 def frame_rasters(frame: Frame, terrain: Terrain) -> dict[str, Raster]:

@@ -89,6 +89,19 @@ class Graph(NamedTuple):
         """(Q,) channel of each place."""
         return np.repeat(np.arange(len(self.above)), np.diff(self.start))
 
+    def rounds(self) -> list[IndexArray]:
+        """Channels in the order in which what lies above them is known, a round at a time."""
+        pending = np.bincount(self.below, minlength=self.nodes)
+        left, rounds = np.ones(len(self.above), bool), []
+        while left.any():
+            ready = np.flatnonzero(left & (pending[self.above] == 0))
+            if not len(ready):
+                raise InputError(f"{int(left.sum())} channels flow in a circle: none of them is the lowest")
+            rounds.append(ready)
+            np.subtract.at(pending, self.below[ready], 1)
+            left[ready] = False
+        return rounds
+
 
 def falling_profile(
     ground: FloatArray, along: FloatArray, graph: Graph, window: FloatArray, steepest: FloatArray, mix: float
@@ -123,7 +136,7 @@ def _lower_envelope(values: FloatArray, graph: Graph) -> FloatArray:
     # A node lies no higher than the head of what leaves it.
     fed = np.isin(graph.above, graph.below)
     np.minimum.at(level, graph.above[fed], z[graph.start[:-1][fed]])
-    for ready in _levels(graph):
+    for ready in graph.rounds():
         z_end = np.minimum(z[last[ready]], level[graph.above[ready]])
         np.minimum.at(level, graph.below[ready], z_end)
     z = np.minimum(z, level[graph.above][graph.channel])
@@ -141,20 +154,6 @@ def _upper_envelope(values: FloatArray, graph: Graph) -> FloatArray:
     return -_lower_envelope(-values[::-1], turned)[::-1]
 
 
-def _levels(graph: Graph) -> list[IndexArray]:
-    """Channels in the order in which what lies above them is known, a round at a time."""
-    pending = np.bincount(graph.below, minlength=graph.nodes)
-    left, rounds = np.ones(len(graph.above), bool), []
-    while left.any():
-        ready = np.flatnonzero(left & (pending[graph.above] == 0))
-        if not len(ready):
-            raise InputError(f"{int(left.sum())} channels flow in a circle: none of them is the lowest")
-        rounds.append(ready)
-        np.subtract.at(pending, graph.below[ready], 1)
-        left[ready] = False
-    return rounds
-
-
 def _cut_back(z: FloatArray, along: FloatArray, graph: Graph, steepest: FloatArray) -> FloatArray:
     """The highest line below a falling one that is nowhere steeper than that, from the mouths up through the nodes."""
     slope, channel, last = steepest[graph.channel], graph.channel, graph.start[1:] - 1
@@ -165,7 +164,7 @@ def _cut_back(z: FloatArray, along: FloatArray, graph: Graph, steepest: FloatArr
     out = np.minimum(out, z)
     level = np.full(graph.nodes, np.inf)
     first = graph.start[:-1]
-    for ready in _levels(graph)[::-1]:
+    for ready in graph.rounds()[::-1]:
         # Places of these channels, with the level of the node below.
         for c in ready if len(ready) < 4 else ():
             part = slice(first[c], last[c] + 1)

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.errors import InputError
+from warpriver.extras import IMPORTING
 from warpriver.kernels import flow_tree as kernels
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
 
-__all__ = ["Programs", "write_programs"]
+__all__ = ["CELLS_ACROSS", "Programs", "TileFrame", "write_programs"]
 
 # Cells along the side of a tile, places in which are relative to its corner.
 CELLS_ACROSS = 64
@@ -21,13 +22,38 @@ MOST_CELLS = 2**27
 
 
 @dataclasses.dataclass(frozen=True)
+class TileFrame:
+    """What the numbers of a water's tiles are relative to: waters of one frame give the same bits where they are alike.
+
+    Attributes:
+        cell_size: m.
+        origin: (x, y) of the corner that tiles are counted from, in tiles.
+        tile: (n, 2) column and row of tiles whose datum is known.
+        datum: (n,) m, whole numbers.
+    """
+
+    cell_size: float
+    origin: tuple[int, int]
+    tile: IndexArray
+    datum: FloatArray
+
+    def datum_of(self, tile: IndexArray) -> FloatArray:
+        """Return the datum of tiles, (n, 2): that of the nearest known one."""
+        with IMPORTING:
+            from scipy.spatial import cKDTree
+        return np.asarray(self.datum[cKDTree(self.tile).query(tile)[1]])
+
+
+@dataclasses.dataclass(frozen=True)
 class Programs:
     """Programs of all wet cells, and the tiles that the cells lie in.
 
     Attributes:
         rows: All leaves, in the order of the tree.
-        origin: West and south corner of the first tile, m.
+        frame: What numbers are relative to.
+        origin: West and south corner of the frame, m.
         cell_size: m.
+        tile_corner: Column and row of the first tile, counted from there.
         tile_shape: Rows and columns of tiles.
         tile_first: (tiles,) first cell of a tile, -1 where it is dry.
         tile_datum: (tiles,) m, whole numbers.
@@ -37,8 +63,10 @@ class Programs:
     """
 
     rows: Primitives
+    frame: TileFrame
     origin: tuple[float, float]
     cell_size: float
+    tile_corner: tuple[int, int]
     tile_shape: tuple[int, int]
     tile_first: IndexArray
     tile_datum: FloatArray
@@ -72,7 +100,7 @@ class _Entries:
     start: IndexArray
 
 
-def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
+def write_programs(tree: Node, cell_size: float | None = None, frame: TileFrame | None = None) -> Programs:
     """Compile a tree.
 
     A node that does not reach a cell is left out there: merge(0, B) = B, replace(A, 0) = A, replace(0, B) = 0.
@@ -80,6 +108,7 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
     Args:
         tree: Primitives, merged and replaced.
         cell_size: m; by default such that most primitives reach a few cells.
+        frame: That of another water, to give the same bits where both are alike; it has a cell size.
 
     Raises:
         ValueError: A tree without leaves, or deeper than the stack.
@@ -87,6 +116,8 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
     """
     table = _tabulate(tree)
     rows = Primitives.concatenate(table.block_rows)
+    if frame is not None:
+        cell_size = frame.cell_size
     size = float(np.quantile(rows.radius, 0.1, method="lower")) if cell_size is None else cell_size
     counts = [len(block) for block in table.block_rows]
     row_node = np.repeat(table.block_node, counts)
@@ -106,17 +137,25 @@ def write_programs(tree: Node, cell_size: float | None = None) -> Programs:
         )
     tile_first = np.where(wet, (np.cumsum(wet) - 1) * CELLS_ACROSS**2, -1)
     cell = tile_first[tile] + line % CELLS_ACROSS * CELLS_ACROSS + column % CELLS_ACROSS
-    weight = np.bincount(tile, minlength=len(wet))
-    total = np.bincount(tile, rows.level[pair_row], len(wet))
+    known = np.column_stack([np.flatnonzero(wet) % columns + west, np.flatnonzero(wet) // columns + south])
     datum = np.zeros(len(wet))
-    datum[wet] = np.round(total[wet] / weight[wet])
+    if frame is None:
+        weight = np.bincount(tile, minlength=len(wet))
+        total = np.bincount(tile, rows.level[pair_row], len(wet))
+        datum[wet] = np.round(total[wet] / weight[wet])
+        frame = TileFrame(size, (west, south), known, datum[wet])
+    else:
+        datum[wet] = frame.datum_of(known)
+    corner = (west - frame.origin[0], south - frame.origin[1])
     home = np.floor(rows.center / size).astype(np.int64) // CELLS_ACROSS - (west, south)
     side = CELLS_ACROSS * size
     cell_start, code = _emit(table, cell, row_node[pair_row], pair_row, slots * CELLS_ACROSS**2)
     return Programs(
         rows=rows,
-        origin=(west * side, south * side),
+        frame=frame,
+        origin=(frame.origin[0] * side, frame.origin[1] * side),
         cell_size=size,
+        tile_corner=corner,
         tile_shape=(lines, columns),
         tile_first=tile_first,
         tile_datum=datum,

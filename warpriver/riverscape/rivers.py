@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from warpriver.arrays import FloatArray, IndexArray
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.device import require_memory
 from warpriver.network import RiverNetwork
 from warpriver.riverscape.beds import Beds, ground_of
-from warpriver.riverscape.courses import Course, Rock
+from warpriver.riverscape.before import Before, Profile
+from warpriver.riverscape.courses import Course, Log, Rock
+from warpriver.riverscape.given import given_stations, with_obstacles
 from warpriver.riverscape.labels import label_channels
-from warpriver.riverscape.layout import BedParams, Layout, lay_courses
-from warpriver.riverscape.profiles import ProfileParams
+from warpriver.riverscape.layout import Layout, lay_courses
 from warpriver.riverscape.rosgen import RiverTypes, classify_rivers, types_of
-from warpriver.riverscape.stations import TYPES, Stations
-from warpriver.riverscape.templates import FlowParams, section_table, uniform_flow
-from warpriver.riverscape.trajectories import TrajectoryParams
+from warpriver.riverscape.stations import TYPES, Rocks, Stations
+from warpriver.riverscape.templates import section_table, uniform_flow
 from warpriver.terrain import Terrain
 from warpriver.validate import one_of
 
@@ -35,10 +36,11 @@ class Rivers:
 
     Attributes:
         terrain: The ground, unchanged.
-        network: The rivers; None where they were read from a file.
+        network: The rivers; None of courses of one's own, or where they were read from a file without it.
         types: Their types, where they were classified; None where words were given.
         kind: (C,) index of each channel's type into ``TYPES``.
         stations: The courses, station by station.
+        obstacles: Rocks and logs that a user laid in them.
     """
 
     def __init__(
@@ -46,22 +48,23 @@ class Rivers:
         terrain: Terrain,
         network: RiverNetwork,
         types: RiverTypes | Sequence[str] | str | None,
+        layout: Layout,
         *,
-        detail: float,
-        seed: int,
-        flow: ArrayLike | None,
-        width: Literal["type", "network"],
-        planform: Literal["type", "given"],
-        flow_params: FlowParams | None,
-        trajectory_params: TrajectoryParams | None,
-        profile_params: ProfileParams | None,
-        bed_params: BedParams | None,
+        flow: ArrayLike | None = None,
     ):
-        """Lay the courses; the arguments are those of :class:`warpriver.riverscape.Riverscape`."""
+        """Lay the courses.
+
+        Args:
+            terrain: The ground.
+            network: The rivers.
+            types: Their types.
+            layout: Constants of all parts.
+            flow: (C,) discharges in place of those by drainage area.
+        """
         self.terrain = terrain
         self.network: RiverNetwork | None = network
-        one_of(width, "width", ("type", "network"))
-        one_of(planform, "planform", ("type", "given"))
+        one_of(layout.width, "width", ("type", "network"))
+        one_of(layout.planform, "planform", ("type", "given"))
         if types is None:
             types = classify_rivers(network, terrain, flow=flow)
         self.kind: IndexArray = types_of(types, network.channel_count)
@@ -69,38 +72,124 @@ class Rivers:
         # Labels that were made before serve if they are of the same flow.
         labels = None if self.types is None or flow is not None else self.types.labels
         labels = label_channels(network, terrain, flow=flow) if labels is None else labels
-        layout = Layout(
-            detail,
-            seed,
-            width,
-            planform,
-            flow_params or FlowParams(),
-            trajectory_params or TrajectoryParams(),
-            profile_params or ProfileParams(),
-            bed_params or BedParams(),
-        )
         narrow = uniform_flow(labels.flow, 0.02, 8.0).width / 5.0
-        count = int((network.channel_lengths() / np.maximum(detail, narrow)).sum() * 2.0)
+        count = int((network.channel_lengths() / np.maximum(layout.detail, narrow)).sum() * 2.0)
         what = "a riverscape of stations; its detail is too fine:"
         require_memory((count, 1), STATION_BYTES, terrain.device, what)
-        self.stations: Stations = lay_courses(ground_of(terrain), terrain.cell_size, network, self.kind, labels, layout)
+        self.layout, self.flow = layout, flow
+        self.stations: Stations
+        self.profile: Profile | None
+        ground = ground_of(terrain)
+        self.stations, self.profile = lay_courses(ground, terrain.cell_size, network, self.kind, labels, layout)
+        self.obstacles: tuple[Rock | Log, ...] = ()
+        self._given: list[Course] | None = None
 
     @classmethod
-    def of_stations(cls, terrain: Terrain, stations: Stations) -> Rivers:
-        """Return rivers that were laid before."""
+    def of_stations(
+        cls,
+        terrain: Terrain,
+        stations: Stations,
+        courses: Sequence[Course] | None = None,
+        obstacles: Sequence[Rock | Log] = (),
+    ) -> Rivers:
+        """Return rivers that were laid before, or those of courses of one's own."""
         rivers = cls.__new__(cls)
         rivers.terrain, rivers.stations, rivers.network, rivers.types = terrain, stations, None, None
+        rivers.profile = None
         _, first = np.unique(stations.channel, return_index=True)
         rivers.kind = stations.type[first]
+        rivers.obstacles = tuple(obstacles)
+        rivers._given = None if courses is None else list(courses)
         return rivers
+
+    @classmethod
+    def of_courses(cls, terrain: Terrain, courses: Sequence[Course], obstacles: Sequence[Rock | Log] = ()) -> Rivers:
+        """Return the rivers of courses of one's own."""
+        return cls.of_stations(terrain, given_stations(terrain, courses), courses, obstacles)
+
+    def type_words(self) -> list[str]:
+        """Return the type of each channel as a word."""
+        if self.types is not None:
+            return [str(word) for word in self.types.channel_type]
+        return [TYPES[k] for k in self.kind]
+
+    def take_network(
+        self, network: RiverNetwork, types: Sequence[str], layout: Layout, profile: Profile, flow: ArrayLike | None
+    ) -> None:
+        """Take what stations were laid from, so that parts of it can be laid anew."""
+        self.network, self.layout, self.profile, self.flow = network, layout, profile, flow
+        self.kind = types_of(types, network.channel_count)
+
+    def with_obstacles(self, obstacles: Sequence[Rock | Log], kept: IndexArray | None = None) -> Rivers:
+        """Return these rivers with other rocks and logs of a user's, and with some of the rocks of their own.
+
+        Args:
+            obstacles: All rocks and logs of a user's.
+            kept: Numbers of the rocks of their own that stay; by default all.
+        """
+        other = copy.copy(self)
+        other.__dict__.pop("beds", None)
+        other.obstacles = tuple(obstacles)
+        if kept is not None:
+            rocks = self.stations.rocks
+            fewer = Rocks(rocks.xy[kept], rocks.radius[kept], rocks.height[kept], rocks.course[kept])
+            other.stations = dataclasses.replace(self.stations, rocks=fewer)
+        return other
+
+    def on(self, terrain: Terrain) -> Rivers:
+        """Return the same courses on other ground."""
+        other = copy.copy(self)
+        other.__dict__.pop("beds", None)
+        other.terrain = terrain
+        return other
+
+    def laid_anew(
+        self,
+        terrain: Terrain,
+        network: RiverNetwork,
+        types: RiverTypes | Sequence[str],
+        changed: FlagArray,
+        free: FlagArray,
+        *,
+        redrawn: FlagArray,
+        leveled: FlagArray,
+    ) -> Rivers:
+        """Return the rivers with some channels laid anew between the nodes, whose levels stay unless they are free.
+
+        Args:
+            terrain: The ground as it is now.
+            network: The rivers as they are now: the same channels between the same nodes.
+            types: Their types.
+            changed: (C,) channels to lay anew.
+            free: (N,) nodes whose level may change.
+            redrawn: (C,) channels whose lines are other ones.
+            leveled: (C,) channels whose water may lie elsewhere than before.
+        """
+        assert self.profile is not None
+        other = copy.copy(self)
+        other.__dict__.pop("beds", None)
+        other.terrain, other.network = terrain, network
+        other.kind = types_of(types, network.channel_count)
+        other.types = types if isinstance(types, RiverTypes) else None
+        labels = label_channels(network, terrain, flow=self.flow)
+        ground = ground_of(terrain)
+        before = Before(self.stations, self.profile, changed, redrawn, leveled, free)
+        other.stations, other.profile = lay_courses(
+            ground, terrain.cell_size, network, other.kind, labels, self.layout, before
+        )
+        return other
 
     @functools.cached_property
     def beds(self) -> Beds:
         """What evaluates the bed."""
-        return Beds(self.terrain, self.stations)
+        rocks = [each for each in self.obstacles if isinstance(each, Rock)]
+        logs = [each for each in self.obstacles if isinstance(each, Log)]
+        return Beds(self.terrain, with_obstacles(self.terrain, self.stations, rocks, logs))
 
     def courses(self) -> list[Course]:
         """Return the courses that carry water, as water needs them: a fall is one segment."""
+        if self._given is not None:
+            return self._given
         stations = self.stations
         made = []
         keep = np.ones(len(stations.along), bool)
@@ -112,7 +201,8 @@ class Rivers:
         for k in np.flatnonzero(stations.wet).tolist():
             part = np.arange(stations.start[k], stations.start[k + 1])
             part = part[keep[part]]
-            table = section_table(stations.form[part], stations.blend[part], stations.lane[part], stations.bend[part])
+            section = (stations.form[part], stations.blend[part], stations.lane[part], stations.bend[part])
+            table = section_table(*section, stations.form_table)
             made.append(
                 Course(
                     stations.xy[part],
@@ -128,14 +218,19 @@ class Rivers:
         return made
 
     def rocks(self) -> list[Rock]:
-        """Return the rocks, as water needs them."""
+        """Return the rocks, as water needs them: those of a user's behind those that follow from types."""
         rocks = self.stations.rocks
         top: FloatArray = self.beds.heights(rocks.xy)[0]
-        return [
+        own = [
             Rock((float(x), float(y)), float(2.0 * r), float(z))
             for (x, y), r, z in zip(rocks.xy, rocks.radius, top, strict=True)
             if np.isfinite(z)
         ]
+        return own + [each for each in self.obstacles if isinstance(each, Rock)]
+
+    def logs(self) -> list[Log]:
+        """Return the logs of a user's."""
+        return [each for each in self.obstacles if isinstance(each, Log)]
 
     def __repr__(self) -> str:
         length = self.stations.length()[self.stations.wet].sum() / 1e3

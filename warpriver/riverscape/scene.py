@@ -3,48 +3,45 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import json
 import math
 import os
-import pathlib
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import resolve_device
-from warpriver.errors import InputError, PathError
-from warpriver.files import beside
+from warpriver.edits.session import Session, session_of
+from warpriver.edits.values import Edit
+from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.public import public
-from warpriver.riverscape.beds import Bed, Beds
-from warpriver.riverscape.courses import Course, CourseMap, Rock
+from warpriver.riverscape.beds import Bed
+from warpriver.riverscape.courses import Course, CourseMap, Rock, checked_courses
 from warpriver.riverscape.drift import LeafFrame, checked_times, drift_leaves
-from warpriver.riverscape.layout import BedParams
-from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
+from warpriver.riverscape.layout import BedParams, Layout
+from warpriver.riverscape.made import Layer, Made
+from warpriver.riverscape.patches import CELLS, Patch, counted, lay_patches
+from warpriver.riverscape.primitives import Merge, Primitives, Replace
 from warpriver.riverscape.profiles import ProfileParams
 from warpriver.riverscape.rivers import Rivers
 from warpriver.riverscape.rosgen import RiverTypes
-from warpriver.riverscape.seeding import SeedingParams, seed_water
+from warpriver.riverscape.seeding import SeedingParams
 from warpriver.riverscape.stations import Stations
 from warpriver.riverscape.templates import FlowParams
 from warpriver.riverscape.trajectories import TrajectoryParams
 from warpriver.riverscape.water import Water, WaterGrid, WaterSample
 from warpriver.terrain import Terrain
-from warpriver.validate import checked_points, finite_numbers, positive, seeded, whole
+from warpriver.validate import checked_points, finite, finite_numbers, positive, real, seeded, whole
 
-__all__ = ["Frame", "Riverscape", "read_riverscape"]
+__all__ = ["Frame", "Riverscape"]
 
 
 # Cells of a frame at most.
 MOST_CELLS = 2**28
-# Of the file that a scene is kept in.
-FORMAT = 1
-COURSE_ARRAYS = ("xy", "level", "width", "depth", "speed", "form", "falls")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,8 +90,6 @@ class Riverscape:
         device: Warp device, by default the terrain's.
 
     Attributes:
-        terrain: The ground, unchanged.
-        rivers: What was laid from a network; None where courses were given.
         detail: As given.
         seed: As given.
 
@@ -128,35 +123,60 @@ class Riverscape:
         tree: Primitives | Merge | Replace | None = None,
         device: wp.DeviceLike = None,
     ) -> None:
-        self.terrain = terrain if device is None else terrain.to(resolve_device(device))
+        ground = terrain if device is None else terrain.to(resolve_device(device))
         self.detail, self.seed = positive(detail, "detail", "m"), whole(seed, "seed", maximum=2**31 - 1)
         seeded(seed)
         self.params = SeedingParams() if params is None else params
-        self.rivers: Rivers | None = None
-        self._given = (list(rivers), list(rocks)) if not isinstance(rivers, RiverNetwork) else ([], [])
-        self._tree: Node | None = tree
         self._bed: tuple[tuple[object, ...], DeviceArray] | None = None
+        self._done: list[tuple[Edit, Made]] = []
+        self._undone: list[Edit] = []
         if isinstance(rivers, RiverNetwork):
             if len(rocks):
                 raise InputError("rocks lie in courses of your own; those of a network get theirs by type")
-            self.rivers = Rivers(
-                self.terrain,
-                rivers,
-                types,
-                detail=self.detail,
-                seed=self.seed,
-                flow=flow,
-                width=width,
-                planform=planform,
-                flow_params=flow_params,
-                trajectory_params=trajectory_params,
-                profile_params=profile_params,
-                bed_params=bed_params,
+            layout = Layout(
+                self.detail,
+                self.seed,
+                width,
+                planform,
+                flow_params or FlowParams(),
+                trajectory_params or TrajectoryParams(),
+                profile_params or ProfileParams(),
+                bed_params or BedParams(),
             )
+            laid = Rivers(ground, rivers, types, layout, flow=flow)
         else:
             if types is not None or flow is not None:
                 raise InputError("types and flow are those of a network; a Course has its own")
-            self.courses  # noqa: B018  # what is wrong with them is told here
+            given = checked_courses(rivers)
+            laid = Rivers.of_courses(ground, given, list(rocks))
+        self._made = Made(ground, laid, self.detail, self.seed, self.params, tree)
+
+    @classmethod
+    def of_made(cls, made: Made, edits: Sequence[Edit] = ()) -> Riverscape:
+        """Return the scene of what was made before; ``edits`` are those that led there, which cannot be undone."""
+        scene = cls.__new__(cls)
+        scene.detail, scene.seed, scene.params = made.detail, made.seed, made.params
+        scene._bed, scene._done, scene._undone, scene._made = None, [], [], made
+        scene._before = tuple(edits)
+        return scene
+
+    # Edits that were done before the scene was read from a file.
+    _before: tuple[Edit, ...] = ()
+
+    @property
+    def made(self) -> Made:
+        """What it is made of now."""
+        return self._made
+
+    @property
+    def terrain(self) -> Terrain:
+        """The ground that beds are cut into, with the edits of it."""
+        return self._made.terrain
+
+    @property
+    def rivers(self) -> Rivers:
+        """Stations and beds of the courses, with rocks and logs."""
+        return self._made.rivers
 
     @property
     def device(self) -> wp.Device:
@@ -166,31 +186,109 @@ class Riverscape:
     @property
     def network(self) -> RiverNetwork | None:
         """The rivers that it was made from; None where courses were given."""
-        return None if self.rivers is None else self.rivers.network
+        return self.rivers.network
 
     @property
     def types(self) -> RiverTypes | None:
         """Their types, where they were classified."""
-        return None if self.rivers is None else self.rivers.types
+        return self.rivers.types
 
     @property
     def stations(self) -> Stations:
-        """The courses of a network, station by station."""
-        if self.rivers is None:
-            raise InputError("this riverscape was made from courses of your own: see .courses")
+        """The courses, station by station."""
         return self.rivers.stations
 
-    @functools.cached_property
+    @property
     def courses(self) -> CourseMap:
         """The courses, to be asked at any place."""
-        courses, rocks = self._given if self.rivers is None else (self.rivers.courses(), self.rivers.rocks())
-        return CourseMap(courses, rocks=rocks, device=self.device)
+        return self._made.courses
 
-    @functools.cached_property
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The parts of the water that have names, from the bottom up."""
+        return self._made.layers
+
+    @property
     def water_surface(self) -> Water:
         """The blend-flow tree of the water."""
-        made = seed_water(self.courses, self.detail, self.seed, self.params) if self._tree is None else self._tree
-        return Water(made, device=self.device)
+        return self._made.surface
+
+    # ---- edits
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """All edits that were done, in order; :func:`warpriver.edits.write_edits` keeps them in a file."""
+        return (*self._before, *(edit for edit, _ in self._done))
+
+    @public
+    def apply(self, edit: Edit) -> None:
+        """Do an edit: of the water, of rocks and logs, of a river, or of the ground (``edits.EditTerrain``).
+
+        What it does not name stays as it is, to the bit. A river whose course, type or ground changes is laid anew
+        between its nodes, which keep their levels, unless the ground was changed at them.
+
+        Args:
+            edit: One of :mod:`warpriver.riverscape` or ``EditTerrain``.
+
+        Raises:
+            ValueError: It cannot be done, and nothing has changed.
+        """
+        made = self._made.with_edit(edit)
+        self._done.append((edit, self._made))
+        self._undone.clear()
+        self._put(made)
+
+    @public
+    def undo(self) -> Edit:
+        """Take the last edit back, to the bit, and return it.
+
+        Raises:
+            ValueError: None was done.
+        """
+        if not self._done:
+            raise InputError("no edit was done to this scene; there is nothing to take back")
+        edit, before = self._done.pop()
+        self._undone.append(edit)
+        self._put(before)
+        return edit
+
+    @public
+    def redo(self) -> Edit:
+        """Do the edit again that was taken back last, and return it.
+
+        Raises:
+            ValueError: None was taken back since the last edit.
+        """
+        if not self._undone:
+            raise InputError("no edit was taken back since the last edit; there is nothing to do again")
+        edit = self._undone.pop()
+        made = self._made.with_edit(edit)
+        self._done.append((edit, self._made))
+        self._put(made)
+        return edit
+
+    def _put(self, made: Made) -> None:
+        self._made, self._bed = made, None
+
+    @public
+    def replay(self, edits: Session | str | os.PathLike[str] | Sequence[Edit]) -> Riverscape:
+        """Return this scene with the edits of a session upon it; the same ones make the same scene, to the bit.
+
+        Args:
+            edits: A file that :func:`warpriver.edits.write_edits` wrote, a session, or edits.
+
+        Raises:
+            OSError: The file is missing.
+            ValueError: It is no session, or an edit of it cannot be done here.
+        """
+        scene = Riverscape.of_made(self._made, self._before)
+        scene._done = list(self._done)
+        for number, (_, edit) in enumerate(session_of(edits).edits):
+            try:
+                scene.apply(edit)
+            except InputError as error:
+                raise InputError(f"edit {number} ({edit.name}): {error}") from error
+        return scene
 
     @public
     def water(self, xy: ArrayLike, t: float = 0.0) -> WaterSample:
@@ -216,26 +314,19 @@ class Riverscape:
         Raises:
             ValueError: Places that are not finite.
         """
-        if self.rivers is None:
-            return self.courses.bed(xy, self.terrain, rocks=rocks)
         return self.rivers.beds.heights(checked_points(xy, "xy"), rocks=rocks)[0]
 
     @public
     def bed_at(self, xy: ArrayLike) -> Bed:
-        """Ask for all about the bed of rivers of a network: height, what is cut, water, depth and material.
+        """Ask for all about the bed: height, what is cut, water, depth and material.
 
         Args:
             xy: (n, 2) m.
 
         Raises:
-            ValueError: Places that are not finite, or a riverscape that was made from courses of your own.
+            ValueError: Places that are not finite.
         """
-        return self._beds().at(checked_points(xy, "xy"))
-
-    def _beds(self) -> Beds:
-        if self.rivers is None:
-            raise InputError("the bed's material and water follow from types; make the riverscape from a network")
-        return self.rivers.beds
+        return self.rivers.beds.at(checked_points(xy, "xy"))
 
     @public
     def carved(self, cell_size: float, bounds: Sequence[float] | FloatArray | None = None) -> Terrain:
@@ -256,20 +347,31 @@ class Riverscape:
 
     def _require_river(self, west: float, south: float, east: float, north: float) -> None:
         """Raise ``ValueError`` where no course reaches into a window."""
-        if self.rivers is None:
-            low_x, low_y, high_x, high_y = self.courses.bounds
-            near = low_x < east and high_x > west and low_y < north and high_y > south
-        else:
-            stations = self.rivers.stations
-            x, y = stations.xy.T
-            reach = 0.5 * stations.width + stations.reach
-            near = bool(((x > west - reach) & (x < east + reach) & (y > south - reach) & (y < north + reach)).any())
-            low_x, low_y, high_x, high_y = (float(v) for v in (x.min(), y.min(), x.max(), y.max()))
+        stations = self.rivers.stations
+        x, y = stations.xy.T
+        reach = 0.5 * stations.width + stations.reach
+        near = bool(((x > west - reach) & (x < east + reach) & (y > south - reach) & (y < north + reach)).any())
+        low_x, low_y, high_x, high_y = (float(v) for v in (x.min(), y.min(), x.max(), y.max()))
         if not near:
             raise InputError(
                 f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold no river; the courses lie within "
                 f"({low_x:.1f}, {low_y:.1f}, {high_x:.1f}, {high_y:.1f})"
             )
+
+    @public
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Keep the scene in a file: what it is made of as JSON, its arrays beside that as npz.
+
+        Args:
+            path: File to write, ``.json``; arrays go into a file of the same name that ends in ``.npz``.
+
+        Raises:
+            ValueError: Another suffix.
+            OSError: The files cannot be written.
+        """
+        from warpriver.riverscape.files import write_scene
+
+        write_scene(self, path)
 
     @public
     def frames(
@@ -327,49 +429,84 @@ class Riverscape:
         return drift_leaves(self.water_surface, self.bed, times, count, self.seed)
 
     @public
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Keep the scene in a file: what it is made of as JSON, its arrays beside that as npz.
+    def to_glb(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        bounds: Sequence[float] | FloatArray | None = None,
+        cell_size: float | None = None,
+        time: float = 0.0,
+    ) -> None:
+        """Write ground, water and falls as a mesh, binary glTF 2.0.
+
+        The water has the distance along its course and to the left of it, in m, as texture coordinates, and the
+        attributes ``_FLOW`` (velocity in m/s in the axes of glTF: x east, y up, z south) and ``_FOAM``.
 
         Args:
-            path: File to write, ``.json``; arrays go into a file of the same name that ends in ``.npz``.
+            path: File to write, ``.glb``.
+            bounds: (west, south, east, north) in m; by default those of the terrain.
+            cell_size: Of ground and water, m; by default half the detail.
+            time: s.
 
         Raises:
-            ValueError: Another suffix.
-            OSError: The files cannot be written.
+            ValueError: Another suffix, no such grid, too many cells, or bounds off the ground.
+            OSError: The file cannot be written.
         """
-        target = pathlib.Path(path)
-        arrays: dict[str, NDArray[Any]] = {}
-        raster = self.terrain.raster
-        arrays["terrain"] = raster.values.numpy()
-        courses = []
-        for k, course in enumerate(self.courses.courses):
-            for name in COURSE_ARRAYS:
-                arrays[f"course{k}_{name}"] = np.asarray(getattr(course, name))
-            courses.append({"type": course.channel_type})
-        told = {
-            "format": FORMAT,
-            "kind": "riverscape",
-            "detail": self.detail,
-            "seed": self.seed,
-            "params": dataclasses.asdict(self.params),
-            "terrain": {"cell_size": raster.cell_size, "origin": list(raster.origin), "crs": raster.crs},
-            "courses": courses,
-            "rocks": [
-                {"center": [float(v) for v in r.center], "diameter": float(r.diameter), "top": float(r.top)}
-                for r in self.courses.rocks
-            ],
-            "tree": _listed(self.water_surface.tree, arrays),
-            "laid": self.rivers is not None,
-        }
-        if self.rivers is not None:
-            arrays |= {f"laid.{name}": values for name, values in self.rivers.stations.to_arrays().items()}
-        if target.suffix.lower() != ".json":
-            raise InputError(
-                f"{target} ends in {target.suffix or 'nothing'}; a scene is a .json, with a .npz beside it"
-            )
-        with beside(target, (".npz",)) as temporary:
-            temporary.write_text(json.dumps(told, indent=1) + "\n")
-            np.savez_compressed(temporary.with_suffix(".npz"), **arrays)  # type: ignore[arg-type]
+        from warpriver.riverscape.meshes import write_glb
+
+        size = 0.5 * self.detail if cell_size is None else cell_size
+        write_glb(self, path, bounds=bounds, cell_size=size, time=real(time))
+
+    @public
+    def patches(
+        self,
+        eye: Sequence[float] | FloatArray,
+        *,
+        bounds: Sequence[float] | FloatArray | None = None,
+        cell_size: float = 0.25,
+        angle: float = 0.003,
+        time: float = 0.0,
+        heading: float | None = None,
+        field: float = 60.0,
+    ) -> list[Patch]:
+        """Lay ground and water in patches of 10 x 10 cells for a view, fine where they are near, without cracks.
+
+        The mesh of a patch has steps of 1, 2, 5 or 10 cells. Along their edge two patches lie on the same lines.
+
+        Args:
+            eye: (x, y, z) of the eye, m.
+            bounds: (west, south, east, north) in m, grown to whole patches; by default those of the terrain.
+            cell_size: m.
+            angle: Under which a step may be seen at most, rad; cells are never divided.
+            time: s.
+            heading: Direction of view, degrees from east to north; patches out of view are left out. By default all
+                are laid.
+            field: Angle of view, degrees.
+
+        Raises:
+            ValueError: No such grid, too many cells, or a value out of its range.
+
+        Source:
+            [Peytavie2019], Sec. 7.1.
+        """
+        x, y, z = finite_numbers(eye, 3, "eye")
+        (west, north), (rows, _) = self._grid(bounds, cell_size)
+        south = north - rows * cell_size if bounds is None else float(bounds[1])
+        east = self.terrain.raster.bounds[2] if bounds is None else float(bounds[2])
+        shape = counted((west, south, east, north), cell_size)
+        if shape[0] * shape[1] * CELLS**2 > MOST_CELLS:
+            raise InputError(f"{shape[0]} x {shape[1]} patches are too many; use a coarser cell size or a part of it")
+        return lay_patches(
+            self,
+            (x, y, z),
+            origin=(west, south),
+            shape=shape,
+            cell_size=positive(cell_size, "cell_size", "m"),
+            angle=positive(angle, "angle", "rad"),
+            time=real(time),
+            heading=None if heading is None else math.radians(finite(heading, "heading", "degrees")),
+            field=math.radians(positive(field, "field", "degrees")),
+        )
 
     def _grid(
         self, bounds: Sequence[float] | FloatArray | None, cell_size: float
@@ -393,18 +530,12 @@ class Riverscape:
         """The bed at the centres of a grid, kept for the next call."""
         key = (*origin, cell_size, shape)
         if self._bed is None or self._bed[0] != key:
-            if self.rivers is not None:
-                bed: DeviceArray = self.rivers.beds.raster(cell_size, *origin, shape)
-            else:
-                x = origin[0] + cell_size * (np.arange(shape[1]) + 0.5)
-                y = origin[1] - cell_size * (np.arange(shape[0]) + 0.5)
-                at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-                bed = wp.array(self.bed(at).reshape(shape), dtype=wp.float64, device=self.device)
+            bed: DeviceArray = self.rivers.beds.raster(cell_size, *origin, shape)
             self._bed = (key, bed)
         return self._bed[1]
 
     def __repr__(self) -> str:
-        if self.rivers is not None:
+        if self.network is not None:
             return f"Riverscape({self.rivers!r}, detail {self.detail:g} m on {self.device.alias})"
         kinds = ", ".join(sorted({course.channel_type for course in self.courses.courses}))
         length = sum(course.length for course in self.courses.courses)
@@ -412,74 +543,3 @@ class Riverscape:
             f"Riverscape({len(self.courses.courses)} courses of type {kinds}, {length:.4g} m, "
             f"{len(self.courses.rocks)} rocks, {self.water_surface.primitives!r}, on {self.courses.device.alias})"
         )
-
-
-def _listed(node: Node, arrays: dict[str, NDArray[Any]]) -> dict[str, object]:
-    """A tree as what JSON holds; its arrays go into the other file."""
-    if isinstance(node, Primitives):
-        name = f"primitives{sum(key.endswith('_radius') for key in arrays)}"
-        for field in dataclasses.fields(Primitives):
-            arrays[f"{name}_{field.name}"] = getattr(node, field.name)
-        return {"primitives": name}
-    if isinstance(node, Merge):
-        return {"merge": [_listed(child, arrays) for child in node.children]}
-    return {"replace": [_listed(node.under, arrays), _listed(node.over, arrays)]}
-
-
-def _tree_of(told: dict[str, object], arrays: dict[str, NDArray[Any]]) -> Node:
-    if "primitives" in told:
-        return Primitives(*(arrays[f"{told['primitives']}_{field.name}"] for field in dataclasses.fields(Primitives)))
-    if "merge" in told:
-        return Merge(tuple(_tree_of(child, arrays) for child in told["merge"]))  # type: ignore[attr-defined]
-    under, over = (_tree_of(child, arrays) for child in told["replace"])  # type: ignore[attr-defined]
-    return Replace(under, over)
-
-
-@public
-def read_riverscape(path: str | os.PathLike[str], *, device: wp.DeviceLike = "cpu") -> Riverscape:
-    """Read a scene that :meth:`Riverscape.save` wrote; the water is that of the file, to the bit.
-
-    Args:
-        path: The ``.json`` file.
-        device: Warp device.
-
-    Raises:
-        OSError: A file is missing.
-        ValueError: It is no scene.
-    """
-    source = pathlib.Path(path)
-    try:
-        told = json.loads(source.read_text())
-        with np.load(source.with_suffix(".npz")) as file:
-            arrays = dict(file)
-    except OSError as error:
-        raise PathError.of(error, "give the .json of a scene, with its .npz beside it") from error
-    except ValueError as error:
-        raise InputError(f"{source} is no scene ({error}); Riverscape.save writes one") from error
-    try:
-        if told["kind"] != "riverscape" or told["format"] != FORMAT:
-            raise KeyError("format")
-        place = told["terrain"]
-        terrain = Terrain(arrays["terrain"], place["cell_size"], place["origin"], place["crs"], device=device)
-        courses = [
-            Course(
-                channel_type=course["type"],
-                **{name: arrays[f"course{k}_{name}"] for name in COURSE_ARRAYS},
-            )
-            for k, course in enumerate(told["courses"])
-        ]
-        rocks = [Rock(tuple(r["center"]), r["diameter"], r["top"]) for r in told["rocks"]]
-        tree = _tree_of(told["tree"], arrays)
-        params = SeedingParams(**told["params"])
-        laid = None
-        if told.get("laid"):
-            names = [name for name in arrays if name.startswith("laid.")]
-            laid = Stations.from_arrays({name.removeprefix("laid."): arrays[name] for name in names})
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{source} is no scene of this version ({error}); Riverscape.save writes one") from error
-    scene = Riverscape(
-        terrain, courses, rocks=rocks, detail=told["detail"], seed=told["seed"], params=params, tree=tree, device=device
-    )
-    if laid is not None:
-        scene.rivers = Rivers.of_stations(scene.terrain, laid)
-    return scene

@@ -14,7 +14,7 @@ from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Node, Primitives, blend
 from warpriver.validate import positive, whole
 
-__all__ = ["SeedingParams", "seed_water"]
+__all__ = ["SeedingParams", "seed_layers", "seed_water"]
 
 
 GRAVITY = 9.81
@@ -60,8 +60,7 @@ class _Sites:
     survey: SurveyedPlaces
 
     def __getitem__(self, rows: IndexArray | FlagArray) -> _Sites:
-        survey = SurveyedPlaces(*(getattr(self.survey, f.name)[rows] for f in dataclasses.fields(SurveyedPlaces)))
-        return _Sites(self.xy[rows], self.spacing[rows], self.bits[rows], survey)
+        return _Sites(self.xy[rows], self.spacing[rows], self.bits[rows], self.survey[rows])
 
 
 @public
@@ -86,13 +85,24 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
     positive(detail, "detail", "m")
     whole(seed, "seed", maximum=2**31 - 1)
     params = SeedingParams() if params is None else params
+    return blend(*seed_layers(courses, detail, seed, params).values())
+
+
+def seed_layers(courses: CourseMap, detail: float, seed: int, params: SeedingParams) -> dict[str, Primitives]:
+    """Return what :func:`seed_water` makes a tree of, from the bottom up, by name; layers without leaves are left out.
+
+    "body": all of the water; "waves": standing waves; "wakes": rough water behind rocks and logs; "eddies": the pairs
+    of vortices upon that.
+    """
     known = _PointTable(courses)
-    layers = [_body(courses, known, detail, seed, params)]
-    waves = _standing_waves(courses, known, detail, seed, params)
-    if len(waves):
-        layers.append(waves)
-    wakes = _wakes(courses, known, seed, params)
-    return blend(layers[0], *layers[1:], *wakes)
+    made = {
+        "body": _body(courses, known, detail, seed, params),
+        "waves": _standing_waves(courses, known, detail, seed, params),
+    }
+    parts = [_wakes(courses, known, seed, params), _log_wakes(courses, known, seed, params)]
+    for name, each in zip(("wakes", "eddies"), zip(*parts, strict=True), strict=True):
+        made[name] = Primitives.concatenate(each)
+    return {name: rows for name, rows in made.items() if name == "body" or len(rows)}
 
 
 class _PointTable:
@@ -107,7 +117,8 @@ class _PointTable:
         self.stepped, self.bending = np.isin(kinds, STEPPED), np.isin(kinds, BENDING)
         self.threaded = np.isin(kinds, THREADED)
         self.course = courses.course_of_point
-        # Where the falls are, as a distance along the course that its number keeps apart from others'.
+        # Where the falls are, as a distance along the course that its number keeps apart from others'; differences are
+        # taken along the course alone, so that they do not depend on its number.
         length = max(course.length for course in courses.courses) + 1.0
         points = [start + np.asarray(c.falls) for c, start in zip(courses.courses, courses.start, strict=False)]
         self.fall = np.sort(np.concatenate(points).astype(np.int64))
@@ -116,7 +127,9 @@ class _PointTable:
         self.fall_level = 0.5 * (level[self.fall] + level[self.fall + 1])
         self.fall_run = along[self.fall + 1] - along[self.fall]
         self.apart = 2.0 * length
-        self.fall_place = self.course[self.fall] * self.apart + 0.5 * (along[self.fall] + along[self.fall + 1])
+        self.fall_along = 0.5 * (along[self.fall] + along[self.fall + 1])
+        self.fall_course = self.course[self.fall]
+        self.fall_place = self.fall_course * self.apart + self.fall_along
 
     def behind_fall(self, survey: SurveyedPlaces) -> tuple[FloatArray, FloatArray]:
         """Distance below the last fall upstream, m, infinite where there is none; and its height, m."""
@@ -124,9 +137,10 @@ class _PointTable:
             return np.full(len(survey.along), np.inf), np.ones(len(survey.along))
         place = self.course[survey.point] * self.apart + survey.along
         last = np.searchsorted(self.fall_place, place) - 1
-        far = place - self.fall_place[np.maximum(last, 0)]
-        known = (last >= 0) & (far < 0.5 * self.apart)
-        return np.where(known, far, np.inf), self.fall_height[np.maximum(last, 0)]
+        known = (last >= 0) & (self.fall_course[last] == self.course[survey.point])
+        last = np.maximum(last, 0)
+        far = np.maximum(survey.along - self.fall_along[last], 0.0)
+        return np.where(known, far, np.inf), np.where(known, self.fall_height[last], 1.0)
 
     def near_fall(self, survey: SurveyedPlaces) -> tuple[IndexArray, FloatArray]:
         """The nearest fall of the course, and how far down the stream it is, m; infinite where there is none."""
@@ -135,11 +149,11 @@ class _PointTable:
         place = self.course[survey.point] * self.apart + survey.along
         after = np.searchsorted(self.fall_place, place)
         sides = np.clip([after - 1, after], 0, len(self.fall) - 1)
-        far = self.fall_place[sides] - place
+        far = self.fall_along[sides] - survey.along
+        far = np.where(self.fall_course[sides] == self.course[survey.point], far, np.inf)
         nearest = np.abs(far).argmin(axis=0)
         rows = np.arange(len(place))
-        found = far[nearest, rows]
-        return sides[nearest, rows], np.where(np.abs(found) < 0.5 * self.apart, found, np.inf)
+        return sides[nearest, rows], far[nearest, rows]
 
 
 def hashed(i: IndexArray, j: IndexArray, salt: int) -> IndexArray:
@@ -152,6 +166,12 @@ def hashed(i: IndexArray, j: IndexArray, salt: int) -> IndexArray:
         x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9) & mask
         x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB) & mask
     return ((x ^ (x >> np.uint64(31))) & np.uint64(0xFFFFFFFF)).astype(np.int64)
+
+
+def _place_bits(xy: FloatArray, salt: int) -> IndexArray:
+    """Random bits of places: of where they are, to a centimetre, and of a salt alone."""
+    x, y = np.round(np.asarray(xy) * 100.0).astype(np.int64).T
+    return hashed(x, y, salt)
 
 
 def _share(bits: IndexArray, salt: int) -> FloatArray:
@@ -295,8 +315,8 @@ def _standing_waves(
     rapid = (froude > params.ripple_froude) & (bent < BEND) & ~known.stepped & (length > 0.25 * detail)
     # One place in about four widths, the same whatever lies elsewhere.
     part = np.floor(along / (2.0 * known.width)).astype(np.int64)
-    first = rapid & (np.diff(part, prepend=-1) != 0)
-    bits = hashed(part, known.course, seed * LEVELS + 6)
+    first = rapid & ((np.diff(part, prepend=-1) != 0) | (np.diff(known.course, prepend=-1) != 0))
+    bits = _place_bits(xy, seed * LEVELS + 6)
     point = np.flatnonzero(first & (_share(bits, 1) < 0.5))
     deepest = 1.0 - 2.0 * courses.joined("form")[point].argmax(axis=1) / (courses.joined("form").shape[1] - 1.0)
     left = np.column_stack([-courses.joined("direction")[point, 1], courses.joined("direction")[point, 0]])
@@ -315,54 +335,111 @@ def _standing_waves(
     return found[wet]
 
 
-def _wakes(courses: CourseMap, known: _PointTable, seed: int, params: SeedingParams) -> list[Node]:
+def _wakes(courses: CourseMap, known: _PointTable, seed: int, params: SeedingParams) -> tuple[Primitives, Primitives]:
     """Behind each rock in the water rough water, and a pair of vortices of 1.2 diameters, beta = +-u/R, upon it."""
-    if not courses.rocks:
-        return []
-    center = np.array([rock.center for rock in courses.rocks])
+    center = np.array([rock.center for rock in courses.rocks]).reshape(-1, 2)
     size = np.array([rock.diameter for rock in courses.rocks])
     here = courses.survey(center)
     speed = np.hypot(*here.velocity.T)
     # Rocks at the banks stand aside of the current.
     wet = (here.point >= 0) & (here.depth > 0.0) & (speed > 0.02) & (np.abs(here.across) < 0.75)
-    center, size, speed = center[wet], size[wet], speed[wet]
-    toward = here.velocity[wet] / speed[:, None]
-    left = np.column_stack([-toward[:, 1], toward[:, 0]])
-    bits = hashed(np.flatnonzero(wet), np.zeros(len(size), np.int64), seed * LEVELS + 7)
-    depth = here.depth[wet]
-    head = speed**2 / (2.0 * GRAVITY)
-    height = params.liveliness * np.minimum(1.2 * head + params.wind, 0.3 * depth)
+    wake = _Wake(courses, known, center[wet], size[wet], here[wet], seed, params)
+    rough = [wake.rough(*each) for each in ((0.7, 0.0, 1.0, 1.0), (1.6, 0.0, 1.2, 0.7), (2.8, 0.0, 1.5, 0.4))]
+    pairs = [wake.vortex(side, along, 0.6) for side, along in ((1.0, 1.1), (-1.0, 1.3))]
+    return Primitives.concatenate(rough), Primitives.concatenate(pairs)
 
-    def rows(kind: int, along: float, aside: float, radius: FloatArray, **rest: FloatArray) -> Primitives:
-        place = center + (along * size)[:, None] * toward + (aside * size)[:, None] * left
-        found = courses.survey(place)
+
+def _log_wakes(
+    courses: CourseMap, known: _PointTable, seed: int, params: SeedingParams
+) -> tuple[Primitives, Primitives]:
+    """Rough water along the lee of each log, and a vortex behind either end, turning against each other."""
+    start = np.array([log.start for log in courses.logs]).reshape(-1, 2)
+    end = np.array([log.end for log in courses.logs]).reshape(-1, 2)
+    thick = np.array([log.diameter for log in courses.logs])
+    middle = courses.survey(0.5 * (start + end))
+    speed = np.hypot(*middle.velocity.T)
+    wet = (middle.point >= 0) & (middle.depth > 0.0) & (speed > 0.02)
+    start, end, thick, middle = start[wet], end[wet], thick[wet], middle[wet]
+    toward = middle.velocity / speed[wet][:, None]
+    left = np.column_stack([-toward[:, 1], toward[:, 0]])
+    # The end on the left comes first.
+    swapped = ((end - start) * left).sum(axis=1) > 0.0
+    start, end = np.where(swapped[:, None], end, start), np.where(swapped[:, None], start, end)
+    broad = np.abs(((end - start) * left).sum(axis=1))
+    # Of a log along the current little stands in its way.
+    size = np.clip(0.35 * broad, thick, 2.5 * thick)
+    rough, pairs = [], []
+    count = np.maximum(1, np.ceil(np.hypot(*(end - start).T) / (1.2 * size))).astype(np.int64)
+    for k in range(int(count.max(initial=0))):
+        some = count > k
+        part = ((k + 0.5) / count[some])[:, None]
+        place = (1.0 - part) * start[some] + part * end[some]
+        here = courses.survey(place)
+        flowing = (here.point >= 0) & (here.depth > 0.0) & (np.hypot(*here.velocity.T) > 0.02)
+        own = np.flatnonzero(some)[flowing]
+        wake = _Wake(courses, known, place[flowing], size[own], here[flowing], seed, params)
+        rough += [wake.rough(*each) for each in ((0.9, 0.0, 1.1, 1.0), (2.0, 0.0, 1.3, 0.5))]
+    for side, tip, other in ((1.0, start, end), (-1.0, end, start)):
+        place = tip + (0.6 * size / np.maximum(np.hypot(*(other - tip).T), 1e-9))[:, None] * (other - tip)
+        here = courses.survey(place)
+        flowing = (here.point >= 0) & (here.depth > 0.0) & (np.hypot(*here.velocity.T) > 0.02)
+        wake = _Wake(courses, known, place[flowing], size[flowing], here[flowing], seed, params)
+        pairs.append(wake.vortex(side, 1.0, 0.0))
+    none = _Wake(courses, known, start[:0], size[:0], middle[np.zeros(len(start), bool)], seed, params)
+    rough, pairs = [none.rough(0.0, 0.0, 1.0, 1.0), *rough], [none.vortex(1.0, 1.0, 0.0), *pairs]
+    return Primitives.concatenate(rough), Primitives.concatenate(pairs)
+
+
+class _Wake:
+    """Primitives behind things that stand in the water: where they are, how wide and how high."""
+
+    def __init__(
+        self,
+        courses: CourseMap,
+        known: _PointTable,
+        center: FloatArray,
+        size: FloatArray,
+        here: SurveyedPlaces,
+        seed: int,
+        params: SeedingParams,
+    ) -> None:
+        self.courses, self.known, self.center, self.size, self.here = courses, known, center, size, here
+        self.speed = np.maximum(np.hypot(*here.velocity.T), 1e-9)
+        self.toward = here.velocity / self.speed[:, None]
+        self.left = np.column_stack([-self.toward[:, 1], self.toward[:, 0]])
+        self.bits = _place_bits(center, seed * LEVELS + 7)
+        head = self.speed**2 / (2.0 * GRAVITY)
+        self.height = params.liveliness * np.minimum(1.2 * head + params.wind, 0.3 * here.depth)
+
+    def rough(self, along: float, aside: float, wide: float, share: float) -> Primitives:
+        """Rough water at a distance down the stream and to the left, in widths."""
+        return self._rows(
+            kernels.TURBULENT, along, aside, wide * self.size, amplitude=share * self.height,
+            wavelength=0.9 * self.size, effervescence=np.full(len(self.size), 0.5 * share),
+            shape=np.zeros((len(self.size), 3)),
+        )  # fmt: skip
+
+    def vortex(self, side: float, along: float, aside: float) -> Primitives:
+        """Vortices on the left (1) or the right (-1), which turn the water back behind what stands there."""
+        radius = 1.2 * self.size
+        spin = -side * self.speed / radius
+        shape = np.column_stack([-1.5 * side * np.ones(len(self.size)), spin, 0.8 * self.height])
+        return self._rows(
+            kernels.VORTEX, along, aside * side, radius, amplitude=self.height, wavelength=1.1 * self.size,
+            effervescence=np.full(len(self.size), 0.25), shape=shape,
+        )  # fmt: skip
+
+    def _rows(self, kind: int, along: float, aside: float, radius: FloatArray, **rest: FloatArray) -> Primitives:
+        size, here = self.size, self.here
+        place = self.center + (along * size)[:, None] * self.toward + (aside * size)[:, None] * self.left
+        found = self.courses.survey(place)
         dry = ~(found.depth > 0.0)
-        level = np.where(dry, here.level[wet], found.level)
-        velocity = np.where(dry[:, None], here.velocity[wet], found.velocity)
+        level = np.where(dry, here.level, found.level)
+        velocity = np.where(dry[:, None], here.velocity, found.velocity)
         gradient = np.where(dry[:, None], 0.0, found.gradient)
         made = Primitives(
             kind=np.full(len(size), kind), center=place, radius=radius, level=level, gradient=gradient,
-            velocity=0.6 * velocity, offset=hashed(bits, bits, int(97 * along + 31 * aside)), **rest,
+            velocity=0.6 * velocity, offset=hashed(self.bits, self.bits, int(97 * along + 31 * aside)), **rest,
         )  # fmt: skip
         # A wake ends where the water falls.
-        return made[(found.point >= 0) & ~(np.abs(known.near_fall(found)[1]) < radius)]
-
-    def vortex(side: float, along: float) -> Primitives:
-        radius = 1.2 * size
-        spin = -side * speed / radius
-        shape = np.column_stack([-1.5 * side * np.ones(len(size)), spin, 0.8 * height])
-        return rows(
-            kernels.VORTEX, along, 0.6 * side, radius,
-            amplitude=height, wavelength=1.1 * size, effervescence=np.full(len(size), 0.25), shape=shape,
-        )  # fmt: skip
-
-    rough = [
-        rows(
-            kernels.TURBULENT, along, 0.0, wide * size, amplitude=share * height, wavelength=0.9 * size,
-            effervescence=np.full(len(size), 0.5 * share), shape=np.zeros((len(size), 3)),
-        )
-        for along, wide, share in ((0.7, 1.0, 1.0), (1.6, 1.2, 0.7), (2.8, 1.5, 0.4))
-    ]  # fmt: skip
-    pairs = [vortex(side, along) for side, along in ((1.0, 1.1), (-1.0, 1.3))]
-    merged = [Primitives.concatenate(each) for each in (rough, pairs)]
-    return [each for each in merged if len(each)]
+        return made[(found.point >= 0) & ~(np.abs(self.known.near_fall(found)[1]) < radius)]

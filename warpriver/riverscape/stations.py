@@ -12,10 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.arrays import FloatArray, IndexArray
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.riverscape.courses import TYPES
 
 __all__ = ["TYPES", "Basins", "Falls", "Rocks", "Stations"]
+
+
+# What of a station the section of the next channel changes.
+SECTIONS = ("width", "depth", "speed", "lane", "bend", "form", "blend", "reach", "ease", "rim")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,11 +125,12 @@ class Stations:
         curvature: (P,) 1/m, positive where it turns left.
         lane: (P,) part of the width, from the left bank, at which the section is deepest.
         bend: (P,) 0 to 1: how much the section is that of a bend.
-        form: (P, 2) two forms of section, indices into ``templates.FORMS``; ``blend`` (P,) is the weight of the second.
+        form: (P, 2) two forms of section, rows of ``form_table``; ``blend`` (P,) is the weight of the second.
         blend: See ``form``.
         reach: (P,) distance from the water's edge at which the banks have come up to the ground, m.
         ease: (P,) distance from the water's edge over which the banks become steep, m.
         rim: (P,) height over which the upper edge of the banks is rounded, m.
+        form_table: (F, 65) depth over its scale across the forms of sections, from the left bank to the right one.
         falls: Steps of the water surface.
         basins: Hollows.
         rocks: Rocks.
@@ -156,6 +161,7 @@ class Stations:
     reach: FloatArray
     ease: FloatArray
     rim: FloatArray
+    form_table: FloatArray
     falls: Falls
     basins: Basins
     rocks: Rocks
@@ -194,3 +200,77 @@ class Stations:
     def length(self) -> FloatArray:
         """Return the length of each course, (K,) m."""
         return self.along[self.start[1:] - 1]
+
+    def with_channels_of(self, other: Stations, changed: FlagArray) -> Stations:
+        """Return these stations, with the courses of some channels those of others, in the order of the channels.
+
+        Args:
+            other: Stations of the same channels.
+            changed: (C,) channels whose courses are those of ``other``.
+        """
+        picked = [np.flatnonzero(~changed[self.channel]), np.flatnonzero(changed[other.channel])]
+        which = np.repeat([0, 1], [len(p) for p in picked])
+        course = np.concatenate(picked)
+        channel = np.concatenate([s.channel[p] for s, p in zip((self, other), picked, strict=True)])
+        order = np.lexsort((course, channel))
+        which, course = which[order], course[order]
+        # Courses of both, one after the other, and where they begin among the stations of both.
+        number = course + which * self.count
+        begin = np.concatenate([self.start[:-1], other.start[:-1] + self.start[-1]])[number]
+        size = np.concatenate([np.diff(self.start), np.diff(other.start)])[number]
+        start = np.concatenate([[0], np.cumsum(size)])
+        row = np.repeat(begin - start[:-1], size) + np.arange(start[-1])
+        renamed = np.full(self.count + other.count, -1)
+        renamed[number] = np.arange(len(number))
+        moved = np.zeros(self.count + other.count, np.int64)
+        moved[number] = start[:-1] - begin
+
+        def joined(name: str) -> Any:
+            return np.concatenate([getattr(self, name), getattr(other, name)])
+
+        def marks(kind: Any, name: str) -> Any:
+            pair = getattr(self, name), getattr(other, name)
+            own = np.concatenate([pair[0].course, pair[1].course + self.count])
+            kept = np.flatnonzero(renamed[own] >= 0)
+            kept = kept[np.argsort(renamed[own[kept]], kind="stable")]
+            values = {
+                f.name: np.concatenate([getattr(p, f.name) for p in pair])[kept] for f in dataclasses.fields(kind)
+            }
+            values["course"] = renamed[own[kept]]
+            if kind is Falls:
+                first = np.repeat([0, self.start[-1]], [len(p) for p in pair])[kept]
+                for end in ("station", "end"):
+                    values[end] = values[end] + first + moved[own[kept]]
+            return kind(**values)
+
+        of_course = ("channel", "type", "thread", "wet", "group", "from_node", "to_node")
+        whole: dict[str, Any] = {"start": start, "form_table": self.form_table}
+        whole |= {name: marks(kind, name) for name, kind in (("falls", Falls), ("basins", Basins), ("rocks", Rocks))}
+        whole |= {name: joined(name)[number] for name in of_course}
+        rest = [f.name for f in dataclasses.fields(Stations) if f.name not in whole]
+        return Stations(**whole, **{name: joined(name)[row] for name in rest})
+
+    def with_tail_of(self, other: Stations, channel: int, widths: float) -> Stations:
+        """Return these stations with the sections of others near the lower end of a channel, whose line is the same.
+
+        Args:
+            other: Stations of the same channels.
+            channel: The channel.
+            widths: How far up they count, in widths.
+        """
+        pairs = list(
+            zip(np.flatnonzero(self.channel == channel), np.flatnonzero(other.channel == channel), strict=True)
+        )
+        size, new_size = np.diff(self.start), np.diff(other.start)
+        if any(size[k] != new_size[m] for k, m in pairs):
+            one = np.arange(int(self.channel.max()) + 1) == channel
+            return self.with_channels_of(other, one)
+        columns = {name: getattr(self, name).copy() for name in SECTIONS}
+        for k, m in pairs:
+            last, end = int(self.start[k + 1]), int(other.start[m + 1])
+            left = self.along[last - 1] - self.along[self.start[k] : last]
+            wide = np.maximum(self.width[self.start[k] : last], other.width[other.start[m] : end])
+            count = int((left < widths * wide).sum())
+            for name, values in columns.items():
+                values[last - count : last] = getattr(other, name)[end - count : end]
+        return dataclasses.replace(self, **columns)

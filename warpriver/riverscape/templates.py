@@ -232,9 +232,11 @@ def bend_shape(
     return lane, np.abs(turn)
 
 
-def section_table(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
+def section_table(
+    form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray, forms: FloatArray = FORM_TABLE
+) -> FloatArray:
     """Depth over its scale across sections, (n, ACROSS), from the left bank to the right one."""
-    straight = (1.0 - blend)[:, None] * FORM_TABLE[form[:, 0]] + blend[:, None] * FORM_TABLE[form[:, 1]]
+    straight = (1.0 - blend)[:, None] * forms[form[:, 0]] + blend[:, None] * forms[form[:, 1]]
     place = (lane - LANES[0]) / (LANES[1] - LANES[0])
     k = np.clip(place.astype(np.int64), 0, len(LANES) - 2)
     part = (place - k)[:, None]
@@ -244,12 +246,17 @@ def section_table(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: F
 
 
 def section_depth(
-    share: FloatArray, form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray
+    share: FloatArray,
+    form: IndexArray,
+    blend: FloatArray,
+    lane: FloatArray,
+    bend: FloatArray,
+    forms: FloatArray = FORM_TABLE,
 ) -> FloatArray:
     """Depth over its scale at a part of the width from the left bank, one a section, (n,); 0 beyond the banks."""
     place = np.clip(share, 0.0, 1.0) * (ACROSS - 1)
     k = np.minimum(place.astype(np.int64), ACROSS - 2)
-    shape, row, part = section_table(form, blend, lane, bend), np.arange(len(share)), place - k
+    shape, row, part = section_table(form, blend, lane, bend, forms), np.arange(len(share)), place - k
     inside = (share >= 0.0) & (share <= 1.0)
     return np.where(inside, (1.0 - part) * shape[row, k] + part * shape[row, k + 1], 0.0)
 
@@ -261,17 +268,20 @@ def section_fill(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: Fl
     return found
 
 
-def spread_factor(form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray) -> FloatArray:
+def spread_factor(
+    form: IndexArray, blend: FloatArray, lane: FloatArray, bend: FloatArray, forms: FloatArray = FORM_TABLE
+) -> FloatArray:
     """Speed over mean speed where the depth is the scale of depth, (n,).
 
     Across a section u ~ d^(2/3); it is scaled so that the integral of u d is the discharge.
     """
-    shape = section_table(form, blend, lane, bend)
+    shape = section_table(form, blend, lane, bend, forms)
     # The integral of a linear depth to the power 5/3 over each step, by Simpson's rule.
     power = shape ** (5.0 / 3.0)
     middle = (0.5 * (shape[:, 1:] + shape[:, :-1])) ** (5.0 / 3.0)
     mean = (power[:, 1:] + power[:, :-1] + 4.0 * middle).mean(axis=1) / 6.0
-    found: FloatArray = section_fill(form, blend, lane, bend) / mean
+    fill = (shape.sum(axis=1) - 0.5 * (shape[:, 0] + shape[:, -1])) / (shape.shape[1] - 1)
+    found: FloatArray = fill / mean
     return found
 
 

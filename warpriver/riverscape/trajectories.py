@@ -7,12 +7,12 @@ river wander in its belt, and steep rivers follow it. All meet at the nodes.
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpriver.arrays import FloatArray, IndexArray
+from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.extras import IMPORTING
 from warpriver.hydrology.orders import main_stem
 from warpriver.network import RiverNetwork
@@ -100,6 +100,11 @@ class Lines(NamedTuple):
     thread: IndexArray
     belt: FloatArray
 
+    def ends(self, axes: Axes) -> tuple[FlagArray, FlagArray]:
+        """Whether each line begins at its channel's upper node, and whether it ends at the lower one, (K,) each."""
+        last = self.axis[self.start[1:] - 1]
+        return self.axis[self.start[:-1]] <= 0.0, last >= axes.length[self.channel] * (1.0 - 1e-12)
+
 
 def _angle_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angles, sinuosity 1 / J0 and amplitude over the chord of half a wavelength."""
@@ -126,12 +131,14 @@ def thread_count(kind: int, flow: FloatArray, params: TrajectoryParams) -> Index
     return np.clip(count, params.least_threads, params.most_threads) + (TYPES[kind] == "DA")
 
 
-def lay_axes(network: RiverNetwork, spacing: FloatArray) -> Axes:
+def lay_axes(network: RiverNetwork, spacing: FloatArray, held: FloatArray | None = None) -> Axes:
     """Sample the channels' lines evenly on a cubic spline through each main stem, so that stems bend smoothly at nodes.
 
     Args:
         network: A forest.
         spacing: (C,) greatest distance between points, m.
+        held: (C, 2, 2) directions in which channels are to leave and to reach their nodes; NaN: any. Those of which one
+            is given are splines of their own.
     """
     with IMPORTING:
         from scipy.interpolate import CubicSpline
@@ -141,17 +148,29 @@ def lay_axes(network: RiverNetwork, spacing: FloatArray) -> Axes:
     below = {int(node): c for c, node in enumerate(network.channel_from)}
     count = network.channel_count
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = [(np.empty(0),) * 3] * count
+
+    def sample(c: int, spline: Any, a: float, b: float) -> None:
+        at = np.linspace(a, b, max(4, int(np.ceil((b - a) / spacing[c]))) + 1)
+        ahead = spline(at, 1)
+        parts[c] = (spline(at), ahead / np.hypot(*ahead.T)[:, None], at)
+
+    own: FlagArray = np.zeros(count, bool) if held is None else np.asarray(np.isfinite(held).any(axis=(1, 2)))
     for chain in _chains(stem, network.channel_from, network.channel_to, below):
+        if own[chain].all():
+            continue
         joined = [xy[start[c] : start[c + 1]] for c in chain]
         line = np.concatenate([joined[0], *(part[1:] for part in joined[1:])])
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
         spline = CubicSpline(arc, line)
         ends = np.concatenate([[0], np.cumsum([len(part) - 1 for part in joined])])
         for k, c in enumerate(chain):
-            a, b = arc[ends[k]], arc[ends[k + 1]]
-            at = np.linspace(a, b, max(4, int(np.ceil((b - a) / spacing[c]))) + 1)
-            ahead = spline(at, 1)
-            parts[c] = (spline(at), ahead / np.hypot(*ahead.T)[:, None], at)
+            sample(c, spline, arc[ends[k]], arc[ends[k + 1]])
+    for c in np.flatnonzero(own).tolist():
+        assert held is not None
+        line = xy[start[c] : start[c + 1]]
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        bounds = tuple((1, toward) if np.isfinite(toward).all() else "not-a-knot" for toward in held[c])
+        sample(c, CubicSpline(arc, line, bc_type=bounds), 0.0, arc[-1])
     counts = np.array([len(p[0]) for p in parts])
     offsets = np.concatenate([[0], np.cumsum(counts)])
     points = np.concatenate([p[0] for p in parts])
@@ -195,7 +214,7 @@ def lay_lines(
     Args:
         axes: The axes.
         kind: (C,) type of each channel.
-        flow: (C,) m3/s.
+        flow: (Q,) discharge along the axes, m3/s.
         width: (C,) width of a thread of the mean flow in m; of a braided river that of one that carries all.
         room: (Q, 2) width of level ground to the left and right of the axes, m; infinite where nothing confines.
         swings: (C,) whether a channel is to meander or to braid; the others follow their axes.
@@ -209,7 +228,7 @@ def lay_lines(
         axis = _Axis(axes.along[part], axes.xy[part], axes.tangent[part], room[part])
         name, template = TYPES[kind[c]], TEMPLATES[kind[c]]
         if swings[c] and name in BRAIDED:
-            made += _braid(axis, c, int(thread_count(int(kind[c]), flow[c], params)), width[c], name, random, params)
+            made += _braid(axis, c, thread_count(int(kind[c]), flow[part], params), width[c], name, random, params)
         elif swings[c] and name in MEANDERING:
             made.append(_meander(axis, c, width[c], template.sinuosity, random, params))
         else:
@@ -322,13 +341,24 @@ def _grow(t: FloatArray) -> FloatArray:
 def _braid(
     axis: _Axis,
     channel: int,
-    count: int,
+    number: IndexArray,
     width: float,
     name: str,
     random: np.random.Generator,
     params: TrajectoryParams,
 ) -> list[_Line]:
-    """Threads that wander across a belt, part and meet, and the plain between them."""
+    """Threads that wander across a belt, part and meet, and the plain between them.
+
+    Args:
+        axis: The axis.
+        channel: Its number.
+        number: (n,) of threads along the axis; where it changes, threads leave or join the nearest one.
+        width: Of one thread that carries all water, m.
+        name: Type.
+        random: Of what is drawn.
+        params: Constants.
+    """
+    count = int(number.max())
     share = np.maximum(random.gamma(3.0, size=count) / 3.0, LEAST_SHARE)
     share /= share.sum()
     # The width of a section grows like the root of its area, and that nearly like its flow.
@@ -341,16 +371,76 @@ def _braid(
     gather = min(1.2 * belt, 0.35 * axis.length)
     apart = _grow(np.minimum(x, axis.length - x) / gather)
     wander = _wander(x, count, belt, random)
-    made = []
-    for k in range(count):
-        half = np.maximum(np.minimum(0.5 * belt, np.where(wander[k] > 0.0, *room)) - 0.5 * threads[k], 0.0)
-        y = apart * half * wander[k]
-        # Where the threads are one, each has all of the water: they are one section there.
-        part = share[k] + (1.0 - share[k]) * (1.0 - _grow(np.minimum(x, axis.length - x) / (0.6 * gather)))
-        made.append(_Line(axis.beside(x, y), x, part, np.full(len(x), np.nan), channel, k))
+    beside = np.minimum(0.5 * belt, np.where(wander > 0.0, *room))
+    half = np.maximum(beside - 0.5 * threads[:, None], 0.0)
+    y = apart * half * wander
+    runs = _runs(_steady(number[np.searchsorted(axis.along, x).clip(max=len(number) - 1)], x, gather), count)
+    y, shares = _joined_threads(y, np.broadcast_to(share[:, None], y.shape), runs, x, gather)
+    # Where the threads are one, each has all of the water: they are one section there.
+    one = 1.0 - _grow(np.minimum(x, axis.length - x) / (0.6 * gather))
+    made: list[_Line] = []
+    for k, first, stop in runs:
+        part = slice(first, stop)
+        carried = shares[k] + (1.0 - shares[k]) * one
+        nothing = np.full(stop - first, np.nan)
+        made.append(_Line(axis.beside(x[part], y[k][part]), x[part], carried[part], nothing, channel, len(made)))
     left, right = (apart * np.minimum(0.5 * belt, side) for side in room)
     made.append(_Line(axis.beside(x, 0.5 * (left - right)), x, np.ones(len(x)), left + right, channel, -1))
     return made
+
+
+def _steady(number: IndexArray, x: FloatArray, gather: float) -> IndexArray:
+    """Numbers of threads that change only where there is room for it: two gathers from the ends and each other."""
+    change = np.flatnonzero(np.diff(number)) + 1
+    kept: list[int] = []
+    for k in change.tolist():
+        since = x[kept[-1]] if kept else 0.0
+        if x[k] - since >= 2.0 * gather and x[-1] - x[k] >= 2.0 * gather:
+            kept.append(k)
+    part = np.searchsorted(kept, np.arange(len(x)), side="right")
+    # The number in the middle of each stretch.
+    edges = np.array([0, *kept, len(x)])
+    middle = (edges[:-1] + edges[1:]) // 2
+    return np.asarray(number[np.minimum(middle, len(x) - 1)][part])
+
+
+def _runs(number: IndexArray, count: int) -> list[tuple[int, int, int]]:
+    """Where each thread flows: its number, first place and the one behind the last; thread k where there are more."""
+    runs = []
+    for k in range(count):
+        on = np.concatenate([[0], (number > k).astype(np.int64), [0]])
+        begin, end = np.flatnonzero(np.diff(on) > 0), np.flatnonzero(np.diff(on) < 0)
+        runs += [(k, int(a), int(b)) for a, b in zip(begin, end, strict=True)]
+    return runs
+
+
+def _joined_threads(
+    y: FloatArray, share: FloatArray, runs: list[tuple[int, int, int]], x: FloatArray, gather: float
+) -> tuple[FloatArray, FloatArray]:
+    """Let threads that begin or end on the way leave or join the nearest one, with its water.
+
+    Where they part both are one section, with the water of both, as at nodes.
+    """
+    y, total = y.copy(), share.copy()
+    joints: list[tuple[int, int, FloatArray]] = []
+    for k, first, stop in sorted(runs, reverse=True):
+        for place, ahead, open_ended in (
+            (first, x - x[first], first == 0),
+            (stop - 1, x[stop - 1] - x, stop == len(x)),
+        ):
+            if open_ended:
+                continue
+            others = [j for j, a, b in runs if j < k and a <= place < b]
+            nearest = min(others, key=lambda j: abs(y[j][place] - y[k][place]))
+            grown = np.where(ahead < 0.0, 0.0, _grow(ahead / gather))
+            total[nearest] = total[nearest] + total[k][place] * (1.0 - grown)
+            joints.append((k, nearest, grown))
+    line = total.copy()
+    # From those that are there all along to those that leave them.
+    for k, nearest, grown in reversed(joints):
+        y[k] = y[nearest] + grown * (y[k] - y[nearest])
+        line[k] = line[k] + (line[nearest] - line[k]) * (1.0 - grown)
+    return y, line
 
 
 def _wander(x: FloatArray, count: int, belt: float, random: np.random.Generator) -> FloatArray:

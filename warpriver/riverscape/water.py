@@ -18,7 +18,7 @@ from warpriver.kernels import flow_tree
 from warpriver.kernels import water as kernels
 from warpriver.public import public
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
-from warpriver.riverscape.programs import CELLS_ACROSS, write_programs
+from warpriver.riverscape.programs import CELLS_ACROSS, TileFrame, write_programs
 from warpriver.validate import finite_numbers, positive, real
 
 __all__ = ["Water", "WaterGrid", "WaterSample"]
@@ -88,10 +88,12 @@ class Water:
         leaf: Own leaves: a ``wp.func`` of (kind: int, offset from the centre: vec2 in m, weight, shape: vec3, phase:
             vec4) that returns vec4 (height above the primitive's plane in m, velocity to add in m/s, effervescence to
             add), all in the given precision; called for kinds from 7 on.
+        frame: That of another water, to give the same bits where both are alike; by default one of its own.
         device: Warp device.
 
     Attributes:
         primitives: All leaves, in the order of the tree.
+        frame: What places and levels are relative to.
         bytes_per_primitive: Of the arrays that hold them.
 
     Raises:
@@ -108,6 +110,7 @@ class Water:
         noise: str = "baked",
         dtype: str = "float32",
         leaf: Callable[..., Any] | None = None,
+        frame: TileFrame | None = None,
         device: wp.DeviceLike = "cpu",
     ) -> None:
         if noise not in ("baked", "exact"):
@@ -121,7 +124,8 @@ class Water:
         self._kernels = kernels.build(scalar)
         self._evaluate = self._kernels.evaluate_water if leaf is None else _own_kernel(leaf, scalar)
         size = None if cell_size is None else positive(cell_size, "cell_size", "m")
-        programs = write_programs(tree, size)
+        programs = write_programs(tree, size, frame)
+        self.frame = programs.frame
         self.primitives, self.origin, self.cell_size = programs.rows, programs.origin, programs.cell_size
         if leaf is None and (self.primitives.kind >= flow_tree.OWN).any():
             raise InputError("the tree has own leaves (kinds from 7 on); give their function as leaf=")
@@ -314,7 +318,8 @@ class Water:
         p, made = programs.rows, self._kernels
         side = CELLS_ACROSS * programs.cell_size
         columns = programs.tile_shape[1]
-        corner = side * np.column_stack([programs.row_tile % columns, programs.row_tile // columns])
+        tile = np.column_stack([programs.row_tile % columns, programs.row_tile // columns])
+        corner = side * (tile + programs.tile_corner)
         place = np.empty((len(p), 4))
         place[:, :2] = p.center - programs.origin - corner
         place[:, 2] = p.radius
@@ -342,6 +347,7 @@ class Water:
         cells = self._kernels.Cells()
         cells.tile_size = CELLS_ACROSS * programs.cell_size
         cells.tile_rows, cells.tile_columns = programs.tile_shape
+        cells.tile_west, cells.tile_south = programs.tile_corner
         cells.cell_size, cells.cells_across = programs.cell_size, CELLS_ACROSS
         for name, values in (
             ("tile_first", programs.tile_first),

@@ -13,7 +13,7 @@ import numpy as np
 
 from warpriver import generate
 from warpriver.arrays import FloatArray
-from warpriver.editing import edit_terrain
+from warpriver.edits.ground import edit_terrain
 from warpriver.edits.values import Edit, EditTerrain
 from warpriver.errors import InputError
 from warpriver.history import Every

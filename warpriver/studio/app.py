@@ -20,6 +20,7 @@ from warpriver.scenes import Scene
 from warpriver.simulation import Simulation
 from warpriver.studio.guard import LOOPBACK, Guard, new_token
 from warpriver.studio.live import LiveSession, Watcher
+from warpriver.studio.opening import RECIPE, basin
 from warpriver.studio.worker import RUN, begin_folder
 from warpriver.terrain import Terrain
 from warpriver.validate import shown
@@ -29,8 +30,8 @@ __all__ = ["make_app"]
 STATIC = Path(__file__).parent / "static"
 # Bytes of a file that a page may send, and seconds and bytes of memory that reading it may take.
 UPLOAD_BYTES, OPENING_SECONDS, OPENING_MEMORY = 256 * 2**20, 180, 6 * 2**30
-# Bytes of a message of a page.
-MESSAGE_BYTES = 2**20
+# Bytes of a message of a page, and of what a generator is asked for.
+MESSAGE_BYTES, RECIPE_BYTES = 2**20, 2**14
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,80}\.[A-Za-z0-9]{1,8}")
 
 
@@ -88,7 +89,7 @@ def make_app(
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         yield
-        session.stop()
+        await session.stop()
         if removed:
             shutil.rmtree(place, ignore_errors=True)
 
@@ -109,12 +110,27 @@ def make_app(
                     if size > UPLOAD_BYTES:
                         return PlainTextResponse(f"the file is larger than {UPLOAD_BYTES // 2**20} MiB", 413)
                     file.write(chunk)
-            made = Path(box) / "session"
-            error = await asyncio.to_thread(_open_apart, Path(box) / name, made)
-            if error is not None:
-                return PlainTextResponse(error, 422)
-            session.replace(made)
-        return JSONResponse({"opened": name})
+            return await opened(Path(box) / name)
+
+    async def opened(file: Path) -> Response:
+        """Begin anew with what a file holds."""
+        made = file.parent / "session"
+        error = await asyncio.to_thread(_open_apart, file, made)
+        if error is not None:
+            return PlainTextResponse(error, 422)
+        await session.replace(made)
+        return JSONResponse({"opened": file.name})
+
+    async def generate(request: Request) -> Response:
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > RECIPE_BYTES:
+                return PlainTextResponse("that is no recipe", 413)
+        with tempfile.TemporaryDirectory(dir=place, prefix="new-") as box:
+            file = Path(box) / f"new{RECIPE}"
+            file.write_bytes(body)
+            return await opened(file)
 
     async def download(request: Request) -> Response:
         name = request.path_params["name"]
@@ -149,6 +165,7 @@ def make_app(
     routes = [
         Route("/", page),
         Route("/open/{name}", upload, methods=["PUT"]),
+        Route("/new", generate, methods=["POST"]),
         Route("/exports/{name}", download),
         WebSocketRoute("/live", live),
         Mount("/static", StaticFiles(directory=STATIC)),
@@ -184,8 +201,6 @@ def _simulation_of(start: object, terrain: Terrain | None) -> Simulation:
         return start
     if isinstance(start, Scene):
         return start.simulation()
-    from warpriver.studio.opening import basin
-
     return basin()
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from warpriver.edits import Edit, PaintControl, Session, write_edits
 from warpriver.errors import InputError
-from warpriver.history import Event
+from warpriver.history import Event, History
 from warpriver.meander import Control, ControlField, SetControls
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
+from warpriver.studio.journal import Entry, digest, session_of
+from warpriver.terrain import Terrain
 from warpriver.validate import finite, finite_numbers, positive, whole
 
-__all__ = ["Author", "brushed"]
+__all__ = ["Author", "Checkpoint", "brushed"]
 
 # A copy of the run is kept every so many steps; of these, when there are more, every other one is given up.
 MARK_STEPS, MARKS = 50, 16
@@ -27,11 +30,26 @@ FIELD_CELLS = 512
 
 @dataclasses.dataclass
 class _Mark:
-    """The run after so many steps and edits."""
+    """The run after so many steps and edits.
+
+    Attributes:
+        step: Steps done.
+        edits: Edits done.
+        state: What the run pickles as. Its events and records are those of the run, which never change, and its ground
+            is that of the mark before where it is the same.
+        ground: The ground, or None.
+    """
 
     step: int
     edits: int
-    simulation: Simulation
+    state: dict[str, Any]
+    ground: Terrain | None
+
+    def simulation(self) -> Simulation:
+        """Return the run as it was, to be gone on with."""
+        made = Simulation.__new__(Simulation)
+        made.__setstate__(copy.deepcopy(self.state, _shared(self.state["history"])))
+        return made
 
 
 class Author:
@@ -44,16 +62,18 @@ class Author:
 
     Attributes:
         simulation: The run as it is now; another object after an edit further back was undone or redone.
-        edits: (step, edit), in order.
+        entries: The edits, in order.
+        stepped: Called after steps, at least every 50, also when these are done again.
     """
 
     def __init__(self, simulation: Simulation):
         """Take a simulation at its beginning."""
         self.simulation = simulation
-        self.edits: list[tuple[int, Edit]] = []
-        self._groups: list[str | None] = []
-        self._undone: list[list[tuple[int, Edit]]] = []
-        self._marks = [self._mark()]
+        self.entries: list[Entry] = []
+        self.stepped: Callable[[], None] | None = None
+        self._undone: list[list[Entry]] = []
+        self._marks: list[_Mark] = []
+        self._marks.append(self._mark())
 
     # ---- time
 
@@ -65,6 +85,8 @@ class Author:
             part = min(left, MARK_STEPS - self.simulation.step_count % MARK_STEPS)
             self.simulation.step(part)
             left -= part
+            if self.stepped is not None:
+                self.stepped()
             if self.simulation.step_count % MARK_STEPS == 0:
                 self._marks.append(self._mark())
                 if len(self._marks) > MARKS:
@@ -77,19 +99,23 @@ class Author:
         step = whole(step, "step")
         if step > self.simulation.step_count:
             raise InputError(f"step is {step}; the run has done {self.simulation.step_count}")
-        kept = [each for each in self.edits if each[0] <= step]
-        lost = len(self.edits) - len(kept)
+        kept = [each for each in self.entries if each.step <= step]
+        lost = len(self.entries) - len(kept)
         self._again(kept, step, len(kept))
-        del self._groups[len(kept) :]
         self._undone.clear()
         return lost
 
     # ---- edits
 
     @property
+    def edits(self) -> list[tuple[int, Edit]]:
+        """(step, edit), in order."""
+        return [(entry.step, entry.edit) for entry in self.entries]
+
+    @property
     def undoable(self) -> int:
         """Edits that can be taken back."""
-        return len(self.edits)
+        return len(self.entries)
 
     @property
     def redoable(self) -> int:
@@ -107,29 +133,28 @@ class Author:
             ValueError: It cannot be done, and nothing has changed.
         """
         self.simulation.apply(edit)
-        self.edits.append((self.simulation.step_count, edit))
-        self._groups.append(group)
+        self.entries.append(Entry(self.simulation.step_count, edit, group))
         self._undone.clear()
 
-    def undo(self) -> list[Edit]:
+    def undo(self) -> list[Entry]:
         """Take the last edit back, with all of its group, and return them: the river is as if they had not been done.
 
         Raises:
             ValueError: There is none.
         """
-        if not self.edits:
+        if not self.entries:
             raise InputError("there is no edit to undo")
-        first = len(self.edits) - 1
-        while first > 0 and self._groups[-1] is not None and self._groups[first - 1] == self._groups[-1]:
+        first = len(self.entries) - 1
+        group = self.entries[first].group
+        while first > 0 and group is not None and self.entries[first - 1].group == group:
             first -= 1
-        taken = self.edits[first:]
-        if taken[0][0] == self.simulation.step_count and self._take_back(len(taken)):
-            del self.edits[first:]
+        taken = self.entries[first:]
+        if taken[0].step == self.simulation.step_count and self._take_back(len(taken)):
+            del self.entries[first:]
         else:
-            self._again(self.edits[:first], self.simulation.step_count, first)
-        del self._groups[first:]
+            self._again(self.entries[:first], self.simulation.step_count, first)
         self._undone.append(taken)
-        return [edit for _, edit in taken]
+        return taken
 
     def _take_back(self, count: int) -> bool:
         """Take the last edits back as they are; tell whether nothing has happened since, so that this can be."""
@@ -142,7 +167,7 @@ class Author:
                 return False
         return True
 
-    def redo(self) -> list[Edit]:
+    def redo(self) -> list[Entry]:
         """Do again what was undone last, at its own time, and return it.
 
         Raises:
@@ -151,36 +176,54 @@ class Author:
         if not self._undone:
             raise InputError("there is no edit to redo")
         taken = self._undone[-1]
-        same = len(self.edits)
-        if taken[0][0] == self.simulation.step_count:
-            for step, edit in taken:
-                self.simulation.apply(edit)
-                self.edits.append((step, edit))
+        if taken[0].step == self.simulation.step_count:
+            for entry in taken:
+                self.simulation.apply(entry.edit)
+                self.entries.append(entry)
         else:
-            self._again([*self.edits, *taken], self.simulation.step_count, same)
-        self._groups += [None if len(taken) == 1 else f"redone {same}"] * len(taken)
+            self._again([*self.entries, *taken], self.simulation.step_count, len(self.entries))
         self._undone.pop()
-        return [edit for _, edit in taken]
+        return taken
 
     def session(self) -> Session:
         """Return the edits as a session, which :meth:`warpriver.Simulation.replay` does again."""
-        return Session(tuple(self.edits), self.simulation.seed, self.simulation.step_count)
+        return session_of(self.entries, self.simulation.seed, self.simulation.step_count)
 
     def write_session(self, path: Path) -> None:
         """Write the edits to a file."""
         write_edits(path, self.session())
 
-    def take_up(self, session: Session) -> None:
+    def take_up(self, entries: list[Entry], seed: int | None, steps: int, checkpoint: Checkpoint | None = None) -> None:
         """Do a session from the beginning.
+
+        Args:
+            entries: Its edits.
+            seed: Its seed, where it is known.
+            steps: Its steps.
+            checkpoint: The same session at an earlier time, from which less is to be done; one of another session is
+                passed over.
 
         Raises:
             ValueError: It has another seed, or one of its edits cannot be done.
         """
-        if session.seed != self.simulation.seed:
-            raise InputError(f"the session has the seed {session.seed}, the run {self.simulation.seed}")
-        self._again(list(session.edits), session.steps, 0)
-        self._groups = [None] * len(self.edits)
+        if seed is not None and seed != self.simulation.seed:
+            raise InputError(f"the session has the seed {seed}, the run {self.simulation.seed}")
+        same = 0
+        if checkpoint is not None and checkpoint.fits(entries, steps):
+            mark = self._marks[0]
+            self.simulation = checkpoint.simulation(mark.simulation().terrain)
+            same = checkpoint.edits
+            self.entries = list(entries[:same])
+            self._marks.append(self._mark())
+        self._again(entries, steps, same)
         self._undone.clear()
+
+    def save_checkpoint(self, folder: Path) -> dict[str, Any]:
+        """Write the run as it is now to a new folder; returns what :class:`Checkpoint` needs beside it."""
+        made = self._mark().simulation()
+        made.run(steps=0)  # notes the state that the run stands at
+        made.history.save(folder)
+        return {"edits": len(self.entries), "steps": made.step_count, "digest": digest(self.entries)}
 
     # ---- what needs more than one edit, or the state of the run
 
@@ -233,27 +276,79 @@ class Author:
     # ---- inside
 
     def _mark(self) -> _Mark:
-        return _Mark(self.simulation.step_count, len(self.edits), copy.deepcopy(self.simulation))
+        terrain = self.simulation.terrain
+        ground = self._marks[-1].ground if self._marks else None
+        if terrain is not None and (ground is None or not _same_bits(ground, terrain)):
+            ground = copy.deepcopy(terrain)
+        state = self.simulation.__getstate__()
+        shared = _shared(state["history"])
+        if terrain is not None:
+            shared[id(terrain)] = ground
+        return _Mark(self.simulation.step_count, len(self.entries), copy.deepcopy(state, shared), ground)
 
-    def _again(self, edits: list[tuple[int, Edit]], steps: int, same: int) -> None:
+    def _again(self, entries: list[Entry], steps: int, same: int) -> None:
         """Let the run have these edits and steps; the first ``same`` edits are those that it has."""
-        first = edits[same][0] if same < len(edits) else steps
+        first = entries[same].step if same < len(entries) else steps
         usable = [m for m in self._marks if m.step <= first and m.edits <= same]
         mark = usable[-1]
-        before = (self.simulation, self.edits, self._marks)
+        before = (self.simulation, self.entries, self._marks)
         self._marks = usable
-        self.simulation, self.edits = copy.deepcopy(mark.simulation), list(edits[: mark.edits])
+        self.simulation, self.entries = mark.simulation(), list(entries[: mark.edits])
         try:
-            for step, edit in edits[mark.edits :]:
-                if step > self.simulation.step_count:
-                    self.step(step - self.simulation.step_count)
-                self.simulation.apply(edit)
-                self.edits.append((step, edit))
+            for entry in entries[mark.edits :]:
+                if entry.step > self.simulation.step_count:
+                    self.step(entry.step - self.simulation.step_count)
+                self.simulation.apply(entry.edit)
+                self.entries.append(entry)
             if steps > self.simulation.step_count:
                 self.step(steps - self.simulation.step_count)
         except BaseException:
-            self.simulation, self.edits, self._marks = before
+            self.simulation, self.entries, self._marks = before
             raise
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """A session at one time, from which it is taken up sooner than from its beginning.
+
+    Attributes:
+        folder: The run, as :meth:`Author.save_checkpoint` wrote it.
+        edits: Edits that it has.
+        steps: Steps that it has done.
+        digest: Sum of these edits.
+    """
+
+    folder: Path
+    edits: int
+    steps: int
+    digest: str
+
+    def fits(self, entries: list[Entry], steps: int) -> bool:
+        """Tell whether a session goes on from here."""
+        later = entries[self.edits].step if self.edits < len(entries) else steps
+        return (
+            self.edits <= len(entries)
+            and self.steps <= min(later, steps)
+            and digest(entries[: self.edits]) == self.digest
+        )
+
+    def simulation(self, terrain: Terrain | None) -> Simulation:
+        """Return the run, over the ground that it began with."""
+        history = History.load(self.folder)
+        # No other file may be read in its place.
+        if (history.ground is None) != (terrain is None):
+            raise InputError("the checkpoint lies on another ground than the session; remove it")
+        return Simulation.resume(history, terrain=terrain)
+
+
+def _shared(history: History) -> dict[int, Any]:
+    """Return what copies of a run share: its events and records, which never change."""
+    held = [*history.events, *(history.record(k) for k in range(len(history)))]
+    return {id(each): each for each in held}
+
+
+def _same_bits(a: Terrain, b: Terrain) -> bool:
+    return bool(np.array_equal(a.to_numpy().view(np.uint64), b.to_numpy().view(np.uint64)))
 
 
 def brushed(

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import collections
-import contextlib
 import json
 import multiprocessing
+import queue
 import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from warpriver.errors import InputError
 from warpriver.studio.frames import STATE
+from warpriver.studio.mapping import map_process
 from warpriver.studio.worker import SAVED, copy_session, work
 
 __all__ = ["LiveSession", "Watcher"]
@@ -21,6 +24,8 @@ __all__ = ["LiveSession", "Watcher"]
 # that wait for a page: one that is further behind is let go.
 WINDOW, PENDING, BACKLOG = 2, 64, 2000
 WATCHERS = 32
+# Bytes that may wait for a process.
+QUEUED_BYTES = 64 * 2**20
 
 
 class Watcher:
@@ -67,70 +72,122 @@ class Watcher:
             await self._wake.wait()
 
 
+class _Process:
+    """A process of a session, with a thread that reads what it sends and one that writes what it is sent.
+
+    So the loop of the server never waits for a pipe.
+    """
+
+    def __init__(
+        self,
+        target: Callable[[Connection, str], None],
+        folder: Path,
+        received: Callable[[_Process, bytes], None],
+        ended: Callable[[_Process, int | None], None],
+    ):
+        """Start it; ``received`` and ``ended`` are called on the present loop."""
+        self._loop = asyncio.get_running_loop()
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=target, args=(theirs, str(folder)), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        # Bytes that were given to it, and that it has taken; each is counted by one thread alone.
+        self._given = self._taken = 0
+        self._received, self._ended = received, ended
+        for task in (self._read, self._write):
+            threading.Thread(target=task, daemon=True).start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._process.is_alive()
+
+    def give(self, message: bytes) -> bool:
+        """Send it a message; False where too much waits already, or it does not run."""
+        if self._given - self._taken + len(message) > QUEUED_BYTES or not self.alive:
+            return False
+        self._given += len(message)
+        self._queue.put(message)
+        return True
+
+    def end(self) -> None:
+        """Ask it to end, and kill it if it does not; takes up to two seconds, so no loop may do it."""
+        self._queue.put(None)
+        self._process.join(2.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _write(self) -> None:
+        while True:
+            message = self._queue.get()
+            try:
+                self._connection.send_bytes(message if message is not None else b"Q")
+            except (OSError, ValueError):
+                return
+            if message is None:
+                return
+            self._taken += len(message)
+
+    def _read(self) -> None:
+        while True:
+            try:
+                message = self._connection.recv_bytes()
+            except (EOFError, OSError):
+                break
+            if not self._call(self._received, message):
+                return
+        self._process.join(2.0)
+        self._queue.put(None)
+        self._call(self._ended, self._process.exitcode)
+
+    def _call(self, what: Callable[[_Process, Any], None], told: Any) -> bool:
+        try:
+            self._loop.call_soon_threadsafe(what, self, told)
+        except RuntimeError:  # the loop has ended
+            return False
+        return True
+
+
 class LiveSession:
-    """One session: a folder, a process that has its simulation, and any number of pages."""
+    """One session: a folder, a process that has its simulation, one that makes maps of it, and any number of pages."""
 
     def __init__(self, folder: Path):
         """Take a folder that :func:`warpriver.studio.worker.begin_folder` has made."""
         self.folder = folder
         self.watchers: set[Watcher] = set()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._process: Any = None
-        self._connection: Any = None
+        self._worker: _Process | None = None
+        self._mapper: _Process | None = None
+        # Commands that wait for their answers: who asked, under which number; and which of them the mapper has.
         self._numbers: dict[int, tuple[Watcher, Any]] = {}
+        self._mapped: set[int] = set()
         self._number = 0
         self._owed = 0
+        self._exchange = asyncio.Lock()
+        self._tasks: set[asyncio.Task[None]] = set()
 
-    # ---- the process
+    # ---- the processes
 
     def start(self) -> None:
-        """Start the process, unless it runs."""
-        if self._process is not None and self._process.is_alive():
+        """Start the simulation's process, unless it runs."""
+        if self._worker is None or not self._worker.alive:
+            self._worker = _Process(work, self.folder, self._received, self._worker_ended)
+            self._owed = 0
+
+    async def stop(self) -> None:
+        """End the processes."""
+        ended = [process for process in (self._worker, self._mapper) if process is not None]
+        self._worker = self._mapper = None
+        self._fail(list(self._numbers), "the session was begun anew")
+        await asyncio.gather(*(asyncio.to_thread(process.end) for process in ended))
+
+    def _received(self, process: _Process, message: bytes) -> None:
+        if process not in (self._worker, self._mapper):
             return
-        self._loop = asyncio.get_running_loop()
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=work, args=(theirs, str(self.folder)), daemon=True)
-        self._process.start()
-        theirs.close()
-        self._owed = 0
-        threading.Thread(target=self._read, args=(self._connection, self._process), daemon=True).start()
-
-    def stop(self) -> None:
-        """End the process."""
-        self._give(b"Q")
-        process = self._process
-        self._connection = self._process = None
-        if process is not None:
-            process.join(2.0)
-            if process.is_alive():
-                process.kill()
-                process.join()
-        for watcher, number in self._numbers.values():
-            watcher.pending -= 1
-            watcher.tell(_text(type="answer", number=number, error="the session was begun anew"))
-        self._numbers.clear()
-
-    def _read(self, connection: Any, process: Any) -> None:
-        """Hand over what the process sends; runs in a thread of its own."""
-        assert self._loop is not None
-        while True:
-            try:
-                message = connection.recv_bytes()
-            except (EOFError, OSError):
-                break
-            try:
-                self._loop.call_soon_threadsafe(self._received, connection, message)
-            except RuntimeError:  # the loop has ended
-                return
-        connection.close()
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._ended, process)
-
-    def _received(self, connection: Any, message: bytes) -> None:
-        if connection is not self._connection:
-            return
-        if message[:1] == b"B":
+        kind = message[:1]
+        if kind == b"B":
             frame = message[1:]
             if int.from_bytes(frame[:4], "little") == STATE:
                 self._owed += 1
@@ -140,16 +197,22 @@ class LiveSession:
             else:
                 for watcher in self.watchers:
                     watcher.tell(frame)
-            return
-        if message[:1] == b"R":
+        elif kind == b"R":
             # Asked for: no later state takes its place. Pages that did not ask pass over it.
             for watcher in self.watchers:
                 watcher.tell(message[1:])
-            return
-        text = message[1:].decode()
+        elif kind == b"M":
+            self._map(message[1:])
+        elif kind == b"I":
+            self._give(b"I")
+        else:
+            self._tell_text(message[1:].decode())
+
+    def _tell_text(self, text: str) -> None:
         if text.startswith('{"type": "answer"'):
             told = json.loads(text)
             asked = self._numbers.pop(told["number"], None)
+            self._mapped.discard(told["number"])
             if asked is not None:
                 watcher, told["number"] = asked
                 watcher.pending -= 1
@@ -158,6 +221,16 @@ class LiveSession:
         for watcher in self.watchers:
             watcher.tell(text)
 
+    def _map(self, message: bytes) -> None:
+        """Hand on to the mapper what the simulation's process wants of it."""
+        if self._mapper is None or not self._mapper.alive:
+            self._mapper = _Process(map_process, self.folder, self._received, self._mapper_ended)
+        number = json.loads(message).get("number")
+        if number is not None:
+            self._mapped.add(number)
+        if not self._mapper.give(message) and number is not None:
+            self._fail([number], "too much waits to be made; ask again later")
+
     def _pay(self) -> None:
         """Let the process send further states, as soon as a page has taken the last one."""
         if self._owed and any(watcher.latest is None or watcher.credits > 0 for watcher in self.watchers):
@@ -165,26 +238,32 @@ class LiveSession:
                 self._give(b"A")
             self._owed = 0
 
-    def _ended(self, process: Any) -> None:
-        if process is not self._process:
+    def _worker_ended(self, process: _Process, code: int | None) -> None:
+        if process is not self._worker:
             return
-        process.join(1.0)
-        self._process = None
-        for watcher, number in self._numbers.values():
-            watcher.pending -= 1
-            watcher.tell(_text(type="answer", number=number, error="the simulation's process has ended"))
-        self._numbers.clear()
+        self._worker = None
+        self._fail([k for k in self._numbers if k not in self._mapped], "the simulation's process has ended")
         for watcher in self.watchers:
-            watcher.tell(_text(type="crashed", exit=process.exitcode))
+            watcher.tell(_text(type="crashed", exit=code))
+
+    def _mapper_ended(self, process: _Process, code: int | None) -> None:
+        if process is not self._mapper:
+            return
+        self._mapper = None
+        self._fail(list(self._mapped), f"what was to be made was given up: its process ended ({code})")
+        self._give(b"N")
+
+    def _fail(self, numbers: list[int], why: str) -> None:
+        """Answer commands that nobody will answer any more."""
+        for number in numbers:
+            self._mapped.discard(number)
+            asked = self._numbers.pop(number, None)
+            if asked is not None:
+                asked[0].pending -= 1
+                asked[0].tell(_text(type="answer", number=asked[1], error=why))
 
     def _give(self, message: bytes) -> bool:
-        if self._connection is None:
-            return False
-        try:
-            self._connection.send_bytes(message)
-        except (OSError, ValueError):
-            return False
-        return True
+        return self._worker is not None and self._worker.give(message)
 
     # ---- pages
 
@@ -194,7 +273,8 @@ class LiveSession:
             return None
         watcher = Watcher()
         self.watchers.add(watcher)
-        self.start()
+        if not self._exchange.locked():  # else it is started when another session lies in the folder
+            self.start()
         self._give(b"S")
         self._pay()
         return watcher
@@ -225,7 +305,9 @@ class LiveSession:
             return
         own = {"restart": self._restart, "open_saved": self._open_saved}.get(str(told.get("do")))
         if own is not None:
-            self._answer_own(watcher, number, own, told)
+            task = asyncio.get_running_loop().create_task(self._answer_own(watcher, number, own, told))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
             return
         if watcher.pending >= PENDING:
             watcher.tell(_text(type="answer", number=number, error="too many commands wait for their answer"))
@@ -233,38 +315,41 @@ class LiveSession:
         self._number += 1
         message = json.dumps({"number": self._number, "command": told}).encode()
         if not self._give(b"C" + message):
-            watcher.tell(_text(type="answer", number=number, error="the simulation does not run; restart the session"))
+            why = "the simulation does not run, or too much waits for it"
+            watcher.tell(_text(type="answer", number=number, error=why))
             return
         self._numbers[self._number] = (watcher, number)
         watcher.pending += 1
 
-    def _answer_own(self, watcher: Watcher, number: Any, own: Any, told: dict[str, Any]) -> None:
+    async def _answer_own(self, watcher: Watcher, number: Any, own: Any, told: dict[str, Any]) -> None:
         try:
-            answer = own(**{key: value for key, value in told.items() if key != "do"})
+            answer = await own(**{key: value for key, value in told.items() if key != "do"})
         except (TypeError, ValueError, OSError) as error:
             answer = {"error": f"{told['do']}: {error}"}
         watcher.tell(_text(type="answer", number=number, **answer))
 
-    def _restart(self) -> dict[str, Any]:
+    async def _restart(self) -> dict[str, Any]:
         """Take the session up again from its folder, after its process has ended."""
-        self.start()
-        self._give(b"S")
+        async with self._exchange:
+            self.start()
+            self._give(b"S")
         return {}
 
-    def _open_saved(self, saved: Any) -> dict[str, Any]:
+    async def _open_saved(self, saved: Any) -> dict[str, Any]:
         """Go on with a session that was kept."""
         place = self.folder / SAVED / str(saved)
         if not isinstance(saved, str) or not saved.isalnum() or not place.is_dir():
             raise InputError(f"no session {str(saved)[:40]!r} was saved here")
-        self.replace(place)
+        await self.replace(place)
         return {"saved": saved}
 
-    def replace(self, place: Path) -> None:
+    async def replace(self, place: Path) -> None:
         """Begin anew with what another folder holds."""
-        self.stop()
-        copy_session(place, self.folder)
-        self.start()
-        self._give(b"S")
+        async with self._exchange:
+            await self.stop()
+            await asyncio.to_thread(copy_session, place, self.folder)
+            self.start()
+            self._give(b"S")
 
 
 def _text(**told: Any) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import zipfile
 from pathlib import Path
 
 from warpriver.errors import InputError, WarpriverError
@@ -13,7 +15,12 @@ from warpriver.io import read_network, read_terrain
 from warpriver.scenes import read_scene
 from warpriver.simulation import Simulation
 
-__all__ = ["basin", "opened"]
+__all__ = ["RECIPE", "SESSION", "basin", "opened"]
+
+# Endings of a session as one file, and of what a generator is asked for.
+SESSION, RECIPE = ".zip", ".recipe"
+# Files of a session as one file, and their bytes, at most.
+SESSION_FILES, SESSION_BYTES = 5000, 2 * 2**30
 
 RASTERS = (".tif", ".tiff", ".asc", ".grd", ".npz", ".sdat", ".bil", ".img", ".dem", ".hgt")
 LINES = (".gpkg", ".geojson", ".json", ".shp", ".csv", ".txt", ".parquet", ".fgb")
@@ -38,6 +45,13 @@ def opened(path: Path) -> Simulation:
     if path.is_dir():
         history = History.load(path)
         return Simulation.replay(history, [], steps=0)
+    if suffix == RECIPE:
+        from warpriver.studio.generators import generated
+
+        try:
+            return generated(json.loads(path.read_text(encoding="utf-8")))
+        except (UnicodeDecodeError, RecursionError) as error:
+            raise InputError(f"{path.name} is no recipe: {error}") from error
     if suffix == ".toml":
         return read_scene(path).simulation()
     if suffix in LINES:
@@ -53,8 +67,42 @@ def opened(path: Path) -> Simulation:
         area = AREA_FRACTION * rows * columns * terrain.cell_size**2
         return Simulation(extract_network(terrain, min_drainage_area=area), terrain=terrain)
     raise InputError(
-        f"{path.name}: the studio opens scenes (.toml), terrains ({', '.join(RASTERS)}) and lines ({', '.join(LINES)})"
+        f"{path.name}: the studio opens scenes (.toml), terrains ({', '.join(RASTERS)}), lines ({', '.join(LINES)}) "
+        f"and sessions ({SESSION})"
     )
+
+
+def unpack_session(path: Path, folder: Path) -> None:
+    """Put a session that was saved as one file into a folder.
+
+    Raises:
+        ValueError: It is none, or holds what no session does.
+    """
+    from warpriver.studio.journal import read_journal
+    from warpriver.studio.worker import EDITS, KEPT, RUN, TERRAIN
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            listed = [each for each in archive.infolist() if not each.is_dir()]
+            if len(listed) > SESSION_FILES or sum(each.file_size for each in listed) > SESSION_BYTES:
+                raise InputError(f"{path.name} is larger than a session can be")
+            for each in listed:
+                parts = Path(each.filename).parts
+                if parts[0] not in KEPT or len(parts) > 2 or ".." in parts or "\\" in each.filename:
+                    raise InputError(f"{path.name} is no session: it holds {each.filename[:60]!r}")
+            archive.extractall(folder, [each.filename for each in listed])
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise InputError(f"{path.name} is no session: {error}") from error
+    if not (folder / RUN).is_dir():
+        raise InputError(f"{path.name} is no session: it holds no run")
+    history = History.load(folder / RUN)
+    # Its ground is that beside it, and no other file of this machine.
+    if history.ground is not None and not (folder / TERRAIN).is_file():
+        raise InputError(f"{path.name} is no whole session: its terrain is missing")
+    if (folder / TERRAIN).is_file():
+        read_terrain(folder / TERRAIN)
+    if (folder / EDITS).is_file():
+        read_journal(folder / EDITS)
 
 
 def _in_degrees(path: Path) -> bool:
@@ -76,7 +124,10 @@ def _main(path: str, folder: str, memory: str) -> int:
     except (ImportError, ValueError, OSError):  # not on this system
         pass
     try:
-        begin_folder(Path(folder), opened(Path(path)))
+        if Path(path).suffix.lower() == SESSION:
+            unpack_session(Path(path), Path(folder))
+        else:
+            begin_folder(Path(folder), opened(Path(path)))
     except (WarpriverError, OSError, ValueError, MemoryError) as error:
         print(f"{error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
         return 2

@@ -10,14 +10,15 @@ import secrets
 import shutil
 import signal
 import time
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from warpriver.edits import Edit, read_edits
+from warpriver.edits import Edit
 from warpriver.edits.values import edit_of
 from warpriver.errors import InputError, WarpriverError
 from warpriver.history import Avulsion, Cutoff, Event
@@ -28,22 +29,33 @@ from warpriver.metrics import wavelength
 from warpriver.params import MeanderParams
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
-from warpriver.studio.author import Author
+from warpriver.studio.author import Author, Checkpoint
 from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patch, encode_state
+from warpriver.studio.generators import described
+from warpriver.studio.journal import Journal, read_journal
+from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
+from warpriver.studio.presets import PRESETS, SYMBOLS
+from warpriver.studio.reel import REEL, Reel
 
-__all__ = ["RUN", "SAVED", "begin_folder", "copy_session", "work"]
+__all__ = ["EDITS", "KEPT", "RUN", "SAVED", "TERRAIN", "begin_folder", "copy_session", "work"]
 
-# What a session's folder holds: the run at its beginning, the ground that it began with, and its edits.
-RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.json", "saved"
-KEPT = (RUN, TERRAIN, EDITS)
+# What a session's folder holds: the run at its beginning, the ground that it began with, its edits, and the run at a
+# later time, from which it is taken up sooner, with the sum of the edits up to there.
+RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.log", "saved"
+CHECKPOINT, CHECKED = "checkpoint", "checkpoint.json"
+KEPT = (RUN, TERRAIN, EDITS, CHECKPOINT, CHECKED)
+# The ground as it is now, for the process that makes maps.
+GROUND = "ground.npy"
 # Steps a second at most, and frames that may be on their way.
 RATE, WINDOW = 30.0, 2
-# States that the timeline holds at most; when there are more, every other one is given up.
-RECORDS = 240
-# Seconds between two sets of figures for the plots.
-STATS_SECONDS = 0.5
-# Seconds between two notes of how far a run has come.
-KEEP_SECONDS = 2.0
+# Seconds between two sets of figures for the plots, two notes of how far a run has come, and two maps of it.
+STATS_SECONDS, KEEP_SECONDS, MAP_SECONDS = 0.5, 2.0, 2.0
+# Seconds of play between two checkpoints, and how many times as long as one takes at least.
+CHECK_SECONDS, CHECK_SHARE = 60.0, 50.0
+# Lines left behind that a page is told when it begins: the latest ones.
+LOOPS_TOLD = 2000
+# Edits that carve the ground.
+CARVING = ("AvulseChannel", "DivertChannel", "DeferJunction")
 CONTROLS: dict[str, Callable[..., Control]] = {
     "Attractor": Attractor, "Repeller": Repeller, "Guide": Guide,
     "DampingRegion": DampingRegion, "ErodibilityField": ErodibilityField,
@@ -73,14 +85,59 @@ def copy_session(source: Path, target: Path) -> None:
             shutil.copy2(new, old)
 
 
-def taken_up(folder: Path) -> Author:
-    """Return the session of a folder, with the edits and steps that it has."""
+def taken_up(folder: Path) -> tuple[Author, str | None]:
+    """Return the session of a folder, with the edits and steps that it has, and a word on what is missing of them."""
     ground = folder / TERRAIN
     terrain = read_terrain(ground) if ground.exists() else None
     author = Author(Simulation.replay(folder / RUN, [], steps=0, terrain=terrain))
+    word = None
     if (folder / EDITS).exists():
-        author.take_up(read_edits(folder / EDITS))
-    return author
+        entries, seed, steps, word = read_journal(folder / EDITS)
+        author.take_up(entries, seed, steps, _checkpoint(folder))
+    return author, word
+
+
+def _checkpoint(folder: Path) -> Checkpoint | None:
+    """Return the checkpoint of a folder, None where there is none, or where it cannot be read."""
+    try:
+        told = json.loads((folder / CHECKED).read_text())
+        return Checkpoint(folder / CHECKPOINT, int(told["edits"]), int(told["steps"]), str(told["digest"]))
+    except (OSError, LookupError, TypeError, ValueError):
+        return None
+
+
+@dataclasses.dataclass
+class _News:
+    """What the process that makes maps has been told, and what it shall make.
+
+    Attributes:
+        epoch: Number of the run that it knows; another one after what it has was taken back.
+        events: Events that it was told.
+        ground: Where it finds the ground, None where that has changed since.
+        map: Map that is shown.
+        types: Whether types of channels are shown.
+        busy: Maps that it is at.
+        asked: When the last one was asked for.
+        made: What the last one is of.
+    """
+
+    epoch: int = 0
+    events: int = 0
+    ground: dict[str, Any] | None = None
+    map: str | None = None
+    types: bool = False
+    busy: int = 0
+    asked: float = -math.inf
+    made: tuple[object, ...] = ()
+
+    def begin(self) -> None:
+        """Let it learn all anew."""
+        self.epoch += 1
+        self.events, self.ground = 0, None
+
+
+# Answer of a command that another process will answer.
+LATER: dict[str, Any] = {}
 
 
 class Worker:
@@ -91,10 +148,13 @@ class Worker:
 
         Args:
             folder: It.
-            send: Sends a message: "J" and a text in JSON, "B" and a frame, or "R" and the frame of an earlier state.
+            send: Sends a message: "J" and a text in JSON, "B" and a frame, "R" and the frame of an earlier state, or
+                "M" and what the process that makes maps shall do.
         """
         self.folder, self._send = folder, send
-        self.author = taken_up(folder)
+        self.author, word = taken_up(folder)
+        self.author.stepped = self._keep_record
+        self._journal = self._open_journal()
         self.playing, self.rate = False, RATE
         self.credits = WINDOW
         self._sequence = self._command = 0
@@ -103,12 +163,15 @@ class Worker:
         self._order: tuple[int, np.ndarray] = (-1, np.empty(0))
         west, south, east, north = self._bounds()
         self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
-        self._records: list[tuple[int, float, bytes]] = []
+        self._reel = Reel(folder / REEL)
         # The frame of the present state, where the timeline has made it already.
         self._made: bytes | None = None
-        self._every = 1
+        self._checked, self._check_due = time.monotonic(), CHECK_SECONDS
+        self._news = _News()
         self.tell_scene()
         self._keep_record()
+        if word is not None:
+            self._tell(type="error", text=word)
 
     # ---- the loop
 
@@ -116,7 +179,10 @@ class Worker:
         """Return the seconds until there is something to do; None if only a command can bring that."""
         if self._changed and self.credits > 0:
             return 0.0
-        return max(0.0, self._due - time.monotonic()) if self.playing else None
+        now = time.monotonic()
+        dues = [self._due] if self.playing else []
+        dues += [self._news.asked + MAP_SECONDS] if self._map_is_due() else []
+        return max(0.0, min(dues) - now) if dues else None
 
     def turn(self) -> None:
         """Do a step if one is due, and send what has changed."""
@@ -133,11 +199,31 @@ class Worker:
             self._tell_figures(now)
         if self.playing and now - self._kept >= KEEP_SECONDS:
             self._keep()
+        if self.playing and now - self._checked >= self._check_due:
+            self._check()
+        self._ask_for_map(now)
+
+    def _open_journal(self) -> Journal:
+        simulation = self.author.simulation
+        return Journal(self.folder / EDITS, simulation.seed, self.author.entries, simulation.step_count)
 
     def _keep(self) -> None:
         """Note edits and steps in the folder, from which the session is taken up again."""
-        self.author.write_session(self.folder / EDITS)
+        self._journal.note(self.author.entries, self.author.simulation.step_count)
         self._kept = time.monotonic()
+
+    def _check(self) -> None:
+        """Keep the run as it is now, so that little is to be done again when the session is taken up."""
+        begin = time.monotonic()
+        fresh = self.folder / f"{CHECKPOINT}.new"
+        shutil.rmtree(fresh, ignore_errors=True)
+        told = self.author.save_checkpoint(fresh)
+        (self.folder / CHECKED).unlink(missing_ok=True)
+        shutil.rmtree(self.folder / CHECKPOINT, ignore_errors=True)
+        fresh.rename(self.folder / CHECKPOINT)
+        (self.folder / CHECKED).write_text(json.dumps(told))
+        self._checked = time.monotonic()
+        self._check_due = max(CHECK_SECONDS, CHECK_SHARE * (self._checked - begin))
 
     def _step(self, count: int = 1) -> None:
         begin = time.perf_counter()
@@ -158,11 +244,12 @@ class Worker:
         """Do what a page asks for; an answer tells that it is done, or why it cannot be."""
         self._command, self._made = number, None
         try:
-            answer = self._do(command) or {}
+            answer = self._do(command)
         except (WarpriverError, ValueError, OSError) as error:
             self._answer(number, error=str(error))
             return
-        self._answer(number, **answer)
+        if answer is not LATER:
+            self._answer(number, **(answer or {}))
 
     def _do(self, command: Any) -> dict[str, Any] | None:
         if not isinstance(command, dict) or not isinstance(command.get("do"), str):
@@ -213,8 +300,7 @@ class Worker:
     def do_edit(self, edit: Any, group: Any = None) -> None:
         """Do an edit, as ``warpriver.edits`` describes it in JSON."""
         value = edit_of(edit)
-        carves = value.name in ("AvulseChannel", "DivertChannel")
-        before = self._ground_sum() if carves else None
+        before = self._ground_sum() if value.name in CARVING else None
         self.author.apply(value, _group(group))
         self._after_edit(value, before)
 
@@ -243,7 +329,8 @@ class Worker:
     def do_rewind(self, step: Any) -> dict[str, Any]:
         """Go on from an earlier step; edits after it are forgotten."""
         lost = self.author.rewind(step)
-        self._records = [each for each in self._records if each[0] <= self.author.simulation.step_count]
+        self._reel.rewind(self.author.simulation.step_count)
+        self._news.begin()
         self._tell_all_again()
         return {"forgotten": lost}
 
@@ -256,45 +343,88 @@ class Worker:
         params = MeanderParams(**{**{name: getattr(now.params, name) for name in _params_fields()}, **constants})
         self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
 
+    def do_preset(self, name: Any) -> None:
+        """Begin anew from the rivers as they are now, with the constants of a preset."""
+        if name not in PRESETS:
+            raise InputError(f"there is no preset {str(name)[:40]!r}; there are {', '.join(PRESETS)}")
+        now = self.author.simulation
+        params = PRESETS[name].params()
+        self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
+
+    def do_map(self, name: Any = None) -> None:
+        """Show a map of the ground, or none."""
+        if name is not None and name not in MAPS:
+            raise InputError(f"there is no map {str(name)[:40]!r}; there are {', '.join(MAPS)}")
+        self._news.map, self._news.asked = name, -1.0
+        self._tell_session()
+
+    def do_types(self, on: Any = True) -> None:
+        """Colour the channels by their type, or no longer."""
+        self._news.types, self._news.asked = bool(on), -1.0
+        self._tell_session()
+
     def do_save(self) -> dict[str, Any]:
         """Keep the session as it is now under a new name."""
         self._keep()
+        self._check()
         name = secrets.token_hex(8)
         copy_session(self.folder, self.folder / SAVED / name)
         return {"saved": name}
 
     def do_record(self, index: Any) -> None:
         """Send a state of the timeline."""
-        if not isinstance(index, int) or not 0 <= index < len(self._records):
-            raise InputError(f"index is {index!r}; the timeline has {len(self._records)} states")
-        self._send(b"R" + as_earlier(self._records[index][2]))
+        shown = self._reel.shown()
+        if not isinstance(index, int) or not 0 <= index < len(shown):
+            raise InputError(f"index is {index!r}; the timeline has {len(shown)} states")
+        self._send(b"R" + as_earlier(self._reel.frame(shown[index][0])))
 
-    def do_export(self, name: str) -> dict[str, Any]:
+    def do_export(self, name: str, center: Any = None, width: Any = 200.0) -> dict[str, Any]:
         """Write a file into the folder of the session, and return its name."""
         exports = {
             "rivers.gpkg": lambda path: write_network(self.author.simulation.network, path),
             "rivers.geojson": lambda path: write_network(self.author.simulation.network, path),
             "terrain.tif": self._write_terrain,
             "terrain.png": self._write_terrain,
-            EDITS: self.author.write_session,
+            "edits.json": self.author.write_session,
+            "session.zip": self._write_archive,
         }
+        if name in EXPORTS:
+            self._keep_record(always=True)
+            self._ask_mapper("export", {"name": name, "center": center, "width": width}, self._command)
+            return LATER
         if name not in exports:
-            raise InputError(f"there is no export {name!r}; there are {', '.join(exports)}")
+            raise InputError(f"there is no export {name!r}; there are {', '.join([*exports, *EXPORTS])}")
         place = self.folder / "exports"
         place.mkdir(exist_ok=True)
         exports[name](place / name)
         return {"file": name}
+
+    def _write_archive(self, path: Path) -> None:
+        """Write the session as one file, which opens anywhere to the same bits."""
+        self._keep()
+        self._check()
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            for name in KEPT:
+                place = self.folder / name
+                for file in sorted(place.rglob("*")) if place.is_dir() else [place]:
+                    if file.is_file():
+                        archive.write(file, file.relative_to(self.folder))
 
     def begin(self, simulation: Simulation) -> None:
         """Begin the session anew from a simulation."""
         fresh = self.folder.with_name(self.folder.name + ".new")
         shutil.rmtree(fresh, ignore_errors=True)
         begin_folder(fresh, simulation)
+        self._journal.close()
         copy_session(fresh, self.folder)
         shutil.rmtree(fresh, ignore_errors=True)
-        self.author = taken_up(self.folder)
-        self._records.clear()
-        self._every = 1
+        self.author, _ = taken_up(self.folder)
+        self.author.stepped = self._keep_record
+        self._journal = self._open_journal()
+        self._reel.clear()
+        self._news.begin()
+        self._made = None
+        self._keep_record()
         self._tell_all_again()
 
     def _write_terrain(self, path: Path) -> None:
@@ -302,7 +432,7 @@ class Worker:
             raise InputError("this session has no terrain")
         write_terrain(self.author.simulation.terrain, path)
 
-    def _back(self, way: Callable[[], list[Edit]]) -> None:
+    def _back(self, way: Callable[[], object]) -> None:
         """Undo or redo, which may change everything."""
         ground, field = self._ground_sum(), self._field_sum()
         way()
@@ -315,7 +445,7 @@ class Worker:
             self._send_raster("control")
         self._changed = True
         self._tell_loops()
-        self._records = [each for each in self._records if each[0] <= self.author.simulation.step_count]
+        self._news.begin()
         self._keep()
         self._tell_session()
 
@@ -324,10 +454,14 @@ class Worker:
         box = _touched(edit)
         if edit.name == "EditTerrain":
             self._send_raster("height", box)
-        elif edit.name in ("AvulseChannel", "DivertChannel") and ground != self._ground_sum():
+        elif edit.name in CARVING and ground != self._ground_sum():
             self._send_raster("height")
         elif edit.name == "PaintControl":
             self._send_raster("control", window=edit.window)  # type: ignore[attr-defined]
+        if edit.name == "EditTerrain" or edit.name in CARVING:
+            self._news.ground = None
+        if edit.name in (*CARVING, "CutLoop"):
+            self._tell_loops()
         self._keep()
         self._tell_session()
 
@@ -346,6 +480,10 @@ class Worker:
             control=_place(self._field()),
             params={name: getattr(simulation.params, name, None) for name in _SHOWN},
             constants=_constants(),
+            presets=[[name, preset.title, preset.doc] for name, preset in PRESETS.items()],
+            maps=[[name, title] for name, (title, *_) in MAPS.items()],
+            targets=[[f"landscape-{name}.zip", word] for name, word in TARGETS.items()],
+            generators=described(),
             time_step=simulation.params.time_step,
         )
         self._send_raster("height")
@@ -365,7 +503,7 @@ class Worker:
         self._tell(
             type="session", playing=self.playing, rate=self.rate, undo=author.undoable, redo=author.redoable,
             edits=[[step, edit.name] for step, edit in author.edits[-50:]], controls=controls, locks=locks,
-            records=[[step, at] for step, at, _ in self._records],
+            records=self._reel.shown(), map=self._news.map, types=self._news.types,
         )  # fmt: skip
 
     def _tell_figures(self, now: float) -> None:
@@ -384,24 +522,28 @@ class Worker:
             wavelength=wave if math.isfinite(wave) else None, cutoffs=len(history.cutoffs),
             collisions=len(history.collisions), avulsions=len(history.avulsions), points=network.point_count,
             channels=network.channel_count, step_ms=self._step_ms,
-            records=[[step, at] for step, at, _ in self._records],
+            records=self._reel.shown(),
         )  # fmt: skip
 
     def _tell_loops(self) -> None:
-        cutoffs = list(self.author.simulation.history.cutoffs)
-        frame = encode_loops([c.xy for c in cutoffs], [c.width for c in cutoffs], 2, self._origin)
-        self._send(b"B" + frame)
-        courses = list(self.author.simulation.history.avulsions)
-        if courses:
-            self._send(b"B" + encode_loops([a.xy for a in courses], [a.width for a in courses], 1, self._origin))
+        history = self.author.simulation.history
+        cutoffs = list(history.cutoffs)[-LOOPS_TOLD:]
+        self._send(b"B" + self._loops(cutoffs, 2))
+        courses = list(history.avulsions)[-LOOPS_TOLD:]
+        self._send(b"B" + self._loops(courses, 3))
+
+    def _loops(self, left: Sequence[Cutoff | Avulsion], kind: int) -> bytes:
+        return encode_loops(
+            [each.xy for each in left], [each.width for each in left], [each.time for each in left], kind, self._origin
+        )
 
     def _tell_events(self, events: list[Event]) -> None:
         cutoffs = [event for event in events if isinstance(event, Cutoff)]
         avulsions = [event for event in events if isinstance(event, Avulsion)]
         if cutoffs:
-            self._send(b"B" + encode_loops([c.xy for c in cutoffs], [c.width for c in cutoffs], 0, self._origin))
+            self._send(b"B" + self._loops(cutoffs, 0))
         if avulsions:
-            self._send(b"B" + encode_loops([a.xy for a in avulsions], [a.width for a in avulsions], 1, self._origin))
+            self._send(b"B" + self._loops(avulsions, 1))
             self._send_raster("height")
         told = [[event.kind, event.time] for event in events if event.kind in ("cutoff", "collision", "avulsion")]
         if told:
@@ -411,6 +553,7 @@ class Worker:
         self._sequence += 1
         simulation = self.author.simulation
         network = simulation.network
+        section = network.point_section
         size = np.stack(
             [network.channel_width, network.channel_depth, network.channel_discharge, self._orders(network)], axis=1
         )
@@ -425,6 +568,7 @@ class Worker:
             channel_size=size,
             channel_start=network.starts(),
             point_xy=network.points() - self._origin,
+            point_width=None if section is None else section[: network.point_count].numpy()[:, 0],
         )
         return encode_state(state)
 
@@ -435,15 +579,64 @@ class Worker:
             self._order = (key, strahler_order(network.channel_from, network.channel_to))
         return self._order[1]
 
-    def _keep_record(self) -> None:
+    def _keep_record(self, always: bool = False) -> None:
+        """Put the present state on the reel, if it is one of those that are kept; always where that is asked for."""
         step = self.author.simulation.step_count
-        if step % self._every or (self._records and self._records[-1][0] >= step):
+        if step < self._reel.last:  # the run is done again from an earlier state
+            self._reel.rewind(step - 1)
+        if step > self._reel.last and (always or self._reel.wants(step)):
+            self._made = self._frame()
+            self._reel.keep(step, self.author.simulation.time, self._made)
+
+    # ---- maps
+
+    def _ask_for_map(self, now: float) -> None:
+        """Let maps be made of where the run stands, if they are shown and behind."""
+        news = self._news
+        if not self._map_is_due() or now - news.asked < MAP_SECONDS:
             return
-        self._made = self._frame()
-        self._records.append((step, self.author.simulation.time, self._made))
-        if len(self._records) > RECORDS:
-            self._every *= 2
-            self._records = [each for each in self._records if each[0] % self._every == 0]
+        news.made, news.asked, news.busy = self._map_key(), now, 0
+        for name, wanted in (("map", news.map is not None), ("types", news.types)):
+            if wanted:
+                news.busy += 1
+                self._ask_mapper(name, {"name": news.map} if name == "map" else {})
+
+    def _map_key(self) -> tuple[object, ...]:
+        news = self._news
+        return (news.epoch, self.author.simulation.step_count, len(self.author.entries), news.map, news.types)
+
+    def _map_is_due(self) -> bool:
+        news = self._news
+        return not news.busy and (news.map is not None or news.types) and news.made != self._map_key()
+
+    def _ask_mapper(self, what: str, arguments: dict[str, Any], number: int | None = None) -> None:
+        """Tell the mapper where the run stands, and what it shall make."""
+        news, simulation = self._news, self.author.simulation
+        terrain = simulation.terrain
+        if terrain is not None and news.ground is None:
+            np.save(self.folder / GROUND, terrain.to_numpy())
+            news.begin()
+            raster = terrain.raster
+            file = str(self.folder / GROUND)
+            news.ground = {"file": file, "cell": raster.cell_size, "origin": list(raster.origin)}
+        events = simulation.history.events
+        told = {
+            "epoch": news.epoch, "run": RUN, "origin": self._origin.tolist(), "ground": news.ground,
+            "states": self._reel.states, "events": events_as_json(events[news.events :]),
+        }  # fmt: skip
+        news.events = len(events)
+        self._send(b"M" + json.dumps({"do": what, "with": arguments, "number": number, "news": told}).encode())
+
+    def mapped(self, lost: bool = False) -> None:
+        """Note that the mapper has made something, or that its process is gone."""
+        news = self._news
+        news.busy = 0 if lost else max(0, news.busy - 1)
+        if lost:
+            news.begin()
+            if news.map is not None or news.types:
+                news.map, news.types = None, False
+                self._tell(type="error", text="the map was given up: its process ended")
+                self._tell_session()
 
     def _send_raster(self, name: str, box: Any = None, window: Any = None) -> None:
         terrain = self.author.simulation.terrain
@@ -507,7 +700,8 @@ def _constants() -> list[dict[str, Any]]:
     fields = {field.name: field for field in dataclasses.fields(MeanderParams)}
     return [
         {
-            "name": name, "unit": fields[name].metadata.get("unit", ""), "doc": fields[name].metadata.get("doc", ""),
+            "name": name, "symbol": SYMBOLS.get(name, ""), "unit": fields[name].metadata.get("unit", ""),
+            "doc": fields[name].metadata.get("doc", ""),
             "default": fields[name].default, "choices": list(fields[name].metadata.get("choices") or []),
         }
         for name in _SHOWN if name in fields
@@ -583,6 +777,8 @@ def work(connection: Connection, folder: str) -> None:
                     worker.credits = min(WINDOW, worker.credits + 1)
                 elif message[:1] == b"S":
                     worker.tell_scene()
+                elif message[:1] in (b"I", b"N"):
+                    worker.mapped(lost=message[:1] == b"N")
                 elif message[:1] == b"Q":
                     return
                 else:

@@ -10,7 +10,7 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.history import History
+from warpriver.history import Cutoff, History
 from warpriver.landscape import PLANTS, LandscapeMaps, LandscapeParams, landscape_maps
 from warpriver.landscape.falloff import smoothstep
 from warpriver.public import public
@@ -176,7 +176,7 @@ class LandscapeSheet:
             self._image = self.sheet.lay(pixels)
         else:
             self._image.set_data(pixels)
-        cutoffs = sum(event.time <= maps.time for event in self._history.cutoffs)
+        cutoffs = int((self._history.events.of(Cutoff).times <= maps.time).sum())
         words = f"year {maps.time:,.0f}" + (f", {cutoffs:,} cutoffs" if cutoffs else "")
         self.sheet.note.set_text(words)
 

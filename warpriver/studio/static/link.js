@@ -1,6 +1,6 @@
 // The socket to the session: commands with answers, and frames as typed arrays. See frames.py for their layout.
 
-const STATE = 1, PATCH = 2, LOOPS = 3;
+const STATE = 1, PATCH = 2, LOOPS = 3, MAP = 4;
 const RASTERS = ["height", "control"];
 
 export class Link extends EventTarget {
@@ -67,8 +67,13 @@ export class Link extends EventTarget {
       const [mode, count, points] = [4, 8, 12].map((at) => head.getUint32(at, true));
       let at = 16;
       const width = new Float32Array(buffer, at, count); at += 4 * count;
+      const time = new Float32Array(buffer, at, count); at += 4 * count;
       const start = new Uint32Array(buffer, at, count + 1); at += 4 * (count + 1);
-      this.tell("loops", { mode, count, width, start, xy: new Float32Array(buffer, at, 2 * points) });
+      this.tell("loops", { mode, count, width, time, start, xy: new Float32Array(buffer, at, 2 * points) });
+    } else if (kind === MAP) {
+      const [west, north, cell, low, high] = [16, 24, 32, 40, 48].map((at) => head.getFloat64(at, true));
+      const name = new TextDecoder().decode(new Uint8Array(buffer, 56, 16)).replace(/\0+$/, "");
+      this.tell("mapcells", { name, rows: head.getUint32(4, true), columns: head.getUint32(8, true), west, north, cell, low, high, values: new Uint8Array(buffer, 72) });
     }
   }
 }
@@ -79,9 +84,12 @@ export function decodeState(buffer, head = new DataView(buffer)) {
   const id = new Float64Array(buffer, at, channels); at += 8 * channels;
   const size = new Float32Array(buffer, at, 4 * channels); at += 16 * channels;
   const start = new Uint32Array(buffer, at, channels + 1); at += 4 * (channels + 1);
+  const xy = new Float32Array(buffer, at, 2 * points); at += 8 * points;
+  // Where widths vary along the channels: in steps of the greatest one.
+  const steps = flags & 4 ? new Uint16Array(buffer, at, points) : null, fine = head.getFloat32(28, true) / 65535;
   return {
     sequence, edits, playing: (flags & 1) !== 0, earlier: (flags & 2) !== 0, channels, points, step,
     time: head.getFloat64(32, true), stepMs: head.getFloat64(40, true),
-    id, size, start, xy: new Float32Array(buffer, at, 2 * points),
+    id, size, start, xy, width: (c, i) => (steps ? steps[i] * fine : size[4 * c]),
   };
 }

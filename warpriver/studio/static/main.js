@@ -4,8 +4,9 @@ import { MapCamera } from "./camera.js";
 import { Grid, Ground } from "./ground.js";
 import { Link } from "./link.js";
 import { Overlay } from "./overlay.js";
-import { $, makeLayers, number, Plots, showChannel, showConstants, showScale, showSession, showTimeline } from "./panels.js";
-import { nearest } from "./rivers.js";
+import { drawRamp, kindOf, rampOf, TYPES } from "./layers.js";
+import { $, makeLayers, number, Plots, showChannel, showChoices, showConstants, showGenerators, showScale, showSession, showTimeline } from "./panels.js";
+import { facts, nearest } from "./rivers.js";
 import { MapScene } from "./scene.js";
 import { makeTools, OPTIONS, optionValues } from "./tools.js";
 
@@ -16,7 +17,7 @@ const overlay = new Overlay(holder, view), plots = new Plots(), link = new Link(
 const studio = {
   link, view, scene, ground, overlay,
   origin: [0, 0], state: null, live: null, chosen: null, controls: [], locks: [], records: [], events: [], shown: null,
-  layers: {}, tool: null, latency: [], seen: 0,
+  layers: {}, tool: null, latency: [], seen: 0, types: null, map: null,
 
   async ask(what, rest) {
     try {
@@ -121,6 +122,9 @@ link.addEventListener("scene", ({ detail }) => {
   plots.clear();
   Object.assign(studio, { events: [], shown: null, bounds: [west, south, east, north] });
   showConstants(studio, detail);
+  showChoices(detail);
+  studio.generators = detail.generators;
+  showMap(null);
   if (fresh) {
     view.fit(west, south, east, north);
     // A brush that is seen, and that fits the map.
@@ -134,6 +138,10 @@ link.addEventListener("scene", ({ detail }) => {
 link.addEventListener("session", ({ detail }) => {
   Object.assign(studio, { controls: detail.controls, locks: detail.locks, records: detail.records, playing: detail.playing, edits: detail.edits, undo: detail.undo, redo: detail.redo });
   overlay.controls = detail.controls; overlay.locks = detail.locks;
+  $("map").value = detail.map ?? "";
+  if (!detail.map) showMap(null);
+  $("types").checked = detail.types;
+  if (!detail.types && studio.types) { studio.types = null; $("types-legend").hidden = true; if (studio.state) show(studio.state); }
   $("rate").value = detail.rate; $("rate-value").textContent = `${number(detail.rate)}/s`;
   showSession(studio, detail);
   showTimeline(studio);
@@ -150,7 +158,7 @@ link.addEventListener("earlier", ({ detail }) => { if (studio.shown !== null && 
 
 function show(state) {
   studio.state = state;
-  scene.setState(state);
+  scene.setState(state, studio.types && ((c) => kindOf(studio.types[state.id[c]]?.[0])));
   $("years").textContent = state.time.toFixed(1);
   $("step-time").textContent = `${number(state.stepMs)} ms a step`;
   studio.mark();
@@ -170,11 +178,48 @@ link.addEventListener("patch", ({ detail }) => {
 });
 
 link.addEventListener("loops", ({ detail }) => {
-  const ribbon = detail.mode === 1 ? scene.old : scene.oxbows;
-  if (detail.mode === 2) ribbon.clear();
-  ribbon.add(detail.start, detail.xy, (c) => 0.5 * detail.width[c]);
+  const ribbon = detail.mode % 2 ? scene.old : scene.oxbows;
+  if (detail.mode > 1) ribbon.clear();
+  ribbon.add(detail.start, detail.xy, (c) => 0.5 * detail.width[c], (c) => detail.time[c]);
   studio.redraw();
 });
+
+// ---- maps on the ground
+
+function showMap(map) {
+  studio.map = map;
+  scene.setMap(map, map && rampOf(map.name));
+  $("map-legend").hidden = !map;
+}
+link.addEventListener("map", ({ detail }) => { studio.mapWords = detail; });
+link.addEventListener("mapcells", ({ detail }) => {
+  if (detail.name !== $("map").value) return;
+  const { title, unit, time } = studio.mapWords;
+  showMap(detail);
+  drawRamp($("map-ramp"), detail.name);
+  $("map-low").textContent = number(detail.low, 2);
+  $("map-high").textContent = number(detail.high, 2);
+  $("map-title").textContent = `${title}${unit !== "-" ? `, ${unit}` : ""}, ${number(time)} yr`;
+});
+link.addEventListener("river_types", ({ detail }) => {
+  if (!$("types").checked) return;
+  studio.types = detail.types;
+  const there = new Set(Object.values(detail.types).map(([type]) => kindOf(type)));
+  $("types-legend").hidden = false;
+  $("types-legend").replaceChildren(...Object.entries(TYPES).filter((_, k) => there.has(k + 1)).map(([type, [colour, words]]) => {
+    const item = document.createElement("li"), swatch = document.createElement("canvas");
+    Object.assign(swatch, { width: 14, height: 10 });
+    const g = swatch.getContext("2d");
+    g.fillStyle = colour; g.fillRect(0, 0, 14, 10);
+    item.append(swatch, `${type}: ${words}`);
+    return item;
+  }));
+  if (studio.state) show(studio.state);
+});
+scene.rivers.uniforms.kinds.value.forEach((colour, k) => colour.setStyle(Object.values(TYPES)[k]?.[0] ?? "#186ab3", ""));
+$("map").addEventListener("change", () => studio.ask("map", { name: $("map").value || null }).catch(() => {}));
+$("types").addEventListener("change", () => studio.ask("types", { on: $("types").checked }).catch(() => {}));
+$("use-preset").addEventListener("click", () => studio.ask("preset", { name: $("preset").value }).catch(() => {}));
 
 link.addEventListener("events", ({ detail }) => { studio.events.push(...detail.events); if (studio.events.length > 5000) studio.events.splice(0, 2500); });
 link.addEventListener("figures", ({ detail }) => { studio.records = detail.records; plots.add(detail); showTimeline(studio); });
@@ -223,12 +268,27 @@ $("open").addEventListener("change", () => { if ($("open").files[0]) openFile($(
 window.addEventListener("dragover", (event) => { event.preventDefault(); $("drop").hidden = false; });
 window.addEventListener("dragleave", (event) => { if (!event.relatedTarget) $("drop").hidden = true; });
 window.addEventListener("drop", (event) => { event.preventDefault(); $("drop").hidden = true; if (event.dataTransfer.files[0]) openFile(event.dataTransfer.files[0]); });
-for (const button of document.querySelectorAll("[data-export]")) {
-  button.addEventListener("click", async () => {
-    const { file } = await studio.ask("export", { name: button.dataset.export });
-    fetchFile(`exports/${file}`, file);
-  });
+async function make(name, rest = {}) {
+  $("making").textContent = `Making ${name} …`;
+  try { return (await studio.ask("export", { name, ...rest })).file; } finally { $("making").textContent = ""; }
 }
+const download = (name) => make(name).then((file) => fetchFile(`exports/${file}`, file)).catch(() => {});
+for (const button of document.querySelectorAll("[data-export]")) button.addEventListener("click", () => download(button.dataset.export));
+$("landscape").addEventListener("click", () => download($("target").value));
+/** Show the water of a reach, as a picture that is made for it. */
+studio.showWater = async (center, width) => {
+  studio.say("Making a picture of the water …", true);
+  const file = await make("water.png", { center, width });
+  $("water-picture").src = `exports/${file}?${Date.now()}`;
+  $("water").showModal();
+  $("hint").textContent = studio.tool?.title ?? "";
+};
+$("new").addEventListener("click", () => showGenerators(studio.generators ?? [], async (recipe) => {
+  studio.say("Making the terrain and its rivers …", true);
+  const answer = await fetch("new", { method: "POST", body: JSON.stringify(recipe) });
+  if (!answer.ok) studio.say((await answer.text()).trim());
+  $("hint").textContent = studio.tool?.title ?? "";
+}));
 function fetchFile(address, name) {
   const a = document.createElement("a");
   a.href = address; a.download = name;
@@ -292,10 +352,22 @@ canvas.addEventListener("pointermove", (event) => {
   const world = [p.x + studio.origin[0], p.y + studio.origin[1]];
   let text = `${world[0].toFixed(0)}, ${world[1].toFixed(0)} m`;
   if (ground.height) text += `   ${number(ground.at(p.x, p.y), 4)} m high`;
-  if (hit) { const s = studio.state.size.subarray(4 * hit.channel, 4 * hit.channel + 4); text += `\nchannel ${studio.state.id[hit.channel]}   ${number(s[0])} m wide, ${number(s[1])} m deep, ${number(s[2])} m³/s`; }
+  if (studio.map) text += `   ${mapText(p)}`;
+  if (hit) {
+    const f = facts(studio.state, hit.channel), type = studio.types?.[f.id]?.[0];
+    text += `\nchannel ${f.id}   ${number(studio.state.width(hit.channel, hit.point))} m wide, ${number(f.depth)} m deep, ${number(f.discharge)} m³/s`;
+    text += `\nsinuosity ${number(f.sinuosity)}, order ${f.order}${type ? `, type ${type}` : ""}`;
+  }
   $("readout").textContent = text;
   studio.redraw();
 });
+/** What the map on the ground says at a place. */
+function mapText(p) {
+  const m = studio.map, c = Math.floor((p.x - m.west) / m.cell), r = Math.floor((m.north - p.y) / m.cell);
+  const v = c >= 0 && r >= 0 && c < m.columns && r < m.rows ? m.values[r * m.columns + c] : 255;
+  const { title, unit } = studio.mapWords;
+  return `${title.toLowerCase()}: ${v === 255 ? "none" : `${number(m.low + (m.high - m.low) * v / 254)}${unit !== "-" ? ` ${unit}` : ""}`}`;
+}
 function release(event) {
   pointers.delete(event.pointerId);
   if (pointers.size < 2) pinch = null;
@@ -320,7 +392,7 @@ const KEYS = {
 };
 for (const tool of tools.all) if (tool.key) KEYS[tool.key] = [tool.name, () => studio.use(tool)];
 window.addEventListener("keydown", (event) => {
-  if (event.target.matches("input:not([type=range]), select, textarea") || $("keys").open) return;
+  if (event.target.matches("input:not([type=range]):not([type=checkbox]), select, textarea") || document.querySelector("dialog[open]")) return;
   if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") { event.preventDefault(); (event.shiftKey ? $("redo") : $("undo")).click(); return; }
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const onButton = event.target.matches("button, a, summary, input") && [" ", "Enter", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home"].includes(event.key);

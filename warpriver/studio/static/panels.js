@@ -102,13 +102,14 @@ export class Plots {
 export function showConstants(studio, scene) {
   const form = $("constants");
   form.replaceChildren();
-  for (const { name, unit, doc, choices } of scene.constants) {
+  for (const { name, symbol, unit, doc, choices } of scene.constants) {
     const value = scene.params[name];
     if (value === null || value === undefined) continue;
     const input = choices.length
       ? element("select", { name }, ...choices.map((c) => element("option", { value: c, textContent: c, selected: c === value })))
       : element("input", { name, type: "number", step: "any", value });
-    form.append(element("label", { title: doc }, `${name.replaceAll("_", " ")}${unit && unit !== "-" ? ` (${unit})` : ""}`, input));
+    const sign = element("span", { className: "symbol", textContent: symbol });
+    form.append(element("label", { title: doc }, ...(symbol ? [sign] : []), `${name.replaceAll("_", " ")}${unit && unit !== "-" ? ` (${unit})` : ""}`, input));
   }
   form.append(element("button", { textContent: "Begin anew with these", title: "Other constants hold from a new beginning: the rivers as they are now" }));
   form.onsubmit = (event) => {
@@ -120,6 +121,50 @@ export function showConstants(studio, scene) {
     }
     if (Object.keys(given).length) studio.ask("params", given);
   };
+}
+
+/** Presets, maps and targets to choose from. */
+export function showChoices(scene) {
+  const fill = (id, options, first = []) => {
+    const kept = $(id).value;
+    $(id).replaceChildren(...[...first, ...options].map(([value, text]) => element("option", { value, textContent: text })));
+    if ([...$(id).options].some((o) => o.value === kept)) $(id).value = kept;
+  };
+  fill("map", scene.maps, [["", "none"]]);
+  fill("preset", scene.presets);
+  fill("target", scene.targets);
+  const tell = () => { $("preset-doc").textContent = scene.presets.find(([name]) => name === $("preset").value)?.[2] ?? ""; };
+  $("preset").onchange = tell;
+  tell();
+}
+
+/** The dialog that asks for a new terrain. */
+export function showGenerators(generators, make) {
+  const form = $("fresh-form"), choice = element("select", { title: "What kind of land" }), doc = element("p", { className: "quiet" }), fields = element("div");
+  choice.append(...generators.map((g) => element("option", { value: g.name, textContent: g.title })));
+  const show = () => {
+    const chosen = generators.find((g) => g.name === choice.value);
+    doc.textContent = chosen.doc;
+    fields.replaceChildren(...chosen.fields.map((f) => {
+      const input = f.choices
+        ? element("select", { name: f.name, title: f.doc }, ...f.choices.map((c) => element("option", { value: c, textContent: c })))
+        : element("input", { name: f.name, type: "number", step: f.whole ? "1" : "any", min: f.low, max: f.high, value: f.value, title: `${f.doc}: ${f.low} to ${f.high}`, required: true });
+      return element("label", {}, `${f.label}${f.unit && f.unit !== "-" ? ` (${f.unit})` : ""}`, input);
+    }));
+  };
+  choice.addEventListener("change", show);
+  form.replaceChildren(
+    element("label", { className: "wide" }, "Land", choice), doc, fields,
+    element("button", { type: "submit", textContent: "Make", title: "Make it; the present session is replaced, so save it first" }), " ",
+    element("button", { type: "button", textContent: "Cancel", title: "Keep the present one (Esc)", onclick: () => $("fresh").close() }));
+  show();
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    const values = Object.fromEntries([...new FormData(form)].map(([k, v]) => [k, Number.isNaN(Number(v)) ? v : Number(v)]));
+    $("fresh").close();
+    make({ generator: choice.value, ...values });
+  };
+  $("fresh").showModal();
 }
 
 export function showSession(studio, told) {

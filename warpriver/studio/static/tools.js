@@ -113,6 +113,25 @@ export function makeTools(studio) {
     cancel() { this.first = null; },
   };
 
+  const avulse = {
+    from: null,
+    async down(place) {
+      const hit = at(place);
+      if (this.from === null) {
+        if (!needs(hit)) return;
+        this.from = { id: idOf(hit), at: absolute(hit) };
+        studio.choose(this.from.id);
+        studio.say("Now click where the water shall go: farther down the same river, on another one, or beside them to leave it to chance", true);
+        return;
+      }
+      const { id, at: from } = this.from, to = hit && idOf(hit);
+      this.cancel();
+      if (to !== null && to !== id) await edit({ edit: "DivertChannel", channel: id, at: from, to });
+      else await edit({ edit: "AvulseChannel", channel: id, at: from, ...(to === id ? { to: absolute(hit) } : {}) });
+    },
+    cancel() { this.from = null; },
+  };
+
   const redraw = line(async (xy) => {
     const hit = needs(at({ x: xy[0][0] - studio.origin[0], y: xy[0][1] - studio.origin[1] }));
     if (hit) await edit({ edit: "RedrawSection", channel: idOf(hit), xy });
@@ -122,6 +141,7 @@ export function makeTools(studio) {
     ["View", [
       { id: "pan", name: "Move map", key: "1", title: "Drag the map; the wheel zooms; right drag turns the relief", pan: true },
       { id: "inspect", name: "Inspect", key: "2", title: "Choose a channel and read its size", down: (place) => { const hit = needs(at(place)); studio.choose(hit ? idOf(hit) : null); } },
+      { id: "water", name: "See water", title: "A picture of the water of a reach, by the type of its river", down: (place) => { const hit = needs(at(place)); if (hit) return studio.showWater(absolute(hit), 12 * studio.state.width(hit.channel, hit.point)); return null; } },
     ]],
     ["Rivers", [
       { id: "drag", name: "Drag bend", key: "3", title: "Drag a point of a channel; what lies near it follows", options: ["radius"], ...drag },
@@ -131,7 +151,8 @@ export function makeTools(studio) {
       { id: "split", name: "Split", title: "Make two channels of one", ...click((hit) => ({ edit: "SplitChannel", channel: idOf(hit), at: absolute(hit) })) },
       { id: "join", name: "Join", title: "Make one channel of two: click the upper, then the lower one", ...join },
       { id: "remove", name: "Erase", key: "7", title: "Remove a channel", ...click((hit) => ({ edit: "RemoveChannel", channel: idOf(hit) })) },
-      { id: "avulse", name: "Avulse", title: "Let the river leave its course here for a new one downstream", ...click((hit) => ({ edit: "AvulseChannel", channel: idOf(hit), at: absolute(hit) })) },
+      { id: "cut", name: "Cut bend", title: "Cut a bend off at its neck: click on the bend; it is left as an oxbow lake", ...click((hit) => ({ edit: "CutLoop", channel: idOf(hit), at: absolute(hit) })) },
+      { id: "avulse", name: "Avulse", title: "Let a river leave its course: click where, then where it goes", ...avulse },
     ]],
     ["Ground", [
       { id: "raise", name: "Raise", key: "8", title: "Raise the ground under the brush", options: ["radius", "amount"], ...terrain("raise", "amount") },

@@ -1,0 +1,333 @@
+"""The process beside the simulation that makes what takes longer than a step: maps, river types, movies and exports.
+
+It reads the states of the run from the disk, and is told its events; so the run goes on while a map is made.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpriver.errors import InputError, WarpriverError
+from warpriver.history import Avulsion, Collision, Crevasse, Cutoff, Event, History
+from warpriver.landscape import CarveParams, Landscape, carve, export_landscape, landscape_maps, plain_under
+from warpriver.network import RiverNetwork
+from warpriver.raster import Raster
+from warpriver.riverscape import Riverscape, classify_rivers
+from warpriver.studio.frames import decode_state, encode_map
+from warpriver.studio.reel import REEL, state_file
+from warpriver.terrain import Terrain
+
+__all__ = ["EXPORTS", "MAPS", "events_as_json", "map_process"]
+
+# Maps that a page can show: title, unit, and the range of values; None stands for what the map holds.
+MAPS: dict[str, tuple[str, str, float | None, float | None]] = {
+    "moisture": ("Soil moisture", "-", 0.0, None),
+    "sediment": ("Deposits", "m", 0.0, None),
+    "vegetation": ("Density of vegetation", "-", 0.0, 1.0),
+    "age": ("Years since the channel left", "yr", 0.0, None),
+    "belt": ("Where channels have been", "-", 0.0, 1.0),
+    "elevation_change": ("Change of height", "m", None, None),
+    "sand": ("Fraction of sand", "-", 0.0, 1.0),
+}
+# What is made here to be downloaded.
+MOVIES = {"run.gif": ".gif", "run.mp4": ".mp4"}
+TARGETS = {
+    "gis": "a GIS", "mesh": "3-D programs (meshes)", "paraview": "ParaView", "unreal": "Unreal Engine",
+    "unity": "Unity", "godot": "Godot", "blender": "Blender", "houdini": "Houdini",
+}  # fmt: skip
+EXPORTS = (*MOVIES, *(f"landscape-{name}.zip" for name in TARGETS), "water.png")
+# Cells along the longer side of a map, and across the narrowest channel; states that a map is led through at most to
+# come up with the run; states of a movie, and of the ground's export.
+MAP_CELLS, CELLS_ACROSS, CATCH_UP = 768, 3.0, 400
+MOVIE_STATES, EXPORT_STATES = 120, 60
+MOVIE_SIZE, WATER_SIZE = (1280, 720), (960, 540)
+# Where the values of a map without a limit end, as a percentile.
+TOP = 99.5
+# Kinds of events that maps take.
+EVENTS: dict[str, type[Event]] = {each.__name__: each for each in (Cutoff, Collision, Avulsion, Crevasse)}
+
+
+class StoredRun(History):
+    """The run as a history whose states are read from the disk when they are asked for."""
+
+    def __init__(self, start: History, folder: Path, origin: np.ndarray):
+        """Begin without states.
+
+        Args:
+            start: The run at its beginning: its constants and its CRS.
+            folder: Where the states are.
+            origin: Origin of the map, m, to which states are relative.
+        """
+        super().__init__(start.params, seed=start.seed, origin=start.origin, crs=start.crs)
+        self._states, self._place, self._map_origin = [(0, 0.0)][:0], folder, origin
+
+    def of(self, states: Sequence[tuple[int, float]]) -> StoredRun:
+        """Return the run with some of its states only, and the same events."""
+        part = StoredRun(self, self._place, self._map_origin)
+        part._states, part._events = list(states), self.events
+        return part
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the states in yr."""
+        return np.array([time for _, time in self._states])
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Steps done at the states."""
+        return np.array([step for step, _ in self._states], np.int64)
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def network(self, index: int) -> RiverNetwork:
+        """Return the network of one state."""
+        state = decode_state(state_file(self._place, self._states[index][0]).read_bytes())
+        width, depth, discharge, _ = np.asarray(state.channel_size, np.float64).T
+        section = None
+        if state.point_width is not None:
+            start = state.channel_start.astype(np.int64)
+            section = np.stack([state.point_width, np.repeat(depth, start[1:] - start[:-1])], axis=1)
+        return RiverNetwork(
+            np.asarray(state.point_xy, np.float64),
+            state.channel_start.astype(np.int32),
+            point_section=section,
+            origin=self._map_origin,
+            crs=self.crs,
+            channel_width=width,
+            channel_depth=depth,
+            channel_discharge=discharge,
+            channel_id=state.channel_id.astype(np.int64),
+        )
+
+
+class Mapper:
+    """What the process knows of the run, and what it makes of it."""
+
+    def __init__(self, folder: Path, send: Callable[[bytes], None]):
+        """Take the folder of a session."""
+        self._folder, self._send = folder, send
+        self._epoch = -1
+        self._run: StoredRun | None = None
+        self._states: list[tuple[int, float]] = []
+        self._ground: Terrain | None = None
+        self._map: Landscape | None = None
+        self._led: StoredRun | None = None
+        self._water: tuple[Any, Riverscape] | None = None
+
+    # ---- what has happened
+
+    def learn(self, news: dict[str, Any]) -> None:
+        """Take in where the run stands: its states on the disk, and events since the last time."""
+        states = [(int(step), float(time)) for step, time in news["states"]]
+        if news["epoch"] != self._epoch or self._run is None:
+            self._epoch = news["epoch"]
+            origin = np.array(news["origin"])
+            self._run = StoredRun(History.load(self._folder / news["run"]), self._folder / REEL, origin)
+            self._map = self._led = self._water = None
+            self._ground = None
+            if news["ground"] is not None:
+                height = np.load(news["ground"]["file"], allow_pickle=False)
+                self._ground = Terrain(height, news["ground"]["cell"], news["ground"]["origin"], self._run.crs)
+        self._run.events.extend(_event_of(told) for told in news["events"])
+        self._states = states
+
+    def _kept(self, most: int, after: int = -1) -> list[tuple[int, float]]:
+        """Return states after a step that are on the disk, at most so many, the last one among them."""
+        later = [state for state in self._states if state[0] > after]
+        stride = max(1, -(-len(later) // most))
+        chosen = later[len(later) - 1 :: -stride][::-1]
+        assert self._run is not None
+        return [state for state in chosen if state_file(self._folder / REEL, state[0]).exists()]
+
+    def _present(self, most: int) -> StoredRun:
+        assert self._run is not None
+        states = self._kept(most)
+        if not states:
+            raise InputError("no state of the run is kept yet; do a step")
+        return self._run.of(states)
+
+    # ---- maps
+
+    def do_map(self, name: str) -> None:
+        """Make a map of the ground, and send it."""
+        maps = self._maps()
+        raster: Raster = maps.rasters[name]
+        title, unit, low, high = MAPS[name]
+        values = np.asarray(raster.numpy(), np.float64)
+        known = values[np.isfinite(values)]
+        if name == "belt":
+            raster = raster.like(np.where(values > 0.0, 1.0, np.nan))
+        if low is None:
+            most = float(np.percentile(np.abs(known), TOP)) if len(known) else 1.0
+            low, high = -max(most, 0.1), max(most, 0.1)
+        if high is None:
+            felt = known[known > 0.0]
+            high = float(np.percentile(felt, TOP)) if len(felt) else 1.0
+        self._tell(type="map", name=name, title=title, unit=unit, low=low, high=high, time=maps.time)
+        assert self._run is not None
+        self._send(b"B" + encode_map(name, raster, low, high, self._run._map_origin))
+
+    def _maps(self) -> Any:
+        """Lead the cells up to the last state, and return the maps there."""
+        assert self._run is not None
+        if self._map is None or self._led is None:
+            self._led = self._present(CATCH_UP)
+            network = self._led.networks[0]
+            west, south, east, north = self._bounds()
+            size = max(east - west, north - south) / MAP_CELLS
+            size = max(size, float(network.channel_width.min()) / CELLS_ACROSS)
+            ground = self._ground
+            self._map = Landscape(self._led, ground, size, bounds=(west, south, east, north), threads=1)
+        else:
+            self._led._states += self._kept(CATCH_UP, self._led._states[-1][0])
+        self._map.lead_to(len(self._led) - 1)
+        return self._map.maps()
+
+    def _bounds(self) -> tuple[float, float, float, float]:
+        if self._ground is not None:
+            return self._ground.bounds
+        west, south, east, north = self._present(1).networks[0].bounds()
+        margin = 0.1 * max(east - west, north - south)
+        return west - margin, south - margin, east + margin, north + margin
+
+    def do_types(self) -> None:
+        """Give each channel its Rosgen type, and tell them."""
+        network = self._present(1).networks[-1]
+        types = classify_rivers(network, self._ground)
+        told = {
+            str(identity): [str(types.channel_type[k]), types.reasons(k)]
+            for k, identity in enumerate(network.channel_id.tolist())
+        }
+        self._tell(type="river_types", types=told)
+
+    # ---- files
+
+    def do_export(self, name: str, center: Sequence[float] | None = None, width: float = 200.0) -> dict[str, Any]:
+        """Write a file into the folder of exports, and return its name."""
+        place = self._folder / "exports"
+        place.mkdir(exist_ok=True)
+        if name in MOVIES:
+            self._write_movie(place / name)
+        elif name == "water.png":
+            self._draw_water(place / name, center, width)
+        elif name in EXPORTS:
+            self._write_landscape(place / name, name[len("landscape-") : -len(".zip")])
+        else:
+            raise InputError(f"there is no export {name!r}; there are {', '.join(EXPORTS)}")
+        return {"file": name}
+
+    def _write_movie(self, path: Path) -> None:
+        from warpriver.viz import movie
+
+        movie(self._present(MOVIE_STATES), path, terrain=self._ground, size=MOVIE_SIZE, fps=12.0, title="")
+
+    def _write_landscape(self, path: Path, target: str) -> None:
+        """Carve the ground and write it for another program, as one archive."""
+        run = self._present(EXPORT_STATES)
+        network = run.networks[-1]
+        maps, deposits = {}, None
+        ground = self._ground
+        if ground is None:
+            ground = plain_under(network, history=run)
+        else:
+            maps = landscape_maps(run, ground, ground.cell_size).rasters
+            change = maps["elevation_change"]
+            deposits = change.like(np.maximum(change.numpy(), 0.0), unit="m", name="deposits")
+        carved = carve(ground, network, CarveParams(), deposits=deposits, history=run)
+        made = path.with_suffix(".files")
+        shutil.rmtree(made, ignore_errors=True)
+        try:
+            export_landscape(carved, made, targets=[target], history=run, maps=maps)
+            fresh = path.with_suffix(".part")
+            with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+                for file in sorted(made.rglob("*")):
+                    if file.is_file():
+                        archive.write(file, file.relative_to(made))
+            os.replace(fresh, path)
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
+
+    def _draw_water(self, path: Path, center: Sequence[float] | None, width: float) -> None:
+        """Draw the water of the river at a place, as a riverscape shows it."""
+        from warpriver.viz import Camera, draw_riverscape
+
+        run = self._present(1)
+        if self._ground is None:
+            raise InputError("this session has no terrain, from which its water could be drawn")
+        key = (self._epoch, int(run.steps[-1]))
+        if self._water is None or self._water[0] != key:
+            self._water = (key, Riverscape(self._ground, run.networks[-1], planform="given", width="network"))
+        x, y = (float(v) for v in center or run.networks[-1].points().mean(axis=0))
+        camera = Camera((x, y), heading=60.0, tilt=40.0, distance=1.4 * width)
+        draw_riverscape(self._water[1], path, camera=camera, size=WATER_SIZE)
+
+    def _tell(self, **told: Any) -> None:
+        self._send(b"J" + json.dumps(told, allow_nan=False, default=float).encode())
+
+
+def events_as_json(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return the events that maps take, as JSON can hold them."""
+    found = []
+    for event in events:
+        name = type(event).__name__
+        if name in EVENTS:
+            fields = {key: v.tolist() if isinstance(v, np.ndarray) else v for key, v in vars(event).items()}
+            found.append({"event": name} | fields)
+    return found
+
+
+def _event_of(told: dict[str, Any]) -> Event:
+    fields = dict(told)
+    kind = EVENTS[fields.pop("event")]
+    arrays = {
+        key: np.array(value, np.int64 if key == "start" else np.float64)
+        for key, value in fields.items()
+        if isinstance(value, list)
+    }
+    return kind(**fields | arrays)
+
+
+def map_process(connection: Connection, folder: str) -> None:
+    """Make what is asked for until the other end closes: the target of the process."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(5)
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    mapper = Mapper(Path(folder), connection.send_bytes)
+    ways: dict[str, Callable[..., dict[str, Any] | None]] = {
+        "map": mapper.do_map,
+        "types": mapper.do_types,
+        "export": mapper.do_export,
+    }
+    try:
+        while True:
+            message = connection.recv_bytes()
+            if message == b"Q":
+                return
+            told = json.loads(message)
+            number = told.get("number")
+            try:
+                mapper.learn(told["news"])
+                answer = ways[told["do"]](**told.get("with", {})) or {}
+            except (WarpriverError, ValueError, OSError, ArithmeticError, ImportError, MemoryError) as error:
+                answer = {"error": f"{error or type(error).__name__}"}
+                if number is None:
+                    connection.send_bytes(b"J" + json.dumps({"type": "error", "text": answer["error"]}).encode())
+            if number is not None:
+                connection.send_bytes(b"J" + json.dumps({"type": "answer", "number": number, **answer}).encode())
+            connection.send_bytes(b"I")
+    except (EOFError, BrokenPipeError, OSError):
+        return
