@@ -532,10 +532,11 @@ class MeanderParams(Params):
     inlet: str = parameter(
         "edge",
         "-",
-        choices=("edge", "all", "none"),
+        choices=("edge", "all", "periodic", "none"),
         source="warpriver",
         doc="which heads feel bends beyond them, as those of rivers that enter the map do: heads at its edge, or all "
-        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none)",
+        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none); "
+        "periodic: heads as by edge feel the bends at the foot of their river, as if what leaves there came in again",
     )
     inlet_wavelength: float = parameter(
         15.0,

@@ -21,6 +21,10 @@ class Widen(Phase):
         """Take how wide a channel may become."""
         self.widening = params.widest
 
+    def allocate(self, state: State) -> None:
+        """Nothing: it has no arrays of its own."""
+        return None
+
     def stages(self, state: State) -> list[Stage]:
         """Return the stage that moves the banks of the points on their way."""
         kernel, params = kernels.build(state.scalar), state.params.widths
