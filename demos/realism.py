@@ -8,7 +8,7 @@ import numpy as np
 
 import warpriver as wr
 
-WIDTH, YEARS = 100.0, 1000.0
+WIDTH, YEARS = 100.0, 800.0
 WINDOW = (-1_000.0, -5_000.0, 19_000.0, 5_000.0)  # m
 # The law and the banks: constants that are neutral, as by default, and strong.
 OPTIONS = {
@@ -35,7 +35,7 @@ FIELDS = {str: "inlet", wr.FloodplainParams: "floodplain", wr.ChuteParams: "chut
 
 def simulate(params: wr.MeanderParams, length: float = 25_000.0, years: float = YEARS) -> wr.History:
     line = wr.generate.noisy_line(length, spacing=50.0, amplitude=20.0, seed=3)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params, seed=2)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params.replace(spacing=WIDTH), seed=2)
     return sim.run(years=years, record_every=wr.Every(years=20))
 
 
