@@ -120,9 +120,10 @@ def measure(width: float, points: int, records: int) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="10 records")
+    parser.add_argument("--records", type=int, default=RECORDS, help=f"records of each run (default {RECORDS})")
     parser.add_argument("-o", "--out", help="JSON to write (default results/landscape.json)")
     options = parser.parse_args()
-    records = 10 if options.quick else RECORDS
+    records = 10 if options.quick else options.records
     rows = [measure(width, POINTS, records) for width in WIDTHS]
     result = {"benchmark": "landscape", "machine": machine("cpu", ("scipy",)), "rows": rows}
     write_result(result, options.out, "landscape")

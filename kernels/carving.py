@@ -71,7 +71,7 @@ def build(scalar):
     class Tiles:
         """Tiles that segments reach: number on the raster, ``columns`` of them a row, and the segments of each.
 
-        ``raster``: rows and columns of cells.
+        ``raster``: rows and columns of cells. ``max_cut``: limit of what is cut beside beds, m.
         """
 
         number: wp.array[int]
@@ -79,6 +79,7 @@ def build(scalar):
         segment: wp.array[int]
         columns: int
         raster: wp.vec2i
+        max_cut: wp.float64
 
     @wp.func(module=name)
     def between(pair: vec2, part: scalar) -> scalar:
@@ -242,8 +243,6 @@ def build(scalar):
     def carve_cells(
         # network
         tiles: Tiles,
-        # params
-        max_cut: wp.float64,
         # in
         level: wp.array2d[wp.float64],
         cut: wp.array2d[wp.float64],
@@ -263,7 +262,7 @@ def build(scalar):
             if form[2] > ZERO_64 and not wp.isnan(height):
                 cell_support_out[cell[0], cell[1]] = wp.uint8(1)
                 cell_height_io[cell[0], cell[1]] = carved_height(
-                    height, level[slot, place], cut[slot, place], form, max_cut
+                    height, level[slot, place], cut[slot, place], form, tiles.max_cut
                 )
                 if form[0] > ZERO_64:
                     cell_level_out[cell[0], cell[1]] = level[slot, place]

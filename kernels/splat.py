@@ -378,12 +378,14 @@ def build(scalar):
                     deep = laid * wp.float64(section_at(course, near)[1])
                     cells_io.deep[row, column] = cells_io.deep[row, column] + quanta(deep)
         part = bulge_of(course, interval, begin, near, vec2(before, after))
-        if part[0] > ZERO:
-            turn = begin + (interval.end - begin) * wp.float64(part[0])
-            cover_cell(course, near, row, column, wp.vec2d(begin, turn), vec2(before, part[1]), cells_io)
-            before = part[1]
-            begin = turn
-        cover_cell(course, near, row, column, wp.vec2d(begin, interval.end), vec2(before, after), cells_io)
+        left = wp.where(part[0] > ZERO, 2, 1)
+        while left > 0:
+            until = wp.where(left == 2, begin + (interval.end - begin) * wp.float64(part[0]), interval.end)
+            reached = wp.where(left == 2, part[1], after)
+            cover_cell(course, near, row, column, wp.vec2d(begin, until), vec2(before, reached), cells_io)
+            begin = until
+            before = reached
+            left -= 1
 
     @wp.func(module=name)
     def advance_part(
@@ -410,12 +412,11 @@ def build(scalar):
         for row in range(top, wp.min(top + PART, grid.rows)):
             for column in range(west, wp.min(west + PART, grid.columns)):
                 p = vec2(scalar(column), -scalar(row)) * grid.cell_size
-                if part[0] >= 0:
-                    found = nearest_of(course, part, 1, part[0] + 1, p)
-                    advance_cell(course, interval, begin, found, row, column, cells_io)
-                else:
-                    nearest = nearest_near(course, bins_io, block, slot, p)
-                    advance_cell(course, interval, begin, nearest, row, column, cells_io)
+                found = nearest_of(course, part, 1, wp.max(part[0], 0) + 1, p)
+                if part[0] < 0:
+                    found = nearest_near(course, bins_io, block, slot, p)
+                # Called at one place only, which lets compilers put it there: structs are passed as copies.
+                advance_cell(course, interval, begin, found, row, column, cells_io)
 
     # ---- kernels
 

@@ -152,7 +152,8 @@ MAX_CUT = 0.5
 
 def test_cells_are_carved_as_by_the_twin(dtype, device, wanted):
     bench, height = Bench(dtype, device, river()), ground()
-    inputs = [bench.tiles, MAX_CUT, *(bench.in_tiles(wanted[..., k], wp.float64) for k in (0, 1))]
+    bench.tiles.max_cut = MAX_CUT
+    inputs = [bench.tiles, *(bench.in_tiles(wanted[..., k], wp.float64) for k in (0, 1))]
     inputs.append(bench.in_tiles(wanted[..., 2:], wp.vec3d))
     dry = np.full(height.shape, np.nan)
     outputs = [to_device(v, wp.float64, device) for v in (height, dry, dry)]

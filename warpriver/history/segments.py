@@ -407,11 +407,15 @@ def _class_of(kind: str, module: str) -> type[Event]:
 def _decode_kind(arrays: Any, kind: str, module: str, count: int) -> list[Event]:
     cls = _class_of(kind, module)
     columns: dict[str, list[Any]] = {}
+    defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
     for name, of_type, optional in event_fields(cls):
         key = f"event/{kind}/{name}"
         if optional and f"{key}/known" not in arrays:
             # Of a version whose events did not have the field yet.
             columns[name] = [None] * count
+            continue
+        if of_type is not np.ndarray and key not in arrays and name in defaults:
+            columns[name] = [defaults[name]] * count
             continue
         values = iter(_decode_column(arrays, key, of_type))
         known = arrays[f"{key}/known"].tolist() if optional else [True] * count

@@ -272,7 +272,7 @@ class _Carving:
             setattr(segments, name, wp.array(values, dtype=kind, device=device))
         for name in ("number", "start", "segment"):
             setattr(held, name, wp.array(tiles[name].astype(np.int32), dtype=wp.int32, device=device))
-        held.columns, held.raster = tiles["columns"], wp.vec2i(*self._base.shape)
+        held.columns, held.raster, held.max_cut = tiles["columns"], wp.vec2i(*self._base.shape), params.max_cut
         dim = (count, kernels.TILE**2)
         level, cut = (wp.empty(dim, dtype=wp.float64, device=device) for _ in range(2))
         shape = wp.empty(dim, dtype=wp.vec3d, device=device)
@@ -281,7 +281,7 @@ class _Carving:
         _let_fall(level, shape, body, graph, tiles, self._base)
         before = wp.clone(self.height)
         outputs = [self.height, self.water, self.depth, self.support]
-        launch_kernel(made.carve_cells, dim, [held, params.max_cut, level, cut, shape], outputs, device=device)
+        launch_kernel(made.carve_cells, dim, [held, level, cut, shape], outputs, device=device)
         per_repose = 1.0 / (size * math.tan(math.radians(params.repose_angle)))
         inputs = [held, per_repose, shape, self.height, before]
         launch_kernel(made.weigh_materials, dim, inputs, list(self.materials.values()), device=device)

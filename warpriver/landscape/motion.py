@@ -27,6 +27,8 @@ SEGMENT_LENGTHS, MOVED_LENGTHS = 3.0, 4.0
 # Nodes that have moved farther than so many widths are matched with places up to so many widths along the old course,
 # tried at so many; a difference in direction weighs as much as one in curvature, and this many widths.
 MATCHED_WIDTHS, MATCH_WIDTHS, MATCH_TRIES, MATCH_STIFFNESS = 0.1, 3.0, 13, 0.05
+# And farther than so many times the root of width times cell.
+MATCHED_CELLS = 0.6
 # They move no farther along it than so many times what the bend has moved across; of shifts of neighbouring nodes.
 MATCH_MOVES = 1.25
 MATCH_WEIGHTS = np.array([1.0, 2.0, 3.0, 2.0, 1.0])
@@ -84,7 +86,8 @@ def traced(
     """
     count = len(after.line)
     nodes = _Nodes.of(after)
-    begin, moved, source, sag = (values[nodes.of_segment] for values in _sources(splat, before, after, nodes))
+    ends = np.stack([nodes.begin, nodes.begin + 1], axis=1)
+    begin, moved, source, sag = (values[ends] for values in _sources(splat, before, nodes))
     begin = begin.reshape(-1, 4)
     length = np.hypot(*(before.line[:, 2:] - before.line[:, :2]).T)
     # Along each old channel; segments of different ones follow each other without a gap.
@@ -156,18 +159,43 @@ class _Nodes:
     Attributes:
         xy: (N, 2) m.
         width: (N,) m.
-        of_segment: (S, 2) begin and end of each segment.
-        arc: (N,) distance along its chain in m; chains lie far apart.
-        low: (N,) where its chain begins, m.
-        high: (N,) where it ends, m.
-        along: (N, 2) direction of the chain.
-        heading: (N,) its angle, without jumps along a chain.
-        curvature: (N,) 1/m, above 0 to the left.
+        begin: (S,) node at which each segment begins; it ends at the next one.
+        head: (C,) first node of each chain.
     """
 
     xy: FloatArray
     width: FloatArray
-    of_segment: IndexArray
+    begin: IndexArray
+    head: IndexArray
+
+    @classmethod
+    def of(cls, segments: Segments) -> _Nodes:
+        """Find the nodes of segments, most of which end where the next one begins."""
+        line, count = segments.line, len(segments.line)
+        first = np.append(True, (line[1:, 0] != line[:-1, 2]) | (line[1:, 1] != line[:-1, 3]))[:count]
+        begin = np.arange(count) + np.cumsum(first) - 1
+        last = np.append(first[1:], True)[:count]
+        total = count + int(first.sum())
+        xy, width = np.empty((total, 2)), np.empty(total)
+        xy[begin], width[begin] = line[:, :2], segments.section[:, 0]
+        end = begin[last] + 1
+        xy[end], width[end] = line[last, 2:], segments.section[last, 2]
+        return cls(xy, width, begin, begin[first])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Chains:
+    """Nodes as courses with directions and bends.
+
+    Attributes:
+        arc: (N,) distance along its chain in m; chains lie far apart.
+        low: (N,) where its chain begins, m.
+        high: (N,) where it ends, m.
+        along: (N, 2) direction of the chain.
+        heading: (N,) its angle.
+        curvature: (N,) 1/m, above 0 to the left.
+    """
+
     arc: FloatArray
     low: FloatArray
     high: FloatArray
@@ -176,55 +204,44 @@ class _Nodes:
     curvature: FloatArray
 
     @classmethod
-    def of(cls, segments: Segments) -> _Nodes:
-        """Find the nodes of segments, most of which end where the next one begins."""
-        line, count = segments.line, len(segments.line)
-        first = np.append(True, (line[1:, :2] != line[:-1, 2:]).any(axis=1))[:count]
-        chain = np.cumsum(first) - 1
-        begin = np.arange(count) + chain
-        last = np.append(first[1:], True)[:count]
-        total = count + int(first.sum())
-        xy, width = np.empty((total, 2)), np.empty(total)
-        xy[begin], width[begin] = line[:, :2], segments.section[:, 0]
-        xy[begin[last] + 1], width[begin[last] + 1] = line[last, 2:], segments.section[last, 2]
-        way = line[:, 2:] - line[:, :2]
-        length = np.maximum(np.hypot(*way.T), 1e-12)
+    def of(cls, nodes: _Nodes) -> _Chains:
+        """Follow the chains of some nodes."""
+        total, begin, head = len(nodes.xy), nodes.begin, nodes.head
+        way = nodes.xy[begin + 1] - nodes.xy[begin]
+        length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-12)
         unit = way / length[:, None]
-        ends = np.stack([begin, begin + 1], axis=1)
-        along, sizes = np.zeros((total, 2)), np.zeros(total)
-        for k in range(2):
-            along[ends[:, k]] += unit
-            sizes[ends[:, k]] += 0.5 * length
-        along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]
-        step = np.zeros(total)
-        step[begin + 1] = length
+        along, sizes, step = np.zeros((total, 2)), np.zeros(total), np.zeros(total)
+        along[begin], sizes[begin] = unit, 0.5 * length
+        along[begin + 1] += unit
+        sizes[begin + 1] += 0.5 * length
+        along /= np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)[:, None]
         # Chains apart by more than any match is looked for.
-        head = begin[first]
-        step[head] = 1e3 * float(width.max(initial=1.0))
+        step[begin + 1], step[head] = length, 1e3 * float(nodes.width.max(initial=1.0))
         arc = np.cumsum(step)
-        counts = np.diff(np.append(head, total))
+        turn, before, behind = np.zeros(total), unit[:-1], unit[1:]
+        chained = begin[1:] == begin[:-1] + 1
+        cross = before[:, 0] * behind[:, 1] - before[:, 1] * behind[:, 0]
+        turns = np.arctan2(cross, (before * behind).sum(axis=1))
+        turn[begin[1:][chained]] = turns[chained]
         heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
-        turn = np.zeros(total)
-        inner = np.flatnonzero(~first)
-        cross = unit[inner - 1, 0] * unit[inner, 1] - unit[inner - 1, 1] * unit[inner, 0]
-        turn[begin[inner]] = np.arctan2(cross, (unit[inner - 1] * unit[inner]).sum(axis=1))
-        low, high = (np.repeat(arc[place], counts) for place in (head, begin[last] + 1))
-        return cls(xy, width, ends, arc, low, high, along, heading, turn / np.maximum(sizes, 1e-12))
+        counts = np.diff(np.append(head, total))
+        low, high = (np.repeat(arc[place], counts) for place in (head, np.append(head[1:], total) - 1))
+        return cls(arc, low, high, along, heading, turn / np.maximum(sizes, 1e-12))
 
 
-def _sources(
-    splat: Splat, before: Segments, after: Segments, nodes: _Nodes
-) -> tuple[FloatArray, FloatArray, IndexArray, FloatArray]:
+def _sources(splat: Splat, before: Segments, nodes: _Nodes) -> tuple[FloatArray, FloatArray, IndexArray, FloatArray]:
     """Return where nodes come from, (N, 2) m; how far and on which segment the nearest place is, (N,); sags, (N,) m."""
     foot, moved, source = splat.trace(nodes.xy)
     _trace_beyond(splat, before, nodes.xy, nodes.width, foot, moved, source)
     sag = np.zeros(len(moved))
-    # With their neighbours: an apex may move along the course alone.
+    # With their neighbours: an apex may move along the course alone. Ways that bulge by less than a small part of a
+    # cell are straight.
     with IMPORTING:
         from scipy.ndimage import maximum_filter1d
 
     around = maximum_filter1d(moved, 2 * MATCH_TRIES, mode="nearest")
-    some = np.flatnonzero((source >= 0) & (around > MATCHED_WIDTHS * nodes.width))
+    least = np.maximum(MATCHED_WIDTHS * nodes.width, MATCHED_CELLS * np.sqrt(splat.cell_size * nodes.width))
+    some = np.flatnonzero((source >= 0) & (around > least))
     if len(some):
         _match(_Nodes.of(before), nodes, some, MATCH_MOVES * around[some], foot, source, sag)
     return foot, moved, source, sag
@@ -245,16 +262,17 @@ def _match(
     moves with its bend; the ground beside it sees the bend pass by, its distance to the channel bulging by curvature
     times the square of the way along it, over 8.
     """
-    width, start = new.width[some], old.of_segment[source[some], 0]
-    at = old.arc[start] + np.hypot(*(foot[some] - old.xy[start]).T)
-    low, high = old.low[start], old.high[start]
+    width, start = new.width[some], old.begin[source[some]]
+    was, now = _Chains.of(old), _Chains.of(new)
+    at = was.arc[start] + np.hypot(*(foot[some] - old.xy[start]).T)
+    low, high = was.low[start], was.high[start]
     tries = np.linspace(-MATCH_WIDTHS, MATCH_WIDTHS, MATCH_TRIES)
     cost = np.empty((MATCH_TRIES, len(some)))
     for k, shift in enumerate(tries.tolist()):
         place = np.clip(at + shift * width, low, high)
-        turn = np.interp(place, old.arc, old.heading) - new.heading[some]
+        turn = np.interp(place, was.arc, was.heading) - now.heading[some]
         turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
-        bend = width * (np.interp(place, old.arc, old.curvature) - new.curvature[some])
+        bend = width * (np.interp(place, was.arc, was.curvature) - now.curvature[some])
         cost[k] = turn**2 + bend**2 + (MATCH_STIFFNESS * (place - at) / width) ** 2
     best = np.clip(cost.argmin(axis=0), 1, MATCH_TRIES - 2)
     left, here, right = (cost[best + k, np.arange(len(some))] for k in (-1, 0, 1))
@@ -262,17 +280,17 @@ def _match(
     curved = np.maximum(left - 2.0 * here + right, 1e-12)
     shift = tries[best] + np.clip(0.5 * (left - right) / curved, -1.0, 1.0) * (tries[1] - tries[0])
     # Alike along the channel, where neighbours are matched as well.
-    whole = np.zeros(len(new.arc))
+    whole = np.zeros(len(new.xy))
     whole[some] = shift
-    chosen = np.zeros(len(new.arc))
+    chosen = np.zeros(len(new.xy))
     chosen[some] = 1.0
     total, weight = (np.convolve(values, MATCH_WEIGHTS, "same") for values in (whole, chosen))
     shift = (total / np.maximum(weight, 1e-12))[some]
     place = np.clip(at + np.clip(shift * width, -most, most), low, high)
     for k in range(2):
-        foot[some, k] = np.interp(place, old.arc, old.xy[:, k])
-    along = ((new.xy[some] - foot[some]) * new.along[some]).sum(axis=1)
-    bend = 0.5 * (new.curvature[some] + np.interp(place, old.arc, old.curvature))
+        foot[some, k] = np.interp(place, was.arc, old.xy[:, k])
+    along = ((new.xy[some] - foot[some]) * now.along[some]).sum(axis=1)
+    bend = 0.5 * (now.curvature[some] + np.interp(place, was.arc, was.curvature))
     sag[some] = -bend * along**2 / 8.0
 
 
