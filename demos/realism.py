@@ -8,32 +8,46 @@ import numpy as np
 
 import warpriver as wr
 
-WIDTH, YEARS = 100.0, 1000.0
+WIDTH, YEARS = 100.0, 800.0
 WINDOW = (-1_000.0, -5_000.0, 19_000.0, 5_000.0)  # m
+# The law and the banks: constants that are neutral, as by default, and strong.
 OPTIONS = {
     "curvature_saturation": (0.0, 0.3, 0.1),
     "memory_length": (1.2, 2.2, 4.0),
     "inlet_curvature": (0.0, 0.1, 0.3),
     "bank_spread": (0.0, 0.6, 1.0),
+    "sinuosity_scaling": ("none", "upstream", "whole"),
+    "cutoff_distance": (1.0, 2.0, 3.0),
 }
+# Events and what they leave, seen from nearer and for fewer years: each alone, beside what is as by default.
+NEAR, SHORT, FEWER_YEARS = (3_000.0, -2_250.0, 12_000.0, 2_250.0), 14_000.0, 400.0  # m, m, yr
+ALONE = wr.FloodplainParams(plug_factor=1.0, bar_factor=1.0, unrest=0.0)
+EVENTS = {
+    "inlet": [(rule, rule) for rule in ("none", "edge", "periodic")],
+    "clay plugs": [(f"factor {v:g}", ALONE.replace(plug_factor=v)) for v in (1.0, 0.3, 0.05)],
+    "young bars": [(f"factor {v:g}", ALONE.replace(bar_factor=v)) for v in (1.0, 1.5, 4.0)],
+    "unrest near cutoffs": [(f"{v:g}", ALONE.replace(unrest=v)) for v in (0.0, 1.0, 4.0)],
+    "chutes": [(f"{v:g} a year", wr.ChuteParams(rate=v)) for v in (0.0, 0.002, 0.01)],
+    "widths": [(f"lag {v:g}", wr.WidthParams(lag=v)) for v in (0.0, 0.3, 0.6)],
+}
+FIELDS = {str: "inlet", wr.FloodplainParams: "floodplain", wr.ChuteParams: "chutes", wr.WidthParams: "widths"}
 
 
-def simulate(params: wr.MeanderParams) -> wr.History:
-    line = wr.generate.noisy_line(25_000.0, spacing=50.0, amplitude=20.0, seed=3)
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params, seed=2)
-    return sim.run(years=YEARS, record_every=wr.Every(years=20))
+def simulate(params: wr.MeanderParams, length: float = 25_000.0, years: float = YEARS) -> wr.History:
+    line = wr.generate.noisy_line(length, spacing=50.0, amplitude=20.0, seed=3)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=WIDTH), params.replace(spacing=WIDTH), seed=2)
+    return sim.run(years=years, record_every=wr.Every(years=20))
 
 
-def draw(history: wr.History, folder: Path, title: str) -> np.ndarray:
+def draw(history: wr.History, folder: Path, title: str, window: tuple[float, ...] = WINDOW) -> np.ndarray:
     picture = folder / "option.png"
-    wr.viz.draw_belt(history, picture, window=WINDOW, title=title, size=(800, 450), dpi=80.0, legend=False)
+    wr.viz.draw_belt(history, picture, window=window, title=title, size=(640, 360), dpi=80.0, legend=False)
     image = matplotlib.image.imread(picture)
     picture.unlink()
     return image
 
 
-def main(folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
+def draw_law(folder: Path) -> None:
     rows, told = [], {}
     usual = simulate(wr.MeanderParams())
     middle = draw(usual, folder, "all as by default")
@@ -44,13 +58,12 @@ def main(folder: Path) -> None:
             history = usual if is_default else simulate(wr.MeanderParams(**{option: value}))
             found = told[option, value] = wr.metrics.statistics(history)
             print(
-                f"{option} {value:g}: {found.bends:.0f} bends of {found.bend_length:.1f} w, R {found.radius:.1f} w, "
+                f"{option} {value}: {found.bends:.0f} bends of {found.bend_length:.1f} w, R {found.radius:.1f} w, "
                 f"straight below the head {found.straight_below_head:.0f} w, {found.oxbows:.0f} oxbows"
             )
-            row.append(middle if is_default else draw(history, folder, f"{option.replace('_', ' ')} {value:g}"))
+            row.append(middle if is_default else draw(history, folder, f"{option.replace('_', ' ')} {value}"))
         rows.append(np.concatenate(row, axis=1))
     matplotlib.image.imsave(folder / "realism.png", np.concatenate(rows))
-    print(f"drawn into {folder / 'realism.png'}")
 
     usual = told["bank_spread", 0.6]
     assert 8.0 < usual.bend_length < 16.0 and 2.2 < usual.radius < 4.0 and usual.straight_below_head < 30.0
@@ -58,6 +71,36 @@ def main(folder: Path) -> None:
     assert told["bank_spread", 0.0].bend_length > usual.bend_length, "strong banks cut long bends up"
     short, _, long = (told["memory_length", value].bend_length for value in OPTIONS["memory_length"])
     assert short < long, "a longer memory makes longer bends"
+
+
+def draw_events(folder: Path) -> None:
+    rows, told = [], {}
+    for option, values in EVENTS.items():
+        row = []
+        for label, value in values:
+            history = simulate(wr.MeanderParams(**{FIELDS[type(value)]: value}), SHORT, FEWER_YEARS)
+            width = history.networks[-1].point_widths()[0]
+            found = wr.metrics.statistics(history)
+            told[option, label] = found, width
+            print(
+                f"{option}, {label}: {found.oxbows:.0f} oxbows of {found.oxbow_length:.0f} w, "
+                f"{sum(cutoff.chute for cutoff in history.cutoffs)} by chutes; sinuosity {found.sinuosity:.2f}, "
+                f"widths {width.min():.0f} to {width.max():.0f} m"
+            )
+            row.append(draw(history, folder, f"{option}: {label}", NEAR))
+        rows.append(np.concatenate(row, axis=1))
+    matplotlib.image.imsave(folder / "realism_events.png", np.concatenate(rows))
+
+    assert told["inlet", "periodic"][0].straight_below_head < 30.0 < told["inlet", "none"][0].straight_below_head
+    assert told["chutes", "0.01 a year"][0].oxbow_length < 0.8 * told["chutes", "0 a year"][0].oxbow_length
+    assert np.ptp(told["widths", "lag 0"][1]) == 0.0 and np.ptp(told["widths", "lag 0.3"][1]) > 0.2 * WIDTH
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_law(folder)
+    draw_events(folder)
+    print(f"drawn into {folder / 'realism.png'} and {folder / 'realism_events.png'}")
 
 
 if __name__ == "__main__":

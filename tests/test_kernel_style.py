@@ -60,6 +60,7 @@ LAUNCHERS = {
     "terrains": ["generate/terrains.py"],
     "valley": ["valley/valley.py"],
     "water": ["riverscape/water.py"],
+    "widths": ["meander/widths.py"],
 }
 CASTS = {"scalar", "wp.float32", "wp.float64"}
 

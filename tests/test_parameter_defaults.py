@@ -48,7 +48,9 @@ DEFAULTS = {
         "avulsions": (None, "-"),
         "floodplain": (None, "-"),
         "chutes": (None, "-"),
+        "widths": (None, "-"),
     },
+    "WidthParams": {"lag": (0.3, "-"), "time": (10.0, "yr"), "widest": (2.0, "-")},
     "ChuteParams": {"rate": (0.002, "1/yr"), "winding": (1.5, "-"), "longest": (8.0, "widths")},
     "FloodplainParams": {
         "plug_factor": (0.3, "-"),

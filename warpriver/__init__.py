@@ -104,6 +104,7 @@ _HOMES = {
     "Simulation": "warpriver.simulation",
     "Terrain": "warpriver.terrain",
     "WarpriverError": "warpriver.errors",
+    "WidthParams": "warpriver.params",
     "calibrate": "warpriver.calibration",  # listed by its room
     "carve": "warpriver.landscape.carving",  # listed by its room
     "classify_rivers": "warpriver.riverscape",

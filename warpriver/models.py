@@ -17,6 +17,7 @@ from warpriver.meander.junctions import MoveJunctions
 from warpriver.meander.migration import Migrate, rate_of, step_limits
 from warpriver.meander.resampling import Resample
 from warpriver.meander.smoothing import Smooth
+from warpriver.meander.widths import Widen
 from warpriver.params import MeanderParams, PathMeander
 from warpriver.shortest_path.push import Push, push_limits, push_rate
 from warpriver.shortest_path.route import TakeShortcuts
@@ -46,7 +47,8 @@ def _migration(params: MeanderParams) -> Model:
     follows = "stems" if params.upstream_memory == "stem" else "through nodes"
     cut_off = CutOff(chutes=params.chutes is not None)
     remembering: list[Phase] = [Floodplain(cut_off.loops)] if params.floodplain is not None else []
-    phases: list[Phase] = [Migrate(), *remembering, *_shaping(params, rate_of, follows)]
+    widening: list[Phase] = [Widen(params.widths)] if params.widths is not None and params.widths.lag > 0.0 else []
+    phases: list[Phase] = [Migrate(), *remembering, *widening, *_shaping(params, rate_of, follows)]
     if params.cutoff_distance > 0.0:
         phases.append(cut_off)
     return Model((*phases, Resample(), *_joining(params)), step_limits)

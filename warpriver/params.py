@@ -22,6 +22,7 @@ __all__ = [
     "MeanderParams",
     "Params",
     "PathMeander",
+    "WidthParams",
     "describe",
     "parameter",
 ]
@@ -362,6 +363,36 @@ class JunctionParams(Params):
             )
 
 
+@dataclasses.dataclass(frozen=True)
+class WidthParams(Params):
+    """Constants of widths that vary through bends: ``MeanderParams(widths=WidthParams())``.
+
+    The banks move apart from each other [Parker2011]: the outer one is eroded by the rate E of the law, and the inner
+    one follows with (1 - lag) E + (W - W0) / time, W0 the width of the channel. Bends that migrate steadily are wider
+    by lag E time, and channels wider where banks are weak and next to fresh cutoffs.
+    """
+
+    lag: float = parameter(
+        0.3,
+        "-",
+        low=0.0,
+        high=1.0,
+        source="Parker2011",
+        doc="part of what the outer bank loses that the inner one does not gain at once; 0: widths stay",
+    )
+    time: float = parameter(
+        10.0, "yr", low=0.0, low_open=True, source="warpriver", doc="time in which the inner bank makes up for it"
+    )
+    widest: float = parameter(
+        2.0,
+        "-",
+        low=1.0,
+        high=5.0,
+        source="warpriver",
+        doc="greatest width that a bend comes to, in those of its channel",
+    )
+
+
 # Fields that hold the constants of a process which may be left out, of the class ``kind``.
 JUNCTIONS: dict[str, Any] = {
     "unit": "-",
@@ -391,6 +422,13 @@ FLOODPLAIN: dict[str, Any] = {
     "kind": FloodplainParams,
     "source": "Bogoni2017",
     "doc": "clay plugs in oxbow lakes, young bars, and faster migration near fresh cutoffs; by default there are none",
+}
+WIDTHS: dict[str, Any] = {
+    "unit": "-",
+    "choices": (),
+    "kind": WidthParams,
+    "source": "Parker2011",
+    "doc": "banks that move apart from each other, so that widths vary through bends; by default they do not",
 }
 
 
@@ -494,10 +532,11 @@ class MeanderParams(Params):
     inlet: str = parameter(
         "edge",
         "-",
-        choices=("edge", "all", "none"),
+        choices=("edge", "all", "periodic", "none"),
         source="warpriver",
         doc="which heads feel bends beyond them, as those of rivers that enter the map do: heads at its edge, or all "
-        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none)",
+        "on a plain without a map (edge), also those of springs (all), or none, below which rivers straighten (none); "
+        "periodic: heads as by edge feel the bends at the foot of their river, as if what leaves there came in again",
     )
     inlet_wavelength: float = parameter(
         15.0,
@@ -637,6 +676,7 @@ class MeanderParams(Params):
     avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
     floodplain: FloodplainParams | None = dataclasses.field(default=None, metadata=FLOODPLAIN)
     chutes: ChuteParams | None = dataclasses.field(default=None, metadata=CHUTES)
+    widths: WidthParams | None = dataclasses.field(default=None, metadata=WIDTHS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

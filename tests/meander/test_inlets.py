@@ -19,13 +19,13 @@ def noisy(length=200.0, seed=0):
     return wr.RiverNetwork.from_polylines([wr.generate.noisy_line(length * WIDTH, 20.0, 10.0, seed)], width=WIDTH)
 
 
-@pytest.mark.parametrize("inlet", ["all", "none"])
+@pytest.mark.parametrize("inlet", ["all", "periodic", "none"])
 def test_a_river_is_not_left_straight_below_an_inlet(inlet, device):
     """Meanders grow as they are carried down: below a head that nothing disturbs they go away."""
     sim = wr.Simulation(noisy(), FED.replace(inlet=inlet), seed=1, device=device)
     sim.run(years=600, record_every=10**6)
     straight = wr.metrics.statistics(sim.network).straight_below_head
-    assert straight < 15.0 if inlet == "all" else straight > 40.0
+    assert straight > 40.0 if inlet == "none" else straight < 15.0
 
 
 def test_a_straight_reach_answers_by_the_exponential_of_its_memory(device):
@@ -100,3 +100,23 @@ def test_bits_do_not_depend_on_threads_chunks_or_a_stop(tmp_path, monkeypatch):
     chunked = simulation(threads=1)
     chunked.run(steps=40)
     np.testing.assert_allclose(chunked.network.points(), points, atol=1e-6)
+
+
+def test_a_periodic_river_feeds_itself_to_the_same_bits_whatever_the_seed_and_stops(tmp_path):
+    def simulation(seed, **options):
+        params = FED.replace(inlet="periodic", bank_spread=0.0)
+        return wr.Simulation(noisy(120.0), params, seed=seed, threads=1, **options)
+
+    whole = simulation(1)
+    whole.run(steps=300)
+    other = simulation(2)
+    other.run(steps=300)
+    np.testing.assert_array_equal(other.network.points(), whole.network.points())
+    stopped = simulation(1)
+    stopped.run(steps=170, store=tmp_path / "run", record_every=10**6)
+    again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
+    again.run(steps=130)
+    np.testing.assert_array_equal(again.network.points(), whole.network.points())
+    alone = wr.Simulation(noisy(120.0), FED.replace(inlet="none", bank_spread=0.0), threads=1)
+    alone.run(steps=300)
+    assert not np.array_equal(alone.network.points(), whole.network.points())

@@ -59,6 +59,8 @@ class Phase(Member, Protocol):
         follows_stems: Whether channels that go on from each other at a junction move as one river; they then take the
             same sub-steps.
         follows_through: Whether they do at through nodes, at which nothing joins.
+        varies_sections: Whether widths and depths come to vary along channels that had none of their own at each point.
+        widening: Greatest factor by which it may widen a channel between edits.
         every_substep: Whether the next sub-step depends on what ``after`` does, so that none is begun before.
     """
 
@@ -66,6 +68,8 @@ class Phase(Member, Protocol):
     moves_nodes: bool = False
     follows_stems: bool = False
     follows_through: bool = False
+    varies_sections: bool = False
+    widening: float = 1.0
     every_substep: bool = False
 
     def check_network(self, network: RiverNetwork) -> None:

@@ -350,6 +350,9 @@ class State:
             first = network.starts()[:-1]
             narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
             widest = np.maximum.reduceat(section[:, 0], first)
+        widening = max(getattr(phase, "widening", 1.0) for phase in self.phases)
+        if widening > 1.0:
+            widest = np.maximum(widest, widening * network.channel_width)
         return np.column_stack([narrow, shallow, widest, self._target_spacing(narrow)])
 
     def _target_spacing(self, narrowest: np.ndarray) -> np.ndarray:

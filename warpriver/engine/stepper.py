@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warpriver.arrays import DeviceArray
 from warpriver.crs import same_crs, short_name
+from warpriver.device import PRECISIONS
 from warpriver.engine.phase import Batch, Phase
 from warpriver.engine.replay import GPU_LOCK, Replay
 from warpriver.engine.snapshot import Snapshot
@@ -104,6 +106,8 @@ class Stepper:
         self._turn: Any = GPU_LOCK if network.device.is_cuda else contextlib.nullcontext()
         self.phases = tuple(phases)
         self._settling = [phase for phase in self.phases if type(phase).after is not Phase.after]
+        if network.point_section is None and any(phase.varies_sections for phase in self.phases):
+            network.point_section = constant_sections(network)
         self.state = State(network, params, terrain, self.phases, limits, seed, controls, capture=self.capture)
         # Rings that split are for the host at once.
         splits = network.channel_closed.any() and params.ring_policy == "both"
@@ -287,6 +291,14 @@ class Stepper:
             )
         if not any([phase.grow(self.state, status) for phase in self.phases]):
             self.state.make_room(status[POINTS_NEEDED])
+
+
+def constant_sections(network: RiverNetwork) -> DeviceArray:
+    """Return width and depth at each point of a network whose channels have the same all along, (P,) vec2."""
+    section = np.repeat(np.column_stack([network.channel_width, network.channel_depth]), np.diff(network.starts()), 0)
+    _, vec2, real = PRECISIONS[network.dtype]
+    values: DeviceArray = wp.array(section.astype(real), dtype=vec2, device=network.device)
+    return values
 
 
 def _thread_count(threads: int | None) -> int:

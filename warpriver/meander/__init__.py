@@ -23,7 +23,7 @@ from warpriver.meander.junctions import JunctionParams, arrival_angles, junction
 from warpriver.meander.migration import stable_dt, step_limits
 from warpriver.meander.rates import migration_rate
 from warpriver.meander.smoothing import taubin_smooth
-from warpriver.params import AvulsionParams, ChuteParams, FloodplainParams
+from warpriver.params import AvulsionParams, ChuteParams, FloodplainParams, WidthParams
 
 __all__ = [
     "Attractor",
@@ -38,6 +38,7 @@ __all__ = [
     "JunctionParams",
     "Repeller",
     "SetControls",
+    "WidthParams",
     "arrival_angles",
     "junction_angles",
     "mapped_banks",

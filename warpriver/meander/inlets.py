@@ -13,7 +13,7 @@ from warpriver.engine.stages import Share, Stage, launch
 from warpriver.engine.state import State
 from warpriver.engine.stems import MapEdges
 from warpriver.kernels import inlets as kernels
-from warpriver.meander.memory import rate_of
+from warpriver.meander.memory import migration_constants, rate_of
 from warpriver.network import RiverNetwork
 from warpriver.params import MeanderParams
 
@@ -26,13 +26,13 @@ def find_inlets(network: RiverNetwork, edges: MapEdges | None, rule: str) -> Fla
     Args:
         network: The network.
         edges: Where the map ends, or None on a plain, on which all heads count as at its edge.
-        rule: "edge": heads within a cell of the edge of the map, or a width, if that is more; "all": all heads, to
-            which nothing flows; "none": none.
+        rule: "edge" or "periodic": heads within a cell of the edge of the map, or a width, if that is more; "all": all
+            heads, to which nothing flows; "none": none.
     """
     if rule == "none":
         return np.zeros(network.channel_count, bool)
     fed: FlagArray = np.isin(network.channel_from, network.channel_to, invert=True) & ~network.channel_closed
-    if rule == "edge" and edges is not None:
+    if rule in ("edge", "periodic") and edges is not None:
         away = np.minimum(*edges.distance(network.node_xy[network.channel_from]))
         fed &= away < np.maximum(edges.cell_size, network.channel_width)
     return fed
@@ -96,6 +96,8 @@ class Inlets:
         # A seed may have more bits than the kernels' 31.
         inflow.seed = (state.seed ^ (state.seed >> 31)) & 0x7FFFFFFF
         channels = state.channels()
+        if params.inlet == "periodic":
+            return [self._returning(state)]
 
         def feed(_: Share) -> None:
             launch(
@@ -107,3 +109,15 @@ class Inlets:
             )
 
         return [Stage("migrate", feed, shared=False)]
+
+    def _returning(self, state: State) -> Stage:
+        """Return the stage that lets what leaves at the foot of a river come in at its head."""
+        kernel, channels, points = kernels.build(state.scalar), state.channels(), state.points()
+        channels.fed = self.fed
+        constants = migration_constants(state.params, state.network.dtype)
+
+        def turn(_: Share) -> None:
+            inputs = [channels, points, constants, state.status.array]
+            launch(kernel.return_outflow, state.channel_capacity, inputs, [self.curvature], state.device)
+
+        return Stage("migrate", turn, shared=False)
