@@ -22,7 +22,7 @@ import numpy as np
 import warp as wp
 from machine import machine
 
-from warpriver.riverscape import Course, CourseMap, Water, example, primitives, seed_water
+from warpriver.riverscape import Course, CourseMap, Riverscape, Water, example, primitives, seed_water
 
 # Of the document: primitives of the water, ms to generate bed and water, side of the grid, ms for both on it.
 TABLE = {"A": (520, 12.0, 512, 617.0), "C": (754, 13.0, 512, 583.0), "D": (1270, 38.0, 1024, 3480.0)}
@@ -45,15 +45,16 @@ def measure_scene(name: str, device: str, rounds: int) -> dict:
     count, told_made, side, told_queries = TABLE[name]
     made = example(name)
 
-    def generate() -> Water:
-        courses = CourseMap(made.courses, rocks=made.rocks, device=device)
-        return Water(seed_water(courses, DETAIL, 0), device=device)
+    def generate() -> tuple[Riverscape, Water]:
+        scene = Riverscape(made.terrain, made.courses, rocks=made.rocks, detail=DETAIL, device=device)
+        # Bed and water.
+        _ = scene.rivers.beds
+        return scene, scene.water_surface
 
-    water, courses = generate(), CourseMap(made.courses, rocks=made.rocks, device=device)
+    scene, water = generate()
+    beds = scene.rivers.beds
     west, south, east, north = made.terrain.raster.bounds
     cell = max(east - west, north - south) / side
-    x, y = west + cell * (np.arange(side) + 0.5), north - cell * (np.arange(side) + 0.5)
-    at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     grid = water.on_grid((west, north), cell, (side, side), 1.0)
     # The water alone: that many places, all of them in it, row by row.
     low, high = water.bounds[:2], water.bounds[2:]
@@ -68,7 +69,7 @@ def measure_scene(name: str, device: str, rounds: int) -> dict:
         "generate_ms": 1e3 * seconds(generate, rounds),
         "generate_ms_table_1": told_made,
         "queries": 2 * side * side,
-        "bed_ms": 1e3 * seconds(lambda: courses.bed(at, made.terrain), rounds),
+        "bed_ms": 1e3 * seconds(lambda: beds.raster(cell, west, north, (side, side)), rounds),
         "water_ms": 1e3 * seconds(lambda: water.on_grid((west, north), cell, (side, side), 1.0), rounds),
         "wet_share": float((grid.weight.numpy() > 0.0).mean()),
         "both_ms_table_1": told_queries,

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import raster
+from warpriver.kernels import raster, steps
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -15,7 +15,7 @@ BLOCK = 16
 # Slope of banks: the greatest, degrees, and that at the water's edge. Part of the reach at which what is cut fades.
 STEEPEST_BANK, GENTLEST_BANK, FADES = 35.0, 0.15, 0.75
 # Kinds of marks on the bed.
-BASIN, ROCK = 0, 1
+BASIN, ROCK, OBSTACLE = 0, 1, 2
 
 
 @once
@@ -26,11 +26,12 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.beds_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     cells = raster.build(scalar)
     vec2, vec3, vec4 = (wp.types.vector(n, scalar) for n in (2, 3, 4))
     RasterGrid = cells.RasterGrid
-    ZERO, HALF, ONE, TWO, THREE, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 6.0))
-    TEN, FIFTEEN, SIXTEENTH = (scalar(v) for v in (10.0, 15.0, 0.0625))
+    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
+    SIXTEENTH = scalar(0.0625)
     HALF_64, NAN_64 = wp.float64(0.5), wp.float64(math.nan)
     TINY, HALF_ROOT = scalar(1.0e-12), scalar(math.sqrt(0.5))
     # A bank rises by BANK_START at the water's edge, and then ever more up to BANK (35 degrees).
@@ -66,7 +67,7 @@ def build(scalar):
 
     @wp.struct
     class Marks:
-        """Basins and rocks: centre, radius and size in m; the size of a basin is its depth."""
+        """Basins, rocks, obstacles: centre and radius in m, and depth, height over the bed, or elevation of the top."""
 
         place: wp.array[vec4]
         kind: wp.array[int]
@@ -95,12 +96,6 @@ def build(scalar):
         west: scalar
         north: scalar
         cell_size: scalar
-
-    @wp.func(module=name)
-    def smoother(t: scalar) -> scalar:
-        """Quintic step from 0 at t = 0 to 1 at t = 1."""
-        x = wp.clamp(t, ZERO, ONE)
-        return x * x * x * (x * (SIX * x - FIFTEEN) + TEN)
 
     @wp.func(module=name)
     def cubic_weights(t: wp.float64) -> wp.vec4d:
@@ -223,7 +218,7 @@ def build(scalar):
         over = scalar(base - (level + wp.float64(t) * (below - level)))
         if wp.abs(at[1]) < half and section[1] > ZERO:
             over += section[1] * section_depth(stations, i, t, HALF - HALF * at[1] / half)
-        weight = ONE - smoother((away / reach - FADE) / (ONE - FADE))
+        weight = ONE - smooth_steps.quintic_step((away / reach - FADE) / (ONE - FADE))
         if away > ZERO:
             over -= bank_rise(away, section[3])
             # Ends of a line have banks; within one what lies ahead of a segment is that of the next.
@@ -232,7 +227,7 @@ def build(scalar):
                 limited = limit[0]
                 if at[3] > ZERO:
                     limited = limit[1]
-                weight *= ONE - smoother(beyond / limited)
+                weight *= ONE - smooth_steps.quintic_step(beyond / limited)
         return weight * soft_positive(over, soft_a + t * (soft_b - soft_a))
 
     @wp.func(module=name)
@@ -279,31 +274,48 @@ def build(scalar):
         return greatest
 
     @wp.func(module=name)
+    def mark_distance(marks: Marks, mark: int, xy: vec2) -> scalar:
+        """Square of the distance from the centre of a mark over its radius."""
+        place = marks.place[mark]
+        x, y = (xy[0] - place[0]) / place[2], (xy[1] - place[1]) / place[2]
+        return x * x + y * y
+
+    @wp.func(module=name)
     def bed_height(stations: Stations, marks: Marks, index: Index, xy: vec2, base: wp.float64) -> wp.float64:
         """Height of the bed at a place whose ground has a height: cut by courses and basins, rocks set in."""
         cell = index_cell(index, xy)
         if cell < 0 or wp.isnan(base):
             return base
         cut = river_cut(stations, index, cell, xy, base)
-        if cut <= ZERO:
-            return base
-        dug = scalar(0.0)
-        raised = scalar(0.0)
-        for k in range(index.mark_start[cell], index.mark_start[cell + 1]):
+        first, end = index.mark_start[cell], index.mark_start[cell + 1]
+        bed = base
+        if cut > ZERO:
+            dug = scalar(0.0)
+            raised = scalar(0.0)
+            for k in range(first, end):
+                mark = index.cell_mark[k]
+                r2 = mark_distance(marks, mark, xy)
+                if r2 < ONE:
+                    size = marks.place[mark][3]
+                    if marks.kind[mark] == BASIN:
+                        # g(r) = (1 - r^2)^3.
+                        g = ONE - r2
+                        dug = wp.max(dug, wp.min(size, DIG * cut) * g * g * g)
+                    elif marks.kind[mark] == ROCK:
+                        # Steep sides and a round top.
+                        g = ONE - r2 * r2
+                        raised = wp.max(raised, size * g * g)
+            bed = wp.min(base, base - wp.float64(cut + dug - raised))
+        floor = bed
+        for k in range(first, end):
             mark = index.cell_mark[k]
-            place = marks.place[mark]
-            x, y = (xy[0] - place[0]) / place[2], (xy[1] - place[1]) / place[2]
-            r2 = x * x + y * y
-            if r2 < ONE:
-                if marks.kind[mark] == BASIN:
-                    # g(r) = (1 - r^2)^3.
-                    g = ONE - r2
-                    dug = wp.max(dug, wp.min(place[3], DIG * cut) * g * g * g)
-                else:
-                    # Steep sides and a round top.
-                    g = ONE - r2 * r2
-                    raised = wp.max(raised, place[3] * g * g)
-        return wp.min(base, base - wp.float64(cut + dug - raised))
+            if marks.kind[mark] == OBSTACLE:
+                r2 = mark_distance(marks, mark, xy)
+                if r2 < ONE:
+                    # As high as it is said to be, also over the ground.
+                    share = wp.float64(ONE - r2 * r2)
+                    bed = wp.max(bed, floor + (wp.float64(marks.place[mark][3]) - floor) * share * share)
+        return bed
 
     @wp.kernel(module=name, enable_backward=False)
     def evaluate_points(

@@ -222,20 +222,28 @@ def build(scalar):
         shape_out[slot, place] = wp.vec3d(wp.float64(depth), wp.float64(falling(bank)), wp.float64(falling(wall)))
 
     @wp.func(module=name)
-    def carved_height(height: wp.float64, level: wp.float64, cut: wp.float64, shape: wp.vec3d) -> wp.float64:
+    def carved_height(
+        height: wp.float64, level: wp.float64, cut: wp.float64, shape: wp.vec3d, max_cut: wp.float64
+    ) -> wp.float64:
         """Height of the ground at a cell: drawn to the water's level by its weights, and below it by its depth.
 
         As much of the height over the water as the cut has at its channel goes by the weight of the wall, the rest by
-        that of the bank: so the sides of a valley are not taken for walls of the cut.
+        that of the bank: so the sides of a valley are not taken for walls of the cut. Beside the bed no more is cut
+        than the limit.
         """
         over = height - level
         walled = wp.clamp(over, -cut, cut)
-        return height - shape[2] * walled - shape[1] * (over - walled) - shape[0]
+        lowered = shape[2] * walled + shape[1] * (over - walled)
+        if shape[0] <= ZERO_64:
+            lowered = wp.min(lowered, max_cut)
+        return height - lowered - shape[0]
 
     @wp.kernel(module=name, enable_backward=False)
     def carve_cells(
         # network
         tiles: Tiles,
+        # params
+        max_cut: wp.float64,
         # in
         level: wp.array2d[wp.float64],
         cut: wp.array2d[wp.float64],
@@ -254,7 +262,9 @@ def build(scalar):
             form = shape[slot, place]
             if form[2] > ZERO_64 and not wp.isnan(height):
                 cell_support_out[cell[0], cell[1]] = wp.uint8(1)
-                cell_height_io[cell[0], cell[1]] = carved_height(height, level[slot, place], cut[slot, place], form)
+                cell_height_io[cell[0], cell[1]] = carved_height(
+                    height, level[slot, place], cut[slot, place], form, max_cut
+                )
                 if form[0] > ZERO_64:
                     cell_level_out[cell[0], cell[1]] = level[slot, place]
                     cell_depth_out[cell[0], cell[1]] = form[0]

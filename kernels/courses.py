@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from warpriver.kernels import steps
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -23,8 +24,9 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.courses_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     vec2, vec4 = wp.types.vector(2, scalar), wp.types.vector(4, scalar)
-    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     FAR, SHORT = scalar(1.0e30), scalar(1.0e-12)
     BANK_SLOPE_, BANK_EASE_ = scalar(BANK_SLOPE), scalar(BANK_EASE)
     TWO_THIRDS = scalar(2.0 / 3.0)
@@ -124,7 +126,7 @@ def build(scalar):
         x = wp.clamp(TWO * (wp.abs(across) - ONE), ZERO, ONE)
         if x > ZERO:
             bank = courses.bank[i] + share * (courses.bank[i + 1] - courses.bank[i])
-            level = level + wp.float64(x * x * (THREE - TWO * x)) * (bank - level)
+            level = level + wp.float64(smooth_steps.cubic_step(x)) * (bank - level)
         return level - wp.float64(depth_of(courses, near, across))
 
     @wp.func(module=name)

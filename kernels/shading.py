@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import noise
+from warpriver.kernels import noise, steps
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -18,9 +18,10 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.shading_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     field = noise.build(scalar)
     vec2, vec3 = field.vec2, field.vec3
-    ZERO, HALF, ONE, TWO, THREE = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     # Rays: steps at most, steepness that they allow for, halvings at the end; below this a place is dry, m.
     STEPS, STEEP, HALVINGS = 400, scalar(1.3), 6
     DRY = scalar(0.0003)
@@ -102,8 +103,7 @@ def build(scalar):
     @wp.func(module=name)
     def smooth(low: scalar, high: scalar, x: scalar) -> scalar:
         """Step from 0 to 1 between two values."""
-        t = wp.clamp((x - low) / (high - low), ZERO, ONE)
-        return t * t * (THREE - TWO * t)
+        return smooth_steps.cubic_step((x - low) / (high - low))
 
     @wp.func(module=name)
     def octaves(seed: int, xy: vec2, count: int) -> scalar:

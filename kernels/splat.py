@@ -41,6 +41,8 @@ def build(scalar):
     # A channel is taken to have passed over a cell if so many times its way exceed the distances before and after: on
     # its way it may turn.
     PASSING = scalar(3.0)
+    # Most that a way bulges, in widths.
+    MOST_SAG = scalar(0.1)
     YEAR = wp.float64(QUANTA)
     ZERO_64, HALF_64 = wp.float64(0.0), wp.float64(0.5)
 
@@ -51,14 +53,14 @@ def build(scalar):
         ``line``: begin, and the way to the end. ``form``: 1 / length^2, width at the begin, its change to the end,
         least width. ``depth``: depth at begin and end. ``bend``: width times curvature there; of an old course the
         distance from its end in widths. ``moved``: how far they have come since the course before, m; 0 where that is
-        not known.
+        not known; and how far to the left of the straight way they were halfway.
         """
 
         line: wp.array[vec4]
         form: wp.array[vec4]
         depth: wp.array[vec2]
         bend: wp.array[vec2]
-        moved: wp.array[vec2]
+        moved: wp.array[vec4]
 
     @wp.struct
     class Grid:
@@ -101,10 +103,11 @@ def build(scalar):
         """From the course before to one at a time in yr; cells of different blocks may have seen the former earlier.
 
         ``block_time``: when that was. ``counted``: factor of the years that are added up for moisture and sediment,
-        ``extra``: years added to them.
+        ``extra``: years added to them. ``span``: years that the way takes as a whole, 0 for one that is straight.
         """
 
         end: wp.float64
+        span: wp.float64
         counted: wp.float64
         extra: wp.float64
         block_time: wp.array[wp.float64]
@@ -304,6 +307,25 @@ def build(scalar):
         return -before
 
     @wp.func(module=name)
+    def bulge_of(course: Course, interval: Interval, begin: wp.float64, near: Nearest, way: vec2) -> vec2:
+        """When the distance turns, as a part of the time, and what it is then; 0 where it goes one way only.
+
+        Channels go on curved ways: where a bend runs along a bank it comes nearer to it between two records than at
+        either. The distance is d(t) = d_0 + (d_1 - d_0) t - 4 sag t (1 - t).
+        """
+        nearest = wp.min(wp.abs(way[0]), wp.abs(way[1]))
+        if interval.span <= ZERO_64 or near.segment < 0 or way[0] * way[1] <= ZERO or nearest > ONE:
+            return vec2(ZERO, ZERO)
+        moved, form = course.moved[near.segment], course.form[near.segment]
+        share = scalar((interval.end - begin) / interval.span)
+        sag = (moved[2] + near.part * (moved[3] - moved[2])) / (form[1] + near.part * form[2]) * share * share
+        sag = wp.clamp(sag, -MOST_SAG, MOST_SAG)
+        if wp.abs(way[1] - way[0]) >= FOUR * wp.abs(sag):
+            return vec2(ZERO, ZERO)
+        part = HALF - (way[1] - way[0]) / (TWO * FOUR * sag)
+        return vec2(part, way[0] + (way[1] - way[0]) * part - FOUR * sag * part * (ONE - part))
+
+    @wp.func(module=name)
     def quanta(years: wp.float64) -> wp.int64:
         """Years in quanta, rounded."""
         return wp.int64(wp.floor(years * YEAR + HALF_64))
@@ -355,6 +377,12 @@ def build(scalar):
                 if near.segment >= 0:
                     deep = laid * wp.float64(section_at(course, near)[1])
                     cells_io.deep[row, column] = cells_io.deep[row, column] + quanta(deep)
+        part = bulge_of(course, interval, begin, near, vec2(before, after))
+        if part[0] > ZERO:
+            turn = begin + (interval.end - begin) * wp.float64(part[0])
+            cover_cell(course, near, row, column, wp.vec2d(begin, turn), vec2(before, part[1]), cells_io)
+            before = part[1]
+            begin = turn
         cover_cell(course, near, row, column, wp.vec2d(begin, interval.end), vec2(before, after), cells_io)
 
     @wp.func(module=name)

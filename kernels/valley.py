@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import noise, sections
+from warpriver.kernels import noise, sections, steps
 from warpriver.kernels.variants import once
 
 wp.set_module_options({"enable_backward": False})
@@ -31,6 +31,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.valley_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     field, section = noise.build(scalar), sections.build(scalar)
     vec2, vec3, vec4, vec7 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 7))
     ZERO, HALF, ONE, TWO, THREE, FOUR, SIX = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0))
@@ -114,12 +115,6 @@ def build(scalar):
     def unreached() -> scalar:
         """FAR, for a variable that changes: Warp would change the constant with it."""
         return FAR
-
-    @wp.func(module=name)
-    def smoothstep(fraction: scalar) -> scalar:
-        """0 below 0, 1 above 1, smooth between."""
-        p = wp.clamp(fraction, ZERO, ONE)
-        return p * p * (THREE - TWO * p)
 
     @wp.func(module=name)
     def cross(a: vec2, b: vec2) -> scalar:
@@ -250,7 +245,7 @@ def build(scalar):
         at = fraction * scalar(surface.terraces)
         tread = wp.min(wp.floor(at), scalar(surface.terraces - 1))
         # A riser takes the last quarter of each step.
-        return (tread + smoothstep(FOUR * (at - tread) - THREE)) / scalar(surface.terraces)
+        return (tread + smooth_steps.cubic_step(FOUR * (at - tread) - THREE)) / scalar(surface.terraces)
 
     @wp.func(module=name)
     def object_height(surface: Surface, xy: vec2, kind: int, i: int, j: int) -> scalar:
@@ -283,9 +278,9 @@ def build(scalar):
         highest = scalar(0.0)
         for kind in range(surface.object_seed.shape[0]):
             place = surface.object_table[kind, PLACE]
-            weight = smoothstep(gap / surface.object_table[kind, FADE])
+            weight = smooth_steps.cubic_step(gap / surface.object_table[kind, FADE])
             if place < HALF:
-                weight = smoothstep(-gap / surface.object_table[kind, FADE])
+                weight = smooth_steps.cubic_step(-gap / surface.object_table[kind, FADE])
             elif place > scalar(1.5):
                 weight = ONE
             if weight > ZERO:
@@ -321,7 +316,7 @@ def build(scalar):
         if not left:
             rest = y - line[RIGHT_FLOOR]
         fraction = gap / wp.max(gap + rest, TINY)
-        fading = (ONE - smoothstep(gap / surface.lift_reach)) * (ONE - fraction)
+        fading = (ONE - smooth_steps.cubic_step(gap / surface.lift_reach)) * (ONE - fraction)
         return terraced(surface, fraction) * line[FLOOR_RISE] + lift * fading
 
     @wp.func(module=name)

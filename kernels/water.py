@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from warpriver.kernels import noise
+from warpriver.kernels import noise, steps
 from warpriver.kernels.flow_tree import (
     CASCADE,
     CREST,
@@ -45,12 +45,13 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.water_{scalar.__name__}"
+    smooth_steps = steps.build(scalar)
     field = noise.build(scalar)
     vec2, vec3, vec4 = (wp.types.vector(n, scalar) for n in (2, 3, 4))
     # Weight, its square; weighted: still level, offset of the waves, velocity east and north, foam.
     sums = wp.types.vector(7, scalar)
     stack = wp.types.matrix((STACK, 7), scalar)
-    ZERO, HALF, ONE, TWO, SIX, TEN, FIFTEEN = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 6.0, 10.0, 15.0))
+    ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
     THREE_QUARTERS = scalar(0.75)
     EDGE_, UPSTREAM_, CREST_, RIDGE_ = scalar(EDGE), scalar(UPSTREAM), scalar(CREST), scalar(RIDGE_MEAN)
     RIDGE_SHARE_, WAVE_SHARE_ = scalar(RIDGE_SHARE), scalar(WAVE_SHARE)
@@ -187,8 +188,7 @@ def build(scalar):
     @wp.func(module=name)
     def upstream_share(along: scalar, width: scalar) -> scalar:
         """Lambda of a cascade: 1 above the lip, 0 below it, by a quintic step over twice ``width``."""
-        x = wp.clamp((along + width) / (TWO * width), ZERO, ONE)
-        return ONE - x * x * x * (x * (x * SIX - FIFTEEN) + TEN)
+        return ONE - smooth_steps.quintic_step((along + width) / (TWO * width))
 
     @wp.func(module=name)
     def replaced(under: sums, over: sums, contrast: int) -> sums:

@@ -603,6 +603,55 @@ CALLS = {
             "suffix": ".npz",
         },
     ),
+    "to_glb": lambda t: (
+        t["river"].to_glb,
+        {"path": t["folder"] / "a.glb", "bounds": (10.0, 4.0, 12.0, 6.0), "cell_size": 0.5, "time": 0.0},
+    ),
+    "patches": lambda t: (
+        t["river"].patches,
+        {
+            "eye": (10.0, 4.0, 3.0),
+            "bounds": (10.0, 4.0, 30.0, 14.0),
+            "cell_size": 1.0,
+            "angle": 0.1,
+            "time": 0.0,
+            "heading": 0.0,
+            "field": 60.0,
+        },
+    ),
+    "Riverscape.replay": lambda t: (t["river"].replay, {"edits": [wr.riverscape.AddRock((12.0, 6.0), 0.4)]}),
+    "AddRock": lambda t: (wr.riverscape.AddRock, {"center": (12.0, 6.0), "diameter": 0.4, "height": 0.1}),
+    "AddLog": lambda t: (
+        wr.riverscape.AddLog,
+        {"start": (12.0, 6.0), "end": (14.0, 6.0), "diameter": 0.4, "height": 0.1},
+    ),
+    "AddWater": lambda t: (
+        wr.riverscape.AddWater,
+        {
+            "tree": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0),
+            "layer": "pond",
+            "operator": "merge",
+            "relative": False,
+        },
+    ),
+    "ChangeWater": lambda t: (
+        wr.riverscape.ChangeWater,
+        {"layer": "body", "kind": "calm", "set": {"velocity": (1.0, 0.0)}, "times": {"amplitude": 2.0}},
+    ),
+    "MoveWater": lambda t: (
+        wr.riverscape.MoveWater,
+        {"layer": "body", "center": (0.0, 0.0), "radius": 2.0, "by": (1.0, 0.0)},
+    ),
+    "ReplaceWater": lambda t: (
+        wr.riverscape.ReplaceWater,
+        {"layer": "body", "tree": wr.riverscape.primitives("calm", (0.0, 0.0), 1.0), "relative": False},
+    ),
+    "MoveObstacle": lambda t: (wr.riverscape.MoveObstacle, {"at": (0.0, 0.0), "to": (1.0, 0.0)}),
+    "RetypeChannel": lambda t: (wr.riverscape.RetypeChannel, {"channel": 0, "type": "C"}),
+    "RedrawCourse": lambda t: (
+        wr.riverscape.RedrawCourse,
+        {"channel": 0, "xy": [(0.0, 0.0), (5.0, 1.0), (9.0, 0.0)]},
+    ),
     "hillshade": lambda t: (
         wr.viz.hillshade,
         {"terrain": t["terrain"], "azimuth": 315.0, "altitude": 45.0, "exaggeration": 1.0},
@@ -644,7 +693,8 @@ CALLS = {
 }
 # Those of which every call takes a second or more, or that share what is tested with others: their types are tested.
 SLOW = {
-    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_scene", "riverscape_movie",
+    "draw_ordered_network", "draw_riverscape", "erosion_movie", "movie", "render_riverscape", "render_scene",
+    "riverscape_movie",
     "harmonics_for_covariance", "harmonics_for_covariances", "draw_fit", "draw_fit_map", "draw_hindcast", "hindcast",
     "line_formats", "posterior", "write_hindcast", "mountain_front_zones", "scene_schema", "draw_landscape",
     "simulate_with_plants", "draw_bed", "landscape_maps",

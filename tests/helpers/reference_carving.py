@@ -71,10 +71,11 @@ def water_at(seg, section, xy, cell):
     return level, cut, depth, *((1.0, 1.0) if depth > 0.0 else (bank, wall))
 
 
-def carved_height(height, level, cut, depth, bank, wall):
+def carved_height(height, level, cut, depth, bank, wall, max_cut):
     over = height - level
     walled = np.clip(over, -cut, cut)
-    return height - wall * walled - bank * (over - walled) - depth
+    lowered = wall * walled + bank * (over - walled)
+    return height - np.where(depth > 0.0, lowered, np.minimum(lowered, max_cut)) - depth
 
 
 def materials(depth, bank, wall, steepness, change):

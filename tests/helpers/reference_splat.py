@@ -56,6 +56,15 @@ def mean(falloff, integral, a, b):
     return np.where(far, (integral(b) - integral(a)) / step, falloff(0.5 * (a + b)))
 
 
+def bulge(before, after, sag):
+    """When a way before + (after - before) t - 4 sag t (1 - t) turns, and what it is then; 0 where it does not."""
+    sag = np.clip(sag, -0.1, 0.1)
+    near = np.minimum(np.abs(before), np.abs(after)) <= 1.0
+    turns = (before * after > 0.0) & near & (np.abs(after - before) < 4.0 * np.abs(sag)) & (np.abs(after) < REACH)
+    part = np.where(turns, 0.5 - (after - before) / np.where(turns, 8.0 * sag, 1.0), 0.0)
+    return part, before + (after - before) * part - 4.0 * sag * part * (1.0 - part)
+
+
 class Cells:
     """Cells of a raster that courses are led over, as (rows * columns,) arrays."""
 
@@ -67,7 +76,7 @@ class Cells:
         self.moisture, self.sediment, self.occupied = (np.zeros(len(self.xy)) for _ in range(3))
         self.last = None
 
-    def advance(self, line, section, time):
+    def advance(self, line, section, time, sag=None):
         after, which, part = distances(line, section, self.xy)
         before, years, way = self.offset.copy(), 0.0, np.zeros(len(self.xy))
         if self.last is not None:
@@ -82,8 +91,17 @@ class Cells:
         after = np.where((np.abs(after) >= FAR) & (before < 0.0), -after, after)
         self.moisture += years * mean(moisture, moisture_integral, before, after)
         self.sediment += years * mean(sediment, sediment_integral, before, after)
+        if sag is not None:
+            part, turn = bulge(before, after, (sag[which, 0] + part * (sag[which, 1] - sag[which, 0])) / width)
+            self.cover(before, np.where(part > 0.0, turn, before), time - years, years * part)
+            before, years = np.where(part > 0.0, turn, before), years * (1.0 - part)
+        self.cover(before, after, time - years, years)
+        self.last = line, section, time
+
+    def cover(self, before, after, begin, years):
+        """Note when cells were under a channel whose distance changes evenly; none where no time passes."""
         low, high = np.minimum(before, after), np.maximum(before, after)
-        there = (low <= HALF) & (high >= -HALF)
+        there = (low <= HALF) & (high >= -HALF) & ((years > 0.0) | (self.last is None))
         length = np.where(high > low, high - low, 1.0)
         share = np.where(high > low, (np.minimum(high, HALF) - np.maximum(low, -HALF)) / length, 1.0)
         self.occupied += np.where(there, years * share, 0.0)
@@ -91,8 +109,7 @@ class Cells:
         leave = np.where(
             out & there, (np.copysign(HALF, after) - before) / np.where(out & there, after - before, 1.0), 1.0
         )
-        self.left = np.where(there, time - years + years * leave, self.left)
-        self.last = line, section, time
+        self.left = np.where(there, begin + years * leave, self.left)
 
     def way(self, xy):
         """How far places lie from the course before, m; 0 where that is out of reach, or off the raster."""

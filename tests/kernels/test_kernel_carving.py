@@ -146,9 +146,13 @@ def test_water_at_cells_is_that_of_the_twin(dtype, device, wanted):
     assert off.mean() <= (0.0 if dtype == "float64" else 2e-3)
 
 
+# Below what the banks of the case are cut by.
+MAX_CUT = 0.5
+
+
 def test_cells_are_carved_as_by_the_twin(dtype, device, wanted):
     bench, height = Bench(dtype, device, river()), ground()
-    inputs = [bench.tiles, *(bench.in_tiles(wanted[..., k], wp.float64) for k in (0, 1))]
+    inputs = [bench.tiles, MAX_CUT, *(bench.in_tiles(wanted[..., k], wp.float64) for k in (0, 1))]
     inputs.append(bench.in_tiles(wanted[..., 2:], wp.vec3d))
     dry = np.full(height.shape, np.nan)
     outputs = [to_device(v, wp.float64, device) for v in (height, dry, dry)]
@@ -156,7 +160,9 @@ def test_cells_are_carved_as_by_the_twin(dtype, device, wanted):
     carved, level, depth, support = bench.launch(bench.kernel.carve_cells, inputs, outputs)
     reached = (wanted[..., 4] > 0.0) & np.isfinite(height)
     wet = reached & (wanted[..., 2] > 0.0)
-    expected = np.where(reached, twin.carved_height(height, *np.moveaxis(wanted, -1, 0)), height)
+    capped, free = (twin.carved_height(height, *np.moveaxis(wanted, -1, 0), limit) for limit in (MAX_CUT, 1e9))
+    assert (reached & (capped > free)).sum() > 50
+    expected = np.where(reached, capped, height)
     np.testing.assert_allclose(carved, expected, atol=1e-12, rtol=0.0)
     np.testing.assert_array_equal(support, reached)
     np.testing.assert_array_equal(level, np.where(wet, wanted[..., 0], np.nan))

@@ -40,13 +40,15 @@ def networks(seed, count=5, channels=4):
         yield wr.RiverNetwork.from_polylines(lines, width=sections)
 
 
-def led(splat, network, time):
+def led(splat, network, time, span=0.0):
     """Lead the cells to a network, whose segments have come from the one before; return these."""
     segments = segments_of(network)
     if time > 0.0:
         moved = splat.trace(segments.line.reshape(-1, 2))[1].reshape(-1, 2)
-        segments = dataclasses.replace(segments, moved=moved)
-    splat.advance(splat.frame(segments), time)
+        # Along a channel from one side to the other, by up to a seventh of its width: more than counts.
+        x = segments.line[:, ::2]
+        segments = dataclasses.replace(segments, moved=moved, sag=segments.section[:, ::2] * np.sin(x / 50.0) / 7.0)
+    splat.advance(splat.frame(segments), time, span=span)
     return segments
 
 
@@ -59,8 +61,8 @@ def test_cells_are_those_of_the_twin(device, dtype, seed):
     """Distances in widths times the least width in cells: within 1e-6 of a cell. Sums within that over a profile."""
     splat, cells = splat_of(device, dtype), twin.Cells(SHAPE, CELL, ORIGIN)
     for k, network in enumerate(networks(seed)):
-        segments = led(splat, network, 2.5 * k)
-        cells.advance(segments.line, segments.section, 2.5 * k)
+        segments = led(splat, network, 2.5 * k, 2.5)
+        cells.advance(segments.line, segments.section, 2.5 * k, segments.sag)
     got, widest = splat.cells, segments.section[:, ::2].max() / CELL
     offset, expected = got.offset.numpy(), reshaped(cells.offset)
     np.testing.assert_allclose(np.abs(offset), np.abs(expected), atol=WITHIN[dtype] / widest)
@@ -111,14 +113,15 @@ def test_old_courses_are_laid_at_their_own_time(device):
     line = np.array([[1100.0, 4700.0, 1200.0, 4700.0], [1200.0, 4700.0, 1300.0, 4650.0]])
     section = np.tile([40.0, 3.0], (2, 2))
     from_end = np.array([[0.0, 2.5], [2.5, 0.0]])
-    splat.lay(Segments(line, section, from_end, np.zeros((2, 2)), np.array([7.0, 7.0])), covers.OXBOW)
+    none = np.zeros((2, 2))
+    splat.lay(Segments(line, section, from_end, none, np.array([7.0, 7.0]), none), covers.OXBOW)
     widths, _, _ = twin.distances(line, section, twin.Cells(SHAPE, CELL, ORIGIN).xy)
     under = reshaped(np.abs(widths) <= 0.5)
     cells = splat.cells
     np.testing.assert_array_equal(cells.kind.numpy() == covers.OXBOW, under)
     assert (cells.left.numpy()[under] == 7.0).all() and (cells.section.numpy()[under] == [40.0, 3.0]).all()
     np.testing.assert_allclose(cells.across.numpy()[under], np.abs(reshaped(widths))[under], atol=1e-6)
-    splat.lay(Segments(line, section, from_end, np.zeros((2, 2)), np.array([9.0, 9.0])), covers.BAR)
+    splat.lay(Segments(line, section, from_end, none, np.array([9.0, 9.0]), none), covers.BAR)
     thick = np.where(under, 3.0 * (1.0 - 4.0 * reshaped(widths) ** 2), 0.0)
     np.testing.assert_allclose(cells.lobe.numpy(), thick, atol=1e-5)
     assert (cells.left.numpy()[under] == 7.0).all()

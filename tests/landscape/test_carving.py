@@ -1,6 +1,7 @@
 """Beds, water, banks and lakes: closed forms on planes, and what must hold on any terrain."""
 
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,24 @@ def test_walls_of_a_deep_cut_rise_at_the_angle_of_repose_at_most():
     assert 0.9 * np.tan(np.radians(angle)) < steepness[outside].max() < 1.02 * np.tan(np.radians(angle))
     assert carved.materials["wall"].numpy()[:, 150].max() > 200
     assert carved.report.deepest_cut == pytest.approx(21.5, abs=0.2)
+
+
+def test_the_limit_of_cuts_holds_for_banks_beside_a_cliff():
+    """A cliff of 30 m along the left bank; then one in the bed, whose side is cut open all the same, and reported."""
+    height = plane(0.0).to_numpy()
+    network = straight(width=16.0, depth=1.5, spacing=5.0)
+    y = float(network.points()[0, 1])
+    north = plane(0.0).bounds[3] - (np.arange(height.shape[0]) + 0.5) * CELL
+    for beside, beyond in ((16.0, False), (4.0, True)):
+        ground = wr.Terrain(height + 30.0 * (north > y + beside)[:, None], CELL)
+        told = pytest.warns(UserWarning, match="the sides of beds were cut by up to") if beyond else nullcontext()
+        with told:
+            carved = carve(ground, network, CarveParams(max_cut=5.0, **LEVEL))
+        cut = ground.to_numpy() - carved.terrain.to_numpy()
+        dry = np.isnan(carved.water.numpy())
+        assert cut[dry].max() == pytest.approx(5.0, abs=1e-9)
+        assert (carved.report.cells_beyond > 0) == beyond
+        assert carved.report.cell_excess == pytest.approx(25.0 if beyond else 0.0, abs=0.1)
 
 
 def test_the_limit_of_cuts_holds_and_is_reported():

@@ -273,6 +273,7 @@ DOWN, UP = ((60.0, 120.0), (300.0, 120.0)), ((300.0, 120.0), (60.0, 120.0))
     ("call", "said"),
     [
         (lambda: Riverscape(valley_floor(0.02), lines(UP), "C"), "channel 0 runs uphill"),
+        (lambda: Riverscape(valley_floor(0.0), lines(DOWN), "C", flow=1.0), "the ground is level"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), "H"), "type is 'H'"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), ["C", "C"]), "types are 2 for 1 channels"),
         (lambda: Riverscape(valley_floor(0.06), lines(DOWN), "D"), "type D and a slope of 0.06"),
@@ -303,9 +304,12 @@ def test_holes_in_the_ground_are_filled_from_upstream_and_told_where_all_is_lost
         Riverscape(wr.Terrain(height, ground.cell_size, ground.origin), lines(DOWN), "C")
 
 
-def test_level_ground_has_a_slow_river():
-    scene = Riverscape(valley_floor(0.0), lines(DOWN, slope=[0.0]), "C", flow=1.0)
-    assert (scene.stations.speed > 0.0).all() and np.ptp(scene.stations.water) < 0.5
+def test_a_level_channel_among_others_is_a_slow_one():
+    network = lines(DOWN, ((60.0, 60.0), (300.0, 60.0)), slope=[0.0, 0.01])
+    scene = Riverscape(valley_floor(0.0), network, "C", flow=1.0)
+    assert (scene.stations.speed > 0.0).all() and np.ptp(scene.stations.water) < 2.0
+    level = scene.stations.channel[scene.stations.station_course] == 0
+    assert scene.stations.speed[level].max() < scene.stations.speed[~level].min()
 
 
 def test_detail_beyond_memory_is_refused_before_it_is_tried(monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 
 from warpriver.riverscape import Course, Log, Riverscape, Rock
 from warpriver.riverscape.beds import Beds
-from warpriver.riverscape.given import given_stations, with_obstacles
+from warpriver.riverscape.given import given_stations, mounds_of
 from warpriver.terrain import Terrain
 
 
@@ -60,7 +60,7 @@ def test_a_rock_stands_as_high_as_it_is_said(device):
     # A mound (1 - r^4)^2 over the bed.
     floor = scene.bed([[20.0, 0.0], [20.2, 0.0], [21.0, 0.0]], rocks=False)
     assert bed[0] == pytest.approx(10.1, abs=1e-6)
-    assert bed[1] == pytest.approx(floor[1] + (10.1 - floor[0]) * (1.0 - 0.5**4) ** 2, abs=1e-6)
+    assert bed[1] == pytest.approx(floor[1] + (10.1 - floor[1]) * (1.0 - 0.5**4) ** 2, abs=1e-6)
     assert bed[2] == floor[2]
 
 
@@ -69,12 +69,21 @@ def test_a_log_is_level_along_its_upper_side(device):
     ground, course = level_ground(device, 11.0), straight()
     bare = given_stations(ground, [course])
     log = Log((15.0, -1.2), (16.5, 1.2), 0.4, 10.05)
-    beds = Beds(ground, with_obstacles(ground, bare, [], [log]))
+    beds = Beds(ground, bare, obstacles=mounds_of([log]))
     part = np.linspace(0.02, 0.98, 60)[:, None]
     along = (1.0 - part) * np.array(log.start) + part * np.array(log.end)
     top, floor = beds.heights(along)[0], beds.heights(along, rocks=False)[0]
-    # The bed of a parabola rises by up to 0.35 of its depth below the mounds between two of their centres.
-    np.testing.assert_allclose(top, 10.05, atol=0.03)
+    # Half way between two centres a mound is 0.05 % lower than at them.
+    np.testing.assert_allclose(top, 10.05, atol=0.0006 * np.max(10.05 - floor))
     assert (top > floor + 0.2).all()
     aside = along + (0.21, -0.21 * 1.5 / 2.4)
     np.testing.assert_allclose(beds.heights(aside)[0], beds.heights(aside, rocks=False)[0], atol=0.02)
+
+
+def test_a_rock_on_the_bank_stands_on_the_ground(device):
+    """Beside the river, and far away from it."""
+    rocks = [Rock((20.0, 8.0), 1.0, 10.7), Rock((45.0, 15.0), 1.0, 10.5)]
+    scene = Riverscape(level_ground(device), [straight()], rocks=rocks)
+    at = [rock.center for rock in rocks]
+    np.testing.assert_allclose(scene.bed(at), [10.7, 10.5], atol=1e-9)
+    np.testing.assert_allclose(scene.bed(at, rocks=False), 10.2, atol=1e-9)

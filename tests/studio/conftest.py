@@ -1,10 +1,5 @@
 """A studio that is served by a process of its own."""
 
-import re
-import subprocess
-import sys
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -27,18 +22,12 @@ def lines_file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def served(lines_file, tmp_path_factory):
-    """A studio with those rivers: ``link``, ``port``, ``token``, ``folder``."""
+    """A studio with those rivers."""
+    from talk import serving
+
     folder = tmp_path_factory.mktemp("served") / "session"
-    command = [sys.executable, "-m", "warpriver", "studio", str(lines_file), "--no-browser", "--folder", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    line = process.stdout.readline()
-    found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line)
-    if not found:
-        process.kill()
-        raise RuntimeError(f"no link: {line} {process.stderr.read()}")
-    yield SimpleNamespace(link=found[0], port=int(found[1]), token=found[2], folder=folder, process=process)
-    process.terminate()
-    assert process.wait(20) is not None
+    with serving(str(lines_file), "--folder", str(folder), folder=folder) as made:
+        yield made
 
 
 @pytest.fixture

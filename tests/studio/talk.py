@@ -1,12 +1,17 @@
 """A page without a browser: a socket that asks, waits for answers, and takes frames."""
 
+import contextlib
 import itertools
 import json
+import re
+import subprocess
+import sys
 import time
+from types import SimpleNamespace
 
 from websockets.sync.client import connect
 
-from warpriver.studio.frames import EARLIER, FLAGS, STATE, decode_state
+from warpriver.studio.frames import EARLIER, FLAGS, MAP, STATE, decode_state
 
 
 class Talk:
@@ -24,7 +29,7 @@ class Talk:
             open_timeout=30,
         )
         self.socket = self._connection.__enter__()
-        self.earlier = []
+        self.earlier, self.maps = [], []
         self.numbers, self.state, self.told, self.frames = itertools.count(1), None, {}, 0
 
     def close(self):
@@ -46,6 +51,8 @@ class Talk:
             self.frames += 1
             self.socket.send(json.dumps({"ack": self.state.sequence}))
             return self.state
+        if int.from_bytes(message[:4], "little") == MAP:
+            self.maps.append((message[56:72].rstrip(b"\0").decode(), message))
         return message
 
     def ask(self, what, **rest):
@@ -63,3 +70,18 @@ class Talk:
         while not true(self):
             assert time.monotonic() < end, "it did not come"
             self.receive(seconds)
+
+
+@contextlib.contextmanager
+def serving(*arguments, folder):
+    """Serve a studio: ``link``, ``port``, ``token``, ``folder``, ``process``."""
+    command = [sys.executable, "-m", "warpriver", "studio", *arguments, "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    line = process.stdout.readline()
+    found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line)
+    if not found:
+        process.kill()
+        raise RuntimeError(f"no link: {line} {process.stderr.read()}")
+    yield SimpleNamespace(link=found[0], port=int(found[1]), token=found[2], folder=folder, process=process)
+    process.terminate()
+    assert process.wait(20) is not None

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
+from talk import serving
 
 import warpriver as wr
 from warpriver import edits
-from warpriver.studio.journal import read_journal
+from warpriver.studio.journal import read_journal, session_of
+from warpriver.studio.opening import unpack_session
 
 pytest.importorskip("PIL", reason="looking at the page needs pillow")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium")
@@ -167,6 +169,24 @@ def test_a_refused_edit_is_told(browser):
     assert "12345" in browser.run("document.getElementById('message').textContent")
 
 
+def test_a_bend_is_cut_off_by_hand(browser, served):
+    browser.run("studio.ask('step', { count: 60 })")
+    x, y = browser.run("""(() => { const s = studio.state; let best = [2, 0];
+      for (let c = 0; c < s.channels; c++) for (let i = s.start[c] + 30; i + 30 < s.start[c + 1]; i++) {
+        const j = i + 18, d = Math.hypot(s.xy[2 * j] - s.xy[2 * i], s.xy[2 * j + 1] - s.xy[2 * i + 1]) / 18;
+        if (d < best[0] || best[0] === 2) best = [d, i + 9]; }
+      studio.view.update(); const p = studio.view.project(s.xy[2 * best[1]], s.xy[2 * best[1] + 1]);
+      const box = document.getElementById("view3d").getBoundingClientRect();
+      return [p[0] + box.left, p[1] + box.top]; })()""")
+    left = browser.run("studio.scene.oxbows.count")
+    use(browser, "cut")
+    browser.click(x, y)
+    browser.wait(f"studio.scene.oxbows.count > {left}")
+    assert isinstance(said(served)[-1], edits.CutLoop)
+    browser.press("#undo")
+    browser.wait(f"studio.scene.oxbows.count === {left}")
+
+
 def test_the_timeline_shows_earlier_states_and_goes_on_from_one(browser):
     browser.press("#step")
     browser.wait("studio.records.length > 10")
@@ -207,6 +227,92 @@ def test_exports_are_files_that_read_back(browser, served):
     assert "no terrain" in browser.run("studio.link.ask('export', {name: 'terrain.tif'}).catch((e) => e.message)")
 
 
+def test_maps_lie_on_the_ground_with_a_legend(browser):
+    browser.press("#step")
+    plain = browser.screenshot()[50:670, 190:1010].astype(int)
+    browser.run(
+        "(m => { m.value = 'moisture'; m.dispatchEvent(new Event('change')); })(document.getElementById('map'))"
+    )
+    browser.wait("studio.map?.name === 'moisture' && !studio.scene.dirty", 90)
+    assert "Soil moisture" in browser.run("document.getElementById('map-legend').innerText")
+    covered = browser.screenshot()[50:670, 190:1010].astype(int)
+    assert (np.abs(covered - plain).max(axis=2) > 8).mean() > 0.05
+    browser.run("(m => { m.value = ''; m.dispatchEvent(new Event('change')); })(document.getElementById('map'))")
+    browser.wait("!studio.map && document.getElementById('map-legend').hidden")
+    browser.press("#types")
+    browser.wait("studio.types", 90)
+    assert browser.run("document.querySelectorAll('#types-legend li').length") >= 1
+    browser.press("#types")
+    browser.wait("!studio.types")
+
+
+def test_constants_have_symbols_and_presets(browser):
+    text = browser.run("document.getElementById('constants').textContent")
+    assert "kmigration rate (m/yr)" in text and "Γupstream weight" in text
+    titles = browser.run("[...document.querySelectorAll('#constants label')].map((e) => e.title)")
+    assert all(len(title) > 20 for title in titles)
+    browser.run(
+        "(p => { p.value = 'paper'; p.dispatchEvent(new Event('change')); })(document.getElementById('preset'))"
+    )
+    assert "Table 1" in browser.run("document.getElementById('preset').selectedOptions[0].textContent")
+    browser.press("#use-preset")
+    browser.wait("Math.abs(document.querySelector('#constants [name=migration_rate]').value - 59.9) < 0.1")
+    assert browser.run("studio.live.step") == 0
+
+
+def test_land_is_made_in_the_dialog(browser, served):
+    browser.press("#new")
+    browser.run(
+        "(s => { s.value = 'fan'; s.dispatchEvent(new Event('change')); })(document.querySelector('#fresh select'))"
+    )
+    browser.run(
+        "[['size', 4], ['count', 5]].forEach(([k, v]) => { document.querySelector(`#fresh [name=${k}]`).value = v; })"
+    )
+    browser.press("#fresh button[type=submit]")
+    browser.wait("studio.live.channels === 5 && studio.ground.height", 120)
+    use(browser, "ridge")
+    before = browser.run("studio.ground.height.values.reduce((a, v) => a + v, 0)")
+    for k, (x, y) in enumerate(((500, 200), (700, 260)), 1):
+        browser.click(x, y)
+        browser.wait(f"studio.tool.points.length === {k}")
+    seen = browser.screenshot()[100:400, 400:800].astype(int)
+    browser.key("Enter")
+    browser.wait(f"studio.ground.height.values.reduce((a, v) => a + v, 0) > {before} + 1000")
+    assert isinstance(said(served)[-1], edits.EditTerrain)
+    browser.wait("!studio.scene.dirty")
+    assert np.abs(browser.screenshot()[100:400, 400:800].astype(int) - seen).max() > 40
+
+
+def test_two_fingers_move_and_zoom_on_a_tablet(browser):
+    browser.call("Emulation.setDeviceMetricsOverride", width=1024, height=768, deviceScaleFactor=1, mobile=True)
+    browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    browser.wait("studio.view.width < 700")
+    metres, at = browser.run("studio.view.metres"), browser.run("[studio.view.x, studio.view.y]")
+
+    def touch(kind, *points):
+        given = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=given)
+
+    touch("touchStart", (400, 300), (500, 300))
+    for k in range(1, 6):
+        touch("touchMove", (400 - 10 * k, 300 + 8 * k), (500 + 10 * k, 300 + 8 * k))
+    touch("touchEnd")
+    # Twice as far apart: half as many metres a pixel.
+    assert browser.run("studio.view.metres") == pytest.approx(0.5 * metres, rel=0.02)
+    assert browser.run("studio.view.y") > at[1]
+    overflow = (
+        "document.documentElement.scrollWidth > innerWidth || document.documentElement.scrollHeight > innerHeight"
+    )
+    assert not browser.run(overflow)
+    small = browser.run("""[...document.querySelectorAll("header button, nav button, footer button")]
+      .filter((e) => e.getBoundingClientRect().height < 40).length""")
+    assert small == 0
+    browser.call("Emulation.setTouchEmulationEnabled", enabled=False)
+    browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
+    browser.wait("studio.view.width > 700")
+    assert not browser.run(overflow)
+
+
 def test_everything_has_a_name_and_a_tooltip(browser):
     bare = browser.run("""[...document.querySelectorAll("button, input, select, a[href]")].filter((e) => {
       const label = e.getAttribute("aria-label") || e.textContent.trim() || e.labels?.[0]?.textContent.trim();
@@ -225,3 +331,103 @@ def test_axe_finds_no_serious_fault(browser):
         browser.run("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
         assert browser.run(AXE) == []
     browser.run("document.documentElement.dataset.theme = 'auto'")
+
+
+@pytest.fixture(scope="module")
+def built_in(tmp_path_factory):
+    """The studio as it begins without a file, and its page."""
+    folder = tmp_path_factory.mktemp("built-in") / "session"
+    with serving("--folder", str(folder), folder=folder) as served:
+        browser = Browser()
+        browser.open(served.link)
+        browser.wait("window.studio?.state && studio.scene.frames > 1", 120)
+        yield browser, served
+        assert browser.console == []
+        browser.close()
+
+
+def test_the_built_in_scene_is_shaped_from_beginning_to_end(built_in, tmp_path):
+    """All that an author does in an hour, each step told by what the session holds and by the pixels."""
+    browser, served = built_in
+
+    def changed(before, box=(110, 590, 190, 1010)):  # without words at its edges
+        browser.wait("!studio.scene.dirty")
+        top, bottom, left, right = box
+        after = browser.screenshot()[top:bottom, left:right].astype(int)
+        return int((np.abs(after - before[top:bottom, left:right]).max(axis=2) > 25).sum())
+
+    def shot():
+        browser.wait("!studio.scene.dirty")
+        return browser.screenshot().astype(int)
+
+    assert browser.run("studio.ground.height && studio.live.channels > 10")
+    seen = shot()
+    browser.run("studio.ask('rate', { rate: 120 })")
+    browser.key(" ", "Space")
+    browser.wait("studio.live.time >= 50", 120)
+    browser.key(" ", "Space")
+    browser.wait("!studio.playing && !studio.live.playing")
+    assert changed(seen) > 300, "the rivers have moved"
+
+    seen = shot()
+    x, y, channel = browser.run(PLACE + "(.6)")
+    use(browser, "drag")
+    browser.drag(x, y, x + 4, y - 30)
+    browser.wait("studio.undo === 1")
+    (edit,) = said(served)
+    assert isinstance(edit, edits.MovePoint) and edit.channel == channel
+    assert changed(seen) > 30
+
+    seen = shot()
+    use(browser, "repel")
+    browser.drag(520, 420, 600, 430)
+    browser.wait("studio.edits.some(([, name]) => name === 'PaintControl')")
+    assert any(isinstance(edit, edits.PaintControl) and min(edit.values) < 0.0 for edit in said(served))
+    assert changed(seen, (390, 460, 490, 640)) > 200
+
+    seen = shot()
+    use(browser, "ridge")
+    for k, (a, b) in enumerate(((300, 420), (420, 440)), 1):
+        browser.click(a, b)
+        browser.wait(f"studio.tool.points.length === {k}")
+    browser.key("Enter")
+    browser.wait("studio.edits.at(-1)[1] === 'EditTerrain'")
+    assert said(served)[-1].operation == "ridge"
+    assert changed(seen, (400, 470, 290, 440)) > 200
+
+    seen, count = shot(), browser.run("studio.live.channels")
+    use(browser, "draw")
+    for k, (dx, dy) in enumerate(((-60, 90), (-30, 50), (0, 0)), 1):
+        browser.click(x + 40 + dx, y + 60 + dy) if k < 3 else browser.click(*browser.run(PLACE + "(.7)")[:2])
+        browser.wait(f"studio.tool.points.length === {k}")
+    browser.key("Enter")
+    browser.wait(f"studio.live.channels > {count}")
+    assert isinstance(said(served)[-1], edits.AddChannel)
+    assert changed(seen) > 60
+
+    with_it, held = shot(), said(served)
+    browser.press("#undo")
+    browser.wait(f"studio.live.channels === {count}")
+    assert said(served) == held[:-1] and changed(with_it) > 60
+    browser.press("#redo")
+    browser.wait(f"studio.live.channels > {count}")
+    assert said(served) == held and changed(with_it) < 30
+
+    browser.run("(t => { t.value = 1; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
+    browser.wait("studio.state.step === studio.records[1][0] && studio.state !== studio.live")
+    assert changed(with_it) > 300, "an earlier state is shown"
+    browser.run("(t => { t.value = t.max; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
+    browser.wait("studio.shown === null && studio.state === studio.live")
+
+    browser.run("studio.ask('export', { name: 'terrain.png' })")
+    assert (served.folder / "exports" / "terrain.png").stat().st_size > 10_000
+    browser.run("studio.ask('export', { name: 'session.zip' })")
+    unpack_session(served.folder / "exports" / "session.zip", tmp_path / "again")
+    # The same bits from the file: the session is done again from its beginning, in another process and without a page.
+    again = wr.Simulation.replay(
+        tmp_path / "again" / "run", session_of(*read_journal(tmp_path / "again" / "edits.log")[:3]),
+        terrain=wr.read_terrain(tmp_path / "again" / "terrain.npz"),
+    )  # fmt: skip
+    live = np.array(browser.run("Array.from(studio.live.xy)"), np.float32).reshape(-1, 2)
+    origin = np.array(browser.run("[...studio.origin]"))
+    assert (again.network.points() - origin).astype(np.float32).tobytes() == live.tobytes()

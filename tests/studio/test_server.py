@@ -6,11 +6,18 @@ import json
 import os
 import random
 import signal
+import time
+import zipfile
 
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
+
+import warpriver as wr
+from warpriver.studio.generators import generated
+from warpriver.studio.opening import unpack_session
+from warpriver.studio.worker import begin_folder
 
 
 def get(served, path, method="GET", body=None, **headers):
@@ -242,18 +249,141 @@ def test_a_saved_session_has_the_same_bits(page):
     assert talk.state.point_xy.tobytes() == live.point_xy.tobytes()
 
 
+def ours(served):
+    return {"Cookie": cookie(served), "Origin": f"http://127.0.0.1:{served.port}"}
+
+
+def test_a_session_as_one_file_restores_the_same_bits(served, page):
+    talk = page()
+    talk.until(lambda t: t.state is not None and "scene" in t.told)
+    origin, step = np.array(talk.told["scene"]["origin"]), talk.state.step
+    place, channel = talk.state.point_xy[30] + origin, int(talk.state.channel_id[0])
+    edit = {"edit": "MovePoint", "channel": channel, "at": place.tolist(), "to": (place - 40).tolist(), "radius": 400.0}
+    assert "error" not in talk.ask("edit", edit=edit)
+    talk.ask("step", count=10)
+    assert talk.ask("export", name="session.zip")["file"] == "session.zip"
+    status, _, archive = get(served, "/exports/session.zip", Cookie=cookie(served))
+    assert status == 200
+    talk.ask("step", count=7)
+    talk.until(lambda t: t.state.step == step + 17)
+    live = talk.state
+    talk.ask("rewind", step=step)
+    assert get(served, "/open/session.zip", "PUT", archive, **ours(served))[0] == 200
+    talk.until(lambda t: t.state.step == step + 10)
+    talk.ask("step", count=7)
+    talk.until(lambda t: t.state.step == step + 17)
+    assert talk.state.point_xy.tobytes() == live.point_xy.tobytes()
+    assert talk.told["session"]["undo"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [(["../run/x"], "no session"), (["run/../../x"], "no session"), (["/etc/x"], "no session"),
+     (["edits.log"], "no run"), (["run/header.json", "a"], "no session"), (["run/run.json"], ""), ([], "no run")],
+)  # fmt: skip
+def test_archives_that_are_no_session_are_refused(tmp_path, names, words):
+    path = tmp_path / "s.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in names:
+            archive.writestr(name, b"{}")
+    with pytest.raises(wr.WarpriverError, match=words):
+        unpack_session(path, tmp_path / "there" / "s")
+    assert not (tmp_path / "there" / "x").exists() and not (tmp_path / "x").exists()
+    path.write_bytes(b"PK\3\4 no archive")
+    with pytest.raises(wr.WarpriverError, match="no session"):
+        unpack_session(path, tmp_path / "there" / "s")
+
+
+def test_the_ground_of_an_archive_is_its_own(tmp_path):
+    """A run that names a file of this machine as its ground does not bring it in."""
+    secret = tmp_path / "secret.npz"
+    terrain = wr.generate.tilted_plain((40, 90), 100.0, 1e-3)
+    wr.write_terrain(terrain, secret)
+    line = wr.generate.noisy_line(6000, 50, 40, 0) + [1000.0, 2000.0]
+    network = wr.RiverNetwork.from_polylines([line], width=60.0)
+    begin_folder(tmp_path / "s", wr.Simulation(network, terrain=wr.read_terrain(secret)))
+    with zipfile.ZipFile(tmp_path / "s.zip", "w") as archive:
+        for file in (tmp_path / "s" / "run").iterdir():
+            archive.write(file, f"run/{file.name}")
+    with pytest.raises(wr.WarpriverError, match="its terrain is missing"):
+        unpack_session(tmp_path / "s.zip", tmp_path / "there")
+
+
+def test_a_bad_recipe_is_told(served):
+    for recipe, words in (
+        ({"generator": "moon"}, "one of basin"),
+        ({"generator": "plain", "width": 1e9}, "give 5 to 500"),
+        ({"generator": "plain", "seed": 0.5}, "whole number"),
+        ({"generator": "plain", "colour": 1}, "it has no 'colour'"),
+        ({"generator": "valley", "example": "S9"}, "S1, S2"),
+        ([], "needs the key"),
+    ):
+        with pytest.raises(wr.WarpriverError, match=words):
+            generated(recipe)
+    status, _, told = get(served, "/new", "POST", b"[" * 9000, **ours(served))
+    assert status == 422 and b"recipe" in told
+    assert get(served, "/new", "POST", b"x" * 20_000, **ours(served))[0] == 413
+    assert get(served, "/new", "POST", b"{}", Cookie=cookie(served), Origin="http://evil.example")[0] == 403
+
+
+def test_maps_come_while_the_run_plays(page):
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    talk.ask("play", rate=100)
+    step = talk.state.step
+    assert "error" not in talk.ask("map", name="age")
+    assert "error" not in talk.ask("types", on=True)
+    talk.until(lambda t: t.maps and "river_types" in t.told)
+    assert talk.state.step > step, "the run goes on"
+    assert talk.told["map"]["title"] == "Years since the channel left" and talk.maps[0][0] == "age"
+    assert set(talk.told["river_types"]["types"]) <= set(map(str, talk.state.channel_id.astype(int).tolist()))
+    count = len(talk.maps)
+    talk.until(lambda t: len(t.maps) > count)
+    talk.ask("map", name=None)
+    talk.ask("types", on=False)
+    talk.ask("pause")
+    assert "there is no map 'x'" in talk.ask("map", name="x")["error"]
+
+
+def test_a_landscape_is_written_and_the_process_of_maps_may_die(served, page):
+    pytest.importorskip("PIL", reason="height maps need warpriver[gis]")
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    assert talk.ask("export", name="landscape-unity.zip")["file"] == "landscape-unity.zip"
+    with zipfile.ZipFile(served.folder / "exports" / "landscape-unity.zip") as archive:
+        assert any(name.endswith(".r16") for name in archive.namelist())
+    number = next(talk.numbers)
+    talk.socket.send(json.dumps({"number": number, "do": "export", "name": "run.gif"}))
+    os.kill(children(served)[-1], signal.SIGKILL)
+    talk.until(lambda t: t.told.get("answer", {}).get("number") == number)
+    assert "given up" in talk.told["answer"]["error"]
+    assert "error" not in talk.ask("step")
+
+
+def test_nothing_holds_the_socket_up_while_a_session_is_exchanged(served, page):
+    """The old process is in the midst of long work, and has to be killed."""
+    talk = page()
+    talk.until(lambda t: t.state is not None)
+    name = talk.ask("save")["saved"]
+    for rest in ({"do": "step", "count": 10_000}, {"do": "open_saved", "saved": name}):
+        talk.socket.send(json.dumps({"number": next(talk.numbers), **rest}))
+    slowest, until = 0.0, time.monotonic() + 3.0
+    while time.monotonic() < until:
+        begin = time.monotonic()
+        assert get(served, "/static/icon.svg", Cookie=cookie(served))[0] == 200
+        slowest = max(slowest, time.monotonic() - begin)
+    assert slowest < 1.0, "ending the process takes two seconds"
+    talk.until(lambda t: t.told.get("answer", {}).get("saved") == name)
+    assert "error" not in talk.ask("step")
+
+
 def test_a_process_that_dies_is_told_and_the_session_goes_on(served, page):
     talk = page()
     talk.until(lambda t: t.state is not None)
     step = talk.state.step
     talk.ask("step", count=5)
     talk.until(lambda t: t.state.step == step + 5)
-    children = [
-        int(pid)
-        for pid in os.listdir("/proc")
-        if pid.isdigit() and _parent(pid) == served.process.pid and "spawn_main" in _command(pid)
-    ]
-    os.kill(children[-1], signal.SIGKILL)
+    os.kill(children(served)[0], signal.SIGKILL)
     talk.until(lambda t: "crashed" in t.told)
     assert "does not run" in talk.ask("step")["error"]
     assert "error" not in talk.ask("restart")
@@ -262,6 +392,12 @@ def test_a_process_that_dies_is_told_and_the_session_goes_on(served, page):
     assert "error" not in talk.ask("step")
     # All edits are there; of the steps those since the last edit, or the last two seconds of playing, are lost.
     talk.until(lambda t: t.state.step <= step + 6)
+
+
+def children(served):
+    """Processes of the session, the oldest first: that of the simulation, then that of maps."""
+    found = [int(pid) for pid in os.listdir("/proc") if pid.isdigit()]
+    return sorted(pid for pid in found if _parent(pid) == served.process.pid and "spawn_main" in _command(pid))
 
 
 def _parent(pid):

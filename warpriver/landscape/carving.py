@@ -62,6 +62,9 @@ class CarveReport:
         highest_fill: Greatest raising of a cell, m.
         held_points: Number of points of the network at which ``max_cut`` held the water up.
         excess: Maximum of how much deeper than ``max_cut`` a cut would have had to be there, m.
+        cells_beyond: Number of cells under water above whose level more than ``max_cut`` of ground was taken: beds
+            stay open where their sides lie that high. Banks and walls stop at the limit.
+        cell_excess: Maximum of how much more, m.
         lakes: Number of oxbow lakes.
     """
 
@@ -72,6 +75,8 @@ class CarveReport:
     highest_fill: float
     held_points: int
     excess: float
+    cells_beyond: int
+    cell_excess: float
     lakes: int
 
 
@@ -164,8 +169,9 @@ def carve(
     carved.inscribe(river, _Graph.of(network), params)
     if lake_water is not None:
         carved.settle_lakes(lake_water)
-    _tell_cuts(profile, params)
-    return _result(carved, ground, base, network, profile, len(graph.rings))
+    made = _result(carved, ground, base, network, profile, params.max_cut, len(graph.rings))
+    _tell_cuts(profile, made.report, params)
+    return made
 
 
 def _form(params: CarveParams) -> Any:
@@ -182,13 +188,18 @@ def _with_deposits(ground: Terrain, deposits: Raster | None) -> Terrain:
     return Terrain.from_raster(ground.raster.like(ground.to_numpy() + added))
 
 
-def _tell_cuts(profile: WaterProfile, params: CarveParams) -> None:
-    """Warn of places where the limit of cuts held the water up."""
+def _tell_cuts(profile: WaterProfile, report: CarveReport, params: CarveParams) -> None:
+    """Warn of places where the limit of cuts held the water up, or was not kept."""
     held = int((profile.excess > 0.0).sum())
     if held:
         warn(
             f"max_cut={params.max_cut:g} m held the water up at {held} of {len(profile.excess)} points, where a cut "
             f"would have gone {profile.excess.max():.3g} m deeper; hollows upstream of them were filled instead"
+        )
+    if report.cells_beyond:
+        warn(
+            f"the sides of beds were cut by up to {report.cell_excess:.3g} m more than max_cut={params.max_cut:g} m in "
+            f"{report.cells_beyond} cells, as they lie that high above the lowest ground across the channel"
         )
 
 
@@ -270,7 +281,7 @@ class _Carving:
         _let_fall(level, shape, body, graph, tiles, self._base)
         before = wp.clone(self.height)
         outputs = [self.height, self.water, self.depth, self.support]
-        launch_kernel(made.carve_cells, dim, [held, level, cut, shape], outputs, device=device)
+        launch_kernel(made.carve_cells, dim, [held, params.max_cut, level, cut, shape], outputs, device=device)
         per_repose = 1.0 / (size * math.tan(math.radians(params.repose_angle)))
         inputs = [held, per_repose, shape, self.height, before]
         launch_kernel(made.weigh_materials, dim, inputs, list(self.materials.values()), device=device)
@@ -570,12 +581,16 @@ def _result(
     base: Terrain,
     network: RiverNetwork,
     profile: WaterProfile,
+    max_cut: float,
     lakes: int,
 ) -> Carved:
     raster = ground.raster
     reached = np.flatnonzero(carved.support.numpy())
     change = carved.height.numpy().reshape(-1)[reached] - base.height.numpy().reshape(-1)[reached]
     area = ground.cell_size**2
+    # Ground above the bed, in cells under water.
+    taken = -change - np.nan_to_num(carved.depth.numpy().reshape(-1)[reached], nan=math.inf)
+    beyond = taken - max_cut * (1.0 + 1e-12) - 1e-9
     report = CarveReport(
         cells=len(reached),
         cut_volume=float(-np.minimum(change, 0.0).sum() * area),
@@ -584,6 +599,8 @@ def _result(
         highest_fill=float(max(change.max(initial=0.0), 0.0)),
         held_points=int((profile.excess > 0.0).sum()),
         excess=float(profile.excess.max(initial=0.0)),
+        cells_beyond=int((beyond > 0.0).sum()),
+        cell_excess=float(np.maximum(beyond, 0.0).max(initial=0.0)),
         lakes=lakes,
     )
     return Carved(

@@ -203,14 +203,15 @@ class Landscape:
         at = events.times
         for k in range(self.record + 1, record + 1):
             network, now = history.networks[k], float(times[k])
-            segments, counted = segments_of(network), k > self._first
+            segments, counted, span = segments_of(network), k > self._first, 0.0
             met: list[Any] = []
             if self._network is not None and self._segments is not None:
                 met = [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= now)).tolist()]
                 left = [event for event in met if isinstance(event, (Cutoff, Collision, Avulsion))]
+                span = now - float(times[k - 1])
                 segments = lead_between(splat, self._segments, segments, left, (float(times[k - 1]), now), counted)
             frame = splat.frame(segments)
-            splat.advance(frame, now, counted=counted)
+            splat.advance(frame, now, counted=counted, span=span)
             if self._network is not None:
                 _lay_events(met, self._network, splat, self._params)
             if self._alone and k == self._last:

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.arrays import FloatArray, IndexArray
 from warpriver.extras import IMPORTING
+from warpriver.history.events import Cutoff
 from warpriver.kernels.covers import FELT
 from warpriver.landscape.splatting import Segments, Splat
 from warpriver.landscape.traces import old_courses_of
@@ -22,6 +24,14 @@ FAST_REACH = 2.0
 # Feet of two neighbouring points lie no farther apart along the old course than so many lengths of their segment and so
 # many times what they have moved; else the channel has jumped.
 SEGMENT_LENGTHS, MOVED_LENGTHS = 3.0, 4.0
+# Nodes that have moved farther than so many widths are matched with places up to so many widths along the old course,
+# tried at so many; a difference in direction weighs as much as one in curvature, and this many widths.
+MATCHED_WIDTHS, MATCH_WIDTHS, MATCH_TRIES, MATCH_STIFFNESS = 0.1, 3.0, 13, 0.05
+# They move no farther along it than so many times what the bend has moved across; of shifts of neighbouring nodes.
+MATCH_MOVES = 1.25
+MATCH_WEIGHTS = np.array([1.0, 2.0, 3.0, 2.0, 1.0])
+# What spans a neck when it was cut lies within so many widths of what joined both sides.
+BRIDGE_WIDTHS = 4.0
 # A segment that spans a neck that was cut is no longer than so many widths, beyond what its ends have moved.
 NECK_WIDTHS = 2.0
 
@@ -34,23 +44,34 @@ class Motion:
         segments: At the later record, with how far they have moved.
         begin: (S, 4) begin and end of each at the record before, m.
         born: (S,) when those that have not moved there appeared, yr; -inf for those that have moved.
+        since: (S,) when they were where they begin, as a part of the time between the records.
     """
 
     segments: Segments
     begin: np.ndarray
     born: np.ndarray
+    since: np.ndarray
 
     def take(self, which: np.ndarray) -> Motion:
         """Return the motion of some of the segments."""
-        return Motion(self.segments.take(which), self.begin[which], self.born[which])
+        return Motion(self.segments.take(which), self.begin[which], self.born[which], self.since[which])
 
     def at(self, part: float, latest: float) -> Segments:
         """Return the segments when a part of the time between the records has passed, of those born up to a time."""
-        line = self.begin + part * (self.segments.line - self.begin)
-        return dataclasses.replace(self.segments, line=line).take(self.born <= latest)
+        there = self.born <= latest
+        gone = np.clip((part - self.since[there]) / np.maximum(1.0 - self.since[there], 1e-12), 0.0, 1.0)
+        begin, segments = self.begin[there], self.segments.take(there)
+        return dataclasses.replace(segments, line=begin + gone[:, None] * (segments.line - begin))
 
 
-def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times: tuple[float, float]) -> Motion:
+def traced(
+    splat: Splat,
+    before: Segments,
+    after: Segments,
+    old: Segments,
+    bridges: Segments,
+    times: tuple[float, float],
+) -> Motion:
     """Find where segments come from on the course that the cells were led to last.
 
     Args:
@@ -58,10 +79,13 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
         before: Segments of that course.
         after: Segments of the following one.
         old: Courses that were given up in between.
+        bridges: What joined both sides of the necks that were cut in between.
         times: Of both records, yr.
     """
     count = len(after.line)
-    begin, moved, source = _sources(splat, before, after)
+    nodes = _Nodes.of(after)
+    begin, moved, source, sag = (values[nodes.of_segment] for values in _sources(splat, before, after, nodes))
+    begin = begin.reshape(-1, 4)
     length = np.hypot(*(before.line[:, 2:] - before.line[:, :2]).T)
     # Along each old channel; segments of different ones follow each other without a gap.
     arc = np.cumsum(length) - 0.5 * length
@@ -69,7 +93,7 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
     size = np.hypot(*(after.line[:, 2:] - after.line[:, :2]).T)
     own = (source >= 0).all(axis=1)
     own &= apart <= SEGMENT_LENGTHS * size + MOVED_LENGTHS * moved.sum(axis=1)
-    born = np.full(count, -np.inf)
+    born, since = np.full(count, -np.inf), np.zeros(count)
     jumped = np.flatnonzero(~own)
     if len(jumped):
         born[jumped] = 0.5 * (times[0] + times[1])
@@ -85,21 +109,171 @@ def traced(splat: Splat, before: Segments, after: Segments, old: Segments, times
         far = jumped[~((source[jumped] >= 0).all(axis=1) & (span <= NECK_WIDTHS * width + moved[jumped].sum(axis=1)))]
         begin[far] = after.line[far]
         moved[far] = 0.0
-    return Motion(dataclasses.replace(after, moved=moved), begin, born)
+        sag[jumped] = 0.0
+        if len(far) and len(bridges.line):
+            near, feet = _feet_on(bridges, begin[far], after.section[far, 0])
+            far, feet, bridge = far[near >= 0], feet[near >= 0], near[near >= 0]
+            begin[far] = feet
+            moved[far] = np.hypot(*np.moveaxis((after.line[far] - feet).reshape(-1, 2, 2), 2, 0))
+            # At that time the bridges are there in their place.
+            slack = 4e-9 * max(1.0, abs(times[1]))
+            born[far] = bridges.time[bridge] + slack
+            since[far] = (bridges.time[bridge] - times[0]) / (times[1] - times[0])
+    return Motion(dataclasses.replace(after, moved=moved, sag=sag), begin, born, since)
 
 
-def _sources(splat: Splat, before: Segments, after: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the feet of both ends of segments, (S, 4) m, how far these are, (S, 2) m, and on which segment, (S, 2)."""
-    count, line = len(after.line), after.line
-    # Most segments end where the next one begins: each point is looked for once.
-    ends = np.arange(1, count + 1)
-    lone = np.append((line[:-1, 2:] != line[1:, :2]).any(axis=1), True)
-    ends[lone] = count + np.arange(lone.sum())
-    xy = np.concatenate([line[:, :2], line[lone, 2:]])
-    foot, moved, source = splat.trace(xy)
-    _trace_beyond(splat, before, xy, np.concatenate([after.section[:, 0], after.section[lone, 2]]), foot, moved, source)
-    both = np.stack([np.arange(count), ends], axis=1)
-    return foot[both].reshape(-1, 4), moved[both], source[both]
+def _feet_on(bridges: Segments, line: FloatArray, width: FloatArray) -> tuple[IndexArray, FloatArray]:
+    """Return the bridge that is nearest to each segment, -1 where none is near, and the feet of its ends, (n, 4)."""
+    with IMPORTING:
+        from scipy.spatial import cKDTree
+
+    middle = 0.5 * (bridges.line[:, :2] + bridges.line[:, 2:])
+    away, nearest = cKDTree(middle).query(0.5 * (line[:, :2] + line[:, 2:]))
+    one = bridges.line[nearest]
+    way = one[:, 2:] - one[:, :2]
+    size = np.maximum((way**2).sum(axis=1), 1e-30)
+    feet = []
+    for k in (0, 2):
+        part = np.clip(((line[:, k : k + 2] - one[:, :2]) * way).sum(axis=1) / size, 0.0, 1.0)
+        feet.append(one[:, :2] + part[:, None] * way)
+    return np.where(away <= BRIDGE_WIDTHS * width, nearest, -1), np.hstack(feet)
+
+
+def bridges_of(events: Sequence[Any]) -> Segments:
+    """Return what joined both sides of the necks that were cut, a segment each."""
+    # The loops of shortest paths are closed.
+    cut = [e for e in events if isinstance(e, Cutoff) and len(e.xy) > 1 and (e.xy[0] != e.xy[-1]).any()]
+    ends = [0, -1]
+    return old_courses_of(
+        [dataclasses.replace(e, xy=e.xy[ends], section=None if e.section is None else e.section[ends]) for e in cut]
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Nodes:
+    """Ends of segments, in order along chains of them.
+
+    Attributes:
+        xy: (N, 2) m.
+        width: (N,) m.
+        of_segment: (S, 2) begin and end of each segment.
+        arc: (N,) distance along its chain in m; chains lie far apart.
+        low: (N,) where its chain begins, m.
+        high: (N,) where it ends, m.
+        along: (N, 2) direction of the chain.
+        heading: (N,) its angle, without jumps along a chain.
+        curvature: (N,) 1/m, above 0 to the left.
+    """
+
+    xy: FloatArray
+    width: FloatArray
+    of_segment: IndexArray
+    arc: FloatArray
+    low: FloatArray
+    high: FloatArray
+    along: FloatArray
+    heading: FloatArray
+    curvature: FloatArray
+
+    @classmethod
+    def of(cls, segments: Segments) -> _Nodes:
+        """Find the nodes of segments, most of which end where the next one begins."""
+        line, count = segments.line, len(segments.line)
+        first = np.append(True, (line[1:, :2] != line[:-1, 2:]).any(axis=1))[:count]
+        chain = np.cumsum(first) - 1
+        begin = np.arange(count) + chain
+        last = np.append(first[1:], True)[:count]
+        total = count + int(first.sum())
+        xy, width = np.empty((total, 2)), np.empty(total)
+        xy[begin], width[begin] = line[:, :2], segments.section[:, 0]
+        xy[begin[last] + 1], width[begin[last] + 1] = line[last, 2:], segments.section[last, 2]
+        way = line[:, 2:] - line[:, :2]
+        length = np.maximum(np.hypot(*way.T), 1e-12)
+        unit = way / length[:, None]
+        ends = np.stack([begin, begin + 1], axis=1)
+        along, sizes = np.zeros((total, 2)), np.zeros(total)
+        for k in range(2):
+            along[ends[:, k]] += unit
+            sizes[ends[:, k]] += 0.5 * length
+        along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]
+        step = np.zeros(total)
+        step[begin + 1] = length
+        # Chains apart by more than any match is looked for.
+        head = begin[first]
+        step[head] = 1e3 * float(width.max(initial=1.0))
+        arc = np.cumsum(step)
+        counts = np.diff(np.append(head, total))
+        heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+        turn = np.zeros(total)
+        inner = np.flatnonzero(~first)
+        cross = unit[inner - 1, 0] * unit[inner, 1] - unit[inner - 1, 1] * unit[inner, 0]
+        turn[begin[inner]] = np.arctan2(cross, (unit[inner - 1] * unit[inner]).sum(axis=1))
+        low, high = (np.repeat(arc[place], counts) for place in (head, begin[last] + 1))
+        return cls(xy, width, ends, arc, low, high, along, heading, turn / np.maximum(sizes, 1e-12))
+
+
+def _sources(
+    splat: Splat, before: Segments, after: Segments, nodes: _Nodes
+) -> tuple[FloatArray, FloatArray, IndexArray, FloatArray]:
+    """Return where nodes come from, (N, 2) m; how far and on which segment the nearest place is, (N,); sags, (N,) m."""
+    foot, moved, source = splat.trace(nodes.xy)
+    _trace_beyond(splat, before, nodes.xy, nodes.width, foot, moved, source)
+    sag = np.zeros(len(moved))
+    # With their neighbours: an apex may move along the course alone.
+    with IMPORTING:
+        from scipy.ndimage import maximum_filter1d
+
+    around = maximum_filter1d(moved, 2 * MATCH_TRIES, mode="nearest")
+    some = np.flatnonzero((source >= 0) & (around > MATCHED_WIDTHS * nodes.width))
+    if len(some):
+        _match(_Nodes.of(before), nodes, some, MATCH_MOVES * around[some], foot, source, sag)
+    return foot, moved, source, sag
+
+
+def _match(
+    old: _Nodes,
+    new: _Nodes,
+    some: IndexArray,
+    most: FloatArray,
+    foot: FloatArray,
+    source: IndexArray,
+    sag: FloatArray,
+) -> None:
+    """Move the feet of some nodes along the old course to where it has their direction and their bend, in place.
+
+    Bends run downstream: what is nearest to an apex is a flank. A node that comes from a place of its own direction
+    moves with its bend; the ground beside it sees the bend pass by, its distance to the channel bulging by curvature
+    times the square of the way along it, over 8.
+    """
+    width, start = new.width[some], old.of_segment[source[some], 0]
+    at = old.arc[start] + np.hypot(*(foot[some] - old.xy[start]).T)
+    low, high = old.low[start], old.high[start]
+    tries = np.linspace(-MATCH_WIDTHS, MATCH_WIDTHS, MATCH_TRIES)
+    cost = np.empty((MATCH_TRIES, len(some)))
+    for k, shift in enumerate(tries.tolist()):
+        place = np.clip(at + shift * width, low, high)
+        turn = np.interp(place, old.arc, old.heading) - new.heading[some]
+        turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+        bend = width * (np.interp(place, old.arc, old.curvature) - new.curvature[some])
+        cost[k] = turn**2 + bend**2 + (MATCH_STIFFNESS * (place - at) / width) ** 2
+    best = np.clip(cost.argmin(axis=0), 1, MATCH_TRIES - 2)
+    left, here, right = (cost[best + k, np.arange(len(some))] for k in (-1, 0, 1))
+    # The lowest point of a parabola through three of them.
+    curved = np.maximum(left - 2.0 * here + right, 1e-12)
+    shift = tries[best] + np.clip(0.5 * (left - right) / curved, -1.0, 1.0) * (tries[1] - tries[0])
+    # Alike along the channel, where neighbours are matched as well.
+    whole = np.zeros(len(new.arc))
+    whole[some] = shift
+    chosen = np.zeros(len(new.arc))
+    chosen[some] = 1.0
+    total, weight = (np.convolve(values, MATCH_WEIGHTS, "same") for values in (whole, chosen))
+    shift = (total / np.maximum(weight, 1e-12))[some]
+    place = np.clip(at + np.clip(shift * width, -most, most), low, high)
+    for k in range(2):
+        foot[some, k] = np.interp(place, old.arc, old.xy[:, k])
+    along = ((new.xy[some] - foot[some]) * new.along[some]).sum(axis=1)
+    bend = 0.5 * (new.curvature[some] + np.interp(place, old.arc, old.curvature))
+    sag[some] = -bend * along**2 / 8.0
 
 
 def _trace_beyond(
@@ -132,7 +306,12 @@ def _trace_beyond(
 
 
 def lead_between(
-    splat: Splat, before: Segments, after: Segments, events: Sequence[Any], times: tuple[float, float], counted: bool
+    splat: Splat,
+    before: Segments,
+    after: Segments,
+    events: Sequence[Any],
+    times: tuple[float, float],
+    counted: bool,
 ) -> Segments:
     """Lead the cells through what happens between two records, and return the segments at the later one.
 
@@ -148,12 +327,15 @@ def lead_between(
         counted: Add the time up.
     """
     old = old_courses_of(events)
-    motion = traced(splat, before, after, old, times)
+    bridges = bridges_of(events)
+    motion = traced(splat, before, after, old, bridges, times)
     if len(old.line):
         old = dataclasses.replace(old, moved=splat.trace(old.line.reshape(-1, 2))[1].reshape(-1, 2))
-    segments, years = motion.segments, times[1] - times[0]
+    first, last = times
+    segments, years = motion.segments, last - first
     # No finer than the cells are.
-    ratio = (segments.moved / np.maximum(segments.section[:, ::2], splat.cell_size)).max(axis=1)
+    ways = np.maximum(np.hypot(*np.moveaxis((segments.line - motion.begin).reshape(-1, 2, 2), 2, 0)), segments.moved)
+    ratio = (ways / np.maximum(segments.section[:, ::2], splat.cell_size)).max(axis=1)
     fast = ratio > STAGE_WIDTHS
     stages = int(np.clip(np.ceil(ratio[fast].max() / STAGE_WIDTHS), 2, MOST_STAGES)) if fast.any() else 1
     part_of_stage = np.arange(1, stages) / stages
@@ -167,11 +349,11 @@ def lead_between(
     if len(old.line):
         some = np.union1d(some, splat.blocks_near(old.line, FELT * old.section[:, ::2].max(axis=1)))
     motion = motion.take(
-        splat.reaches(segments.line, FELT * segments.section[:, ::2].max(axis=1) + segments.moved.max(axis=1), some)
+        splat.reaches(segments.line, FELT * segments.section[:, ::2].max(axis=1) + ways.max(axis=1), some)
     )
-    parts = np.union1d(part_of_stage, (np.unique(old.time) - times[0]) / years if len(old.line) else [])
+    parts = np.union1d(part_of_stage, (np.unique(old.time) - first) / years if len(old.line) else [])
     for part in parts.tolist():
-        time = times[0] + part * years
+        time = first + part * years
         slack = 1e-9 * max(1.0, abs(time))
         ends = np.abs(old.time - time) <= slack
         blocks = fast_blocks if np.isclose(part_of_stage, part, rtol=0.0, atol=1e-9).any() else np.empty(0, np.int64)
@@ -181,8 +363,10 @@ def lead_between(
         running, later = motion.at(part, time + slack), old.time > time + slack
         if ends.any():
             until = motion.at(part, time - slack).join(old.take(ends | later))
-            splat.advance(splat.frame(until), time, blocks=blocks, counted=counted)
+            splat.advance(splat.frame(until), time, blocks=blocks, counted=counted, span=years)
             # The channel jumps; it passes over nothing.
             running = dataclasses.replace(running, moved=np.zeros_like(running.moved))
-        splat.advance(splat.frame(running.join(old.take(later))), time, blocks=blocks, counted=counted)
+        joined = bridges.take(np.abs(bridges.time - time) <= slack)
+        course = splat.frame(running.join(joined).join(old.take(later)))
+        splat.advance(course, time, blocks=blocks, counted=counted, span=years)
     return segments

@@ -38,6 +38,7 @@ class Segments:
             from its nearer end in widths.
         moved: (S, 2) how far begin and end have come since the record before, m; 0 where that is not known.
         time: (S,) when the course was given up, yr; 0 for present ones.
+        sag: (S, 2) how far to the left of the straight way begin and end were halfway, m.
     """
 
     line: np.ndarray
@@ -45,6 +46,7 @@ class Segments:
     bend: np.ndarray
     moved: np.ndarray
     time: np.ndarray
+    sag: np.ndarray
 
     def take(self, which: np.ndarray) -> Segments:
         """Return some of the segments."""
@@ -67,7 +69,7 @@ def segments_of(network: RiverNetwork) -> Segments:
     bend = bend_of(xy, start, section[:, 0])
     line, form = np.hstack([xy[head], xy[tail]]), np.hstack([section[head], section[tail]])
     bends = np.stack([bend[head], bend[tail]], axis=1)
-    return Segments(line, form, bends, np.zeros_like(bends), np.zeros(len(head)))
+    return Segments(line, form, bends, np.zeros_like(bends), np.zeros(len(head)), np.zeros_like(bends))
 
 
 def sections_of(network: RiverNetwork) -> np.ndarray:
@@ -210,7 +212,7 @@ class Splat:
         course.form = wp.array(np.stack(form, axis=1).astype(self._real), dtype=vec4, device=device)
         course.depth = wp.array(section[:, 1::2].astype(self._real), dtype=vec2, device=device)
         course.bend = wp.array(segments.bend.astype(self._real), dtype=vec2, device=device)
-        course.moved = wp.array(segments.moved.astype(self._real), dtype=vec2, device=device)
+        course.moved = wp.array(np.hstack([segments.moved, segments.sag]).astype(self._real), dtype=vec4, device=device)
         blocks = self._grid.block_rows * self._grid.block_columns
         ends = wp.zeros(count, dtype=wp.int32, device=device)
         launch_kernel(kernel.count_blocks, count, [course, self._grid], [ends], device=device)
@@ -312,7 +314,14 @@ class Splat:
         return np.asarray(seen & (count > 0))
 
     def advance(
-        self, frame: Frame, time: float, *, blocks: np.ndarray | None = None, counted: bool = True, extra: float = 0.0
+        self,
+        frame: Frame,
+        time: float,
+        *,
+        blocks: np.ndarray | None = None,
+        counted: bool = True,
+        extra: float = 0.0,
+        span: float = 0.0,
     ) -> None:
         """Lead the cells from the course before to this one.
 
@@ -322,13 +331,14 @@ class Splat:
             blocks: Blocks whose cells are led there, by default all that it reaches or the one before did.
             counted: Add the time up for moisture and sediment.
             extra: Years that these are added up for besides.
+            span: Years from the course of which ``sag`` of the segments tells, to this one; 0: all ways are straight.
         """
         interval, whole = self._interval, blocks is None
         if blocks is None:
             blocks = frame.blocks if self._last is None else np.union1d(frame.blocks, self._last.blocks)
         if self._last is None:
             self._block_time[:] = time
-        interval.end, interval.counted, interval.extra = time, float(counted), extra
+        interval.end, interval.counted, interval.extra, interval.span = time, float(counted), extra, span
         interval.block_time = wp.array(self._block_time, dtype=wp.float64, device=self.device)
         self._widest = max(self._widest, frame.widest)
         self._take_tiles(frame, blocks)

@@ -51,6 +51,7 @@ def old_courses_of(events: Sequence[Any]) -> Segments:
         np.stack([from_end[k] for k in pair], axis=1),
         np.zeros((len(head), 2)),
         np.array(times)[owner[head]],
+        np.zeros((len(head), 2)),
     )
 
 
@@ -88,9 +89,11 @@ def lobes_of(events: Sequence[Crevasse], network: RiverNetwork, length: float, h
     segments = np.concatenate([line[:, k] for k in ends], axis=2).reshape(-1, 4)
     sections = np.stack([v[:, k] for k in ends for v in (wide, thick)], axis=2).reshape(-1, 4)
     time = np.repeat([event.time for event in events], LOBE_SEGMENTS)
-    return Segments(segments, sections, np.zeros((len(segments), 2)), np.zeros((len(segments), 2)), time)
+    bend, moved, sag = np.zeros((3, len(segments), 2))
+    return Segments(segments, sections, bend, moved, time, sag)
 
 
 def nothing() -> Segments:
     """Return no segments."""
-    return Segments(np.empty((0, 4)), np.empty((0, 4)), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+    line, section, *pairs = np.empty((0, 4)), np.empty((0, 4)), *np.empty((3, 0, 2))
+    return Segments(line, section, pairs[0], pairs[1], np.empty(0), pairs[2])

@@ -118,20 +118,24 @@ def _origin(terrain: Terrain) -> FloatArray:
 class Beds:
     """The bed of courses in a terrain, on its device."""
 
-    def __init__(self, terrain: Terrain, courses: Stations, dtype: str = "float64"):
+    def __init__(
+        self, terrain: Terrain, courses: Stations, dtype: str = "float64", obstacles: FloatArray | None = None
+    ):
         """Bring the courses to the device, with an index of which of them a place may meet.
 
         Args:
             terrain: The ground.
             courses: The courses.
+            obstacles: (n, 4) mounds of a user's: x, y, radius and elevation of the top, m.
             dtype: Precision of places, "float64" or "float32"; heights are float64.
         """
         self.terrain, self.courses = terrain, courses
+        self._obstacles = np.empty((0, 4)) if obstacles is None else obstacles
         self._zero = _origin(terrain)
         self._scalar, self._vec2, _ = PRECISIONS[dtype]
         self._kernels = built = kernels.build(self._scalar)
         self._stations, self.limits = self._of_stations(built)
-        self._marks = self._of_marks(1.0)
+        self._marks = self._of_marks(rocks=True)
         self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
         self._wet: DeviceArray = wp.array(wet, dtype=wp.uint8, device=terrain.device)
@@ -182,13 +186,15 @@ class Beds:
         found: FloatArray = across + np.minimum(limits.max(axis=1), across) + 1.001 * length
         return found
 
-    def _of_marks(self, share: float) -> Any:
-        """Basins and rocks; ``share`` is what is left of the height of rocks."""
-        basins, rocks = self.courses.basins, self.courses.rocks
-        xy = np.concatenate([basins.xy, rocks.xy]) - self._zero
-        size = np.concatenate([basins.depth, share * rocks.height])
-        radius = np.concatenate([basins.radius, rocks.radius])
-        kind = np.repeat([kernels.BASIN, kernels.ROCK], [len(basins), len(rocks)])
+    def _of_marks(self, rocks: bool) -> Any:
+        """Basins, rocks and obstacles; without rocks these are still listed, but as high as nothing."""
+        basins, stones, own = self.courses.basins, self.courses.rocks, self._obstacles
+        xy = np.concatenate([basins.xy, stones.xy, own[:, :2]]) - self._zero
+        height, top = (stones.height, own[:, 3]) if rocks else (0.0 * stones.height, 0.0 * own[:, 3])
+        size = np.concatenate([basins.depth, height, top])
+        radius = np.concatenate([basins.radius, stones.radius, own[:, 2]])
+        kinds = [kernels.BASIN, kernels.ROCK, kernels.OBSTACLE if rocks else kernels.ROCK]
+        kind = np.repeat(kinds, [len(basins), len(stones), len(own)])
         self._mark_place = np.column_stack([xy, radius, size]).reshape(-1, 4)
         marks = self._kernels.Marks()
         marks.place = self._array(self._mark_place, self._kernels.vec4)
@@ -207,18 +213,21 @@ class Beds:
         owner, cell = self._cells(built, segment, across, ahead, size)
         mark = self._mark_place
         mark_pair, mark_cell = _cells_of_discs(mark[:, :2], mark[:, 2], size)
-        low = np.minimum(cell.min(axis=0), mark_cell.min(axis=0) if len(mark_cell) else cell.min(axis=0))
-        high = np.maximum(cell.max(axis=0), mark_cell.max(axis=0) if len(mark_cell) else cell.max(axis=0))
+        # Obstacles also lie away from all courses; other marks change nothing there.
+        own = mark_cell[mark_pair >= len(mark) - len(self._obstacles)]
+        every = np.concatenate([cell, own])
+        low, high = every.min(axis=0), every.max(axis=0)
         block = kernels.BLOCK
         shape = (high - low) // block + 1  # columns, rows of blocks
         table = np.full((int(shape[1]), int(shape[0])), -1, np.int64)
         shift = block.bit_length() - 1
-        table.ravel()[((cell[:, 1] - low[1]) >> shift) * shape[0] + ((cell[:, 0] - low[0]) >> shift)] = 0
+        table.ravel()[((every[:, 1] - low[1]) >> shift) * shape[0] + ((every[:, 0] - low[0]) >> shift)] = 0
         used = np.flatnonzero(table.ravel() == 0)
         table.ravel()[used] = np.arange(len(used))
         cells = len(used) * block * block
         starts, items = _packed(self._cell_number(cell - low, table), owner, cells)
-        # Marks away from all courses change nothing.
+        inside = ((mark_cell >= low) & (mark_cell <= high)).all(axis=1)
+        mark_pair, mark_cell = mark_pair[inside], mark_cell[inside]
         number = self._cell_number(mark_cell - low, table)
         inside = number >= 0
         mark_starts, mark_items = _packed(number[inside], mark_pair[inside], cells)
@@ -265,7 +274,7 @@ class Beds:
         device = self.terrain.device
         place = self._array(xy - self._zero, self._vec2)
         height, base = (wp.empty(len(place), dtype=wp.float64, device=device) for _ in range(2))
-        marks = self._marks if rocks else self._of_marks(0.0)
+        marks = self._marks if rocks else self._of_marks(rocks=False)
         inputs = [self.terrain.height, self._grid, self._stations, marks, self._index, place]
         launch_kernel(self._kernels.evaluate_points, len(place), inputs, [height, base], device=device)
         return height.numpy().copy(), base.numpy().copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -123,7 +124,7 @@ class Course:
             raise InputError(f"Course.falls must be numbers of points from 0 to {count - 2}, but not the last point's")
         object.__setattr__(self, "falls", falls)
 
-    @property
+    @functools.cached_property
     def along(self) -> FloatArray:
         """(n,) distance from the first point, m."""
         return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(np.asarray(self.xy), axis=0).T))])
@@ -133,13 +134,13 @@ class Course:
         """Length, m."""
         return float(self.along[-1])
 
-    @property
+    @functools.cached_property
     def discharge(self) -> FloatArray:
         """(n,) mean speed times the section's area, m3/s."""
         area = np.asarray(self.width) * np.asarray(self.depth) * _mean(np.asarray(self.form))
         return np.asarray(np.asarray(self.speed) * area)
 
-    @property
+    @functools.cached_property
     def direction(self) -> FloatArray:
         """(n, 2) unit vectors downstream: at each point half way between those of its segments."""
         toward = np.diff(np.asarray(self.xy), axis=0)
@@ -149,14 +150,14 @@ class Course:
         # Where a course turns back on itself, the segment before tells.
         return np.where(size > 1e-9, joined / np.maximum(size, 1e-9), np.concatenate([toward[:1], toward]))
 
-    @property
+    @functools.cached_property
     def curvature(self) -> FloatArray:
         """(n,) 1/m, above 0 where it turns left."""
         direction, along = self.direction, self.along
         angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
         return np.gradient(angle, along)
 
-    @property
+    @functools.cached_property
     def bank_level(self) -> FloatArray:
         """(n,) level that banks rise from, m: the mean of the water's over a length of three widths, without steps."""
         along, level = self.along, np.asarray(self.level)
@@ -166,7 +167,7 @@ class Course:
         low, high = np.maximum(along - reach, 0.0), np.minimum(along + reach, along[-1])
         return np.asarray((np.interp(high, along, total) - np.interp(low, along, total)) / (high - low))
 
-    @property
+    @functools.cached_property
     def peak_speed(self) -> FloatArray:
         """(n,) speed at the greatest depth, m/s: u ~ d^(2/3) across, such that the integral of u d is the discharge."""
         form = np.asarray(self.form)

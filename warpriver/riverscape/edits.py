@@ -70,7 +70,7 @@ def node_of(values: Any) -> Node:
             under, over = rest
             return Replace(node_of(under), node_of(over))
         if kind != "primitives":
-            raise ValueError(f"{shown(kind)} is no kind of node")
+            raise InputError(f"{shown(kind)} is no kind of node")
         columns = dict(rest[0])
         whole_numbers = ("kind", "offset")
         arrays: dict[str, Any] = {
@@ -79,9 +79,9 @@ def node_of(values: Any) -> Node:
         rows = Primitives(**arrays)
         wide = {name: np.shape(getattr(rows, name))[1:] for name in ("center", *PAIRS, "shape")}
         if not len(rows) or wide != {"center": (2,), "gradient": (2,), "velocity": (2,), "shape": (3,)}:
-            raise ValueError("arrays of primitives do not fit together")
+            raise InputError("arrays of primitives do not fit together")
         if any(len(getattr(rows, f.name)) != len(rows) for f in dataclasses.fields(Primitives)):
-            raise ValueError("arrays of primitives do not fit together")
+            raise InputError("arrays of primitives do not fit together")
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(f"tree is no tree of water ({error}); give Primitives, Merge or Replace") from error
     check_primitives(rows)
@@ -205,7 +205,10 @@ class ChangeWater(_Selecting):
         found = self.selection()
         for field in ("set", "times"):
             given = getattr(self, field)
-            pairs = list(given.items()) if isinstance(given, Mapping) else [tuple(pair) for pair in given]
+            try:
+                pairs = list(given.items()) if isinstance(given, Mapping) else [tuple(pair) for pair in given]
+            except TypeError:
+                raise InputError(f"{field} is {shown(given)}; give names and numbers") from None
             stored: list[tuple[str, Any]] = []
             for pair in pairs:
                 if len(pair) != 2:
@@ -351,8 +354,10 @@ class RetypeChannel(_OfRiverscape):
 
     def check(self) -> dict[str, Any]:
         """Check the fields."""
+        if not isinstance(self.type, str):
+            raise InputError(f"type is {shown(self.type)}; give a word, such as 'C'")
         type_index(self.type)
-        return {"channel": whole(self.channel, "channel"), "type": str(self.type).strip()}
+        return {"channel": whole(self.channel, "channel"), "type": self.type.strip()}
 
 
 @dataclasses.dataclass(frozen=True)

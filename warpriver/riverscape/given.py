@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from warpriver.arrays import FloatArray, IndexArray
-from warpriver.kernels import courses as kernels
-from warpriver.riverscape.beds import Beds, ground_of
+from warpriver.riverscape.beds import ground_of
 from warpriver.riverscape.courses import Course, Log, Rock
 from warpriver.riverscape.layout import BANK_EASE, BedParams, bank_reach, no_falls
 from warpriver.riverscape.profiles import ProfileParams
@@ -18,11 +16,11 @@ from warpriver.riverscape.stations import TYPES, Basins, Falls, Rocks, Stations
 from warpriver.riverscape.templates import ACROSS
 from warpriver.terrain import Terrain
 
-__all__ = ["given_stations", "with_obstacles"]
+__all__ = ["given_stations", "mounds_of"]
 
 
-# Distance between the mounds that a log is made of, in its radii: it is level within a hundredth.
-LOG_STEP = 0.5
+# Distance between the mounds that a log is made of, in its radii: it is level within a thousandth.
+LOG_STEP = 0.25
 GRAVITY = 9.81
 # Beyond this, in m, two ends of courses are no node.
 APART = 1e-6
@@ -61,7 +59,9 @@ def given_stations(
     ahead = np.minimum(point + 1, np.repeat(last, np.diff(start)))
     odd = (point % 2).astype(bool)
     own = np.column_stack([np.where(odd, ahead, point), np.where(odd, point, ahead)])
-    table = np.stack([np.interp(np.linspace(0.0, 1.0, ACROSS), np.linspace(0.0, 1.0, kernels.ACROSS), f) for f in form])
+    # Half way between the places of a course's table.
+    table = np.empty((len(xy), ACROSS))
+    table[:, ::2], table[:, 1::2] = form, 0.5 * (form[:, 1:] + form[:, :-1])
     kind = np.array([TYPES.index(course.channel_type) for course in courses])
     bank = joined("bank_level")
     return Stations(
@@ -128,42 +128,15 @@ def _falls(courses: Sequence[Course], start: IndexArray) -> Falls:
     )
 
 
-def with_obstacles(terrain: Terrain, stations: Stations, rocks: Sequence[Rock], logs: Sequence[Log]) -> Stations:
-    """Return stations with rocks and logs on their bed; a log is a row of mounds.
-
-    Args:
-        terrain: The ground.
-        stations: The stations.
-        rocks: Boulders.
-        logs: Trunks.
-    """
-    rows = [(*rock.center, 0.5 * rock.diameter, rock.top) for rock in rocks]
-    for log in logs:
-        radius = 0.5 * log.diameter
-        long = math.dist(log.start, log.end)
-        part = np.linspace(0.0, 1.0, 2 + math.ceil(long / (LOG_STEP * radius)))
-        middle = np.outer(1.0 - part, log.start) + np.outer(part, log.end)
-        rows += [(x, y, radius, log.top) for x, y in middle.tolist()]
-    if not rows:
-        return stations
-    place = np.array(rows, np.float64)
-    bed = Beds(terrain, stations).heights(place[:, :2], rocks=False)[0]
-    height = place[:, 3] - bed
-    kept = np.flatnonzero(height > 0.0)
-    old = stations.rocks
-    nearest: IndexArray = stations.station_course[_nearest(stations.xy, place[kept, :2])]
-    added = Rocks(
-        np.concatenate([old.xy, place[kept, :2]]),
-        np.concatenate([old.radius, place[kept, 2]]),
-        np.concatenate([old.height, height[kept]]),
-        np.concatenate([old.course, nearest]),
-    )
-    return dataclasses.replace(stations, rocks=added)
-
-
-def _nearest(xy: FloatArray, place: FloatArray) -> IndexArray:
-    from warpriver.extras import IMPORTING
-
-    with IMPORTING:
-        from scipy.spatial import cKDTree
-    return np.asarray(cKDTree(xy).query(place)[1], np.int64).reshape(-1)
+def mounds_of(obstacles: Sequence[Rock | Log]) -> FloatArray:
+    """Return rocks and logs as mounds, (n, 4): x, y, radius, elevation of the top; a log is a row of them."""
+    rows: list[tuple[float, float, float, float]] = []
+    for each in obstacles:
+        radius = 0.5 * each.diameter
+        if isinstance(each, Rock):
+            rows.append((*each.center, radius, each.top))
+            continue
+        part = np.linspace(0.0, 1.0, 2 + math.ceil(math.dist(each.start, each.end) / (LOG_STEP * radius)))
+        middle = np.outer(1.0 - part, each.start) + np.outer(part, each.end)
+        rows += [(x, y, radius, each.top) for x, y in middle.tolist()]
+    return np.array(rows, np.float64).reshape(-1, 4)

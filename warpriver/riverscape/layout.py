@@ -184,6 +184,11 @@ def _checked_slopes(network: RiverNetwork, ground: Ground, kind: IndexArray, lab
             f"channel {c} runs uphill: the ground at its end is {rise[c]:.3g} m above that at its head "
             f"({int(uphill.sum())} such channels in all); reverse its points, or draw it down the valley"
         )
+    if not (slope > 0.0).any():
+        raise InputError(
+            "the ground is level: no channel falls, so that nothing says how fast they flow; give the network slopes, "
+            "or ground that falls"
+        )
     steep = (kind == TYPES.index("D")) & (slope > BRAIDED_LIMIT)
     steep |= (kind == TYPES.index("DA")) & (slope > BRAIDED_LIMIT)
     if steep.any():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +34,15 @@ HANGING = 1.0
 ROOM_WIDTHS = 8.0
 
 
-class Layer(NamedTuple):
-    """A part of the water that has a name: what is below it is replaced by it, or merged with it."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Layer:
+    """A part of the water that has a name.
+
+    Attributes:
+        name: Its name.
+        node: Its primitives, merged and replaced.
+        merged: Whether it is merged with what is below it, rather than put in its place.
+    """
 
     name: str
     node: Node
@@ -159,7 +166,7 @@ def _edited_layers(edit: Any, layers: tuple[Layer, ...], made: Made) -> tuple[La
                 new = _placed(edit, layers[:below] or layers, made)
                 node = new if node is None else Merge((node, new))
         if node is not None:
-            found.append(layer._replace(node=node))
+            found.append(dataclasses.replace(layer, node=node))
     if not count:
         raise InputError(f"{edit.name} finds no primitive that is meant; look at scene.layers")
     if not found or found[0].name != names[0]:

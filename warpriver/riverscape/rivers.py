@@ -16,7 +16,7 @@ from warpriver.network import RiverNetwork
 from warpriver.riverscape.beds import Beds, ground_of
 from warpriver.riverscape.before import Before, Profile
 from warpriver.riverscape.courses import Course, Log, Rock
-from warpriver.riverscape.given import given_stations, with_obstacles
+from warpriver.riverscape.given import given_stations, mounds_of
 from warpriver.riverscape.labels import label_channels
 from warpriver.riverscape.layout import Layout, lay_courses
 from warpriver.riverscape.rosgen import RiverTypes, classify_rivers, types_of
@@ -182,9 +182,7 @@ class Rivers:
     @functools.cached_property
     def beds(self) -> Beds:
         """What evaluates the bed."""
-        rocks = [each for each in self.obstacles if isinstance(each, Rock)]
-        logs = [each for each in self.obstacles if isinstance(each, Log)]
-        return Beds(self.terrain, with_obstacles(self.terrain, self.stations, rocks, logs))
+        return Beds(self.terrain, self.stations, obstacles=mounds_of(self.obstacles))
 
     def courses(self) -> list[Course]:
         """Return the courses that carry water, as water needs them: a fall is one segment."""

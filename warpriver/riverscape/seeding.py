@@ -99,7 +99,9 @@ def seed_layers(courses: CourseMap, detail: float, seed: int, params: SeedingPar
         "body": _body(courses, known, detail, seed, params),
         "waves": _standing_waves(courses, known, detail, seed, params),
     }
-    parts = [_wakes(courses, known, seed, params), _log_wakes(courses, known, seed, params)]
+    parts = [_wakes(courses, known, seed, params)]
+    if courses.logs:
+        parts.append(_log_wakes(courses, known, seed, params))
     for name, each in zip(("wakes", "eddies"), zip(*parts, strict=True), strict=True):
         made[name] = Primitives.concatenate(each)
     return {name: rows for name, rows in made.items() if name == "body" or len(rows)}
@@ -344,6 +346,7 @@ def _wakes(courses: CourseMap, known: _PointTable, seed: int, params: SeedingPar
     # Rocks at the banks stand aside of the current.
     wet = (here.point >= 0) & (here.depth > 0.0) & (speed > 0.02) & (np.abs(here.across) < 0.75)
     wake = _Wake(courses, known, center[wet], size[wet], here[wet], seed, params)
+    wake.look((0.7, 0.0), (1.6, 0.0), (2.8, 0.0), (1.1, 0.6), (1.3, -0.6))
     rough = [wake.rough(*each) for each in ((0.7, 0.0, 1.0, 1.0), (1.6, 0.0, 1.2, 0.7), (2.8, 0.0, 1.5, 0.4))]
     pairs = [wake.vortex(side, along, 0.6) for side, along in ((1.0, 1.1), (-1.0, 1.3))]
     return Primitives.concatenate(rough), Primitives.concatenate(pairs)
@@ -410,6 +413,17 @@ class _Wake:
         self.bits = _place_bits(center, seed * LEVELS + 7)
         head = self.speed**2 / (2.0 * GRAVITY)
         self.height = params.liveliness * np.minimum(1.2 * head + params.wind, 0.3 * here.depth)
+        self._found: dict[tuple[float, float], SurveyedPlaces] = {}
+
+    def look(self, *offsets: tuple[float, float]) -> None:
+        """Ask what the water is like at distances down the stream and to the left, in widths, all in one go."""
+        found = self.courses.survey(np.concatenate([self._place(*offset) for offset in offsets]))
+        count = len(self.size)
+        for k, offset in enumerate(offsets):
+            self._found[offset] = found[np.arange(k * count, (k + 1) * count)]
+
+    def _place(self, along: float, aside: float) -> FloatArray:
+        return self.center + (along * self.size)[:, None] * self.toward + (aside * self.size)[:, None] * self.left
 
     def rough(self, along: float, aside: float, wide: float, share: float) -> Primitives:
         """Rough water at a distance down the stream and to the left, in widths."""
@@ -431,8 +445,10 @@ class _Wake:
 
     def _rows(self, kind: int, along: float, aside: float, radius: FloatArray, **rest: FloatArray) -> Primitives:
         size, here = self.size, self.here
-        place = self.center + (along * size)[:, None] * self.toward + (aside * size)[:, None] * self.left
-        found = self.courses.survey(place)
+        place = self._place(along, aside)
+        if (along, aside) not in self._found:
+            self.look((along, aside))
+        found = self._found[along, aside]
         dry = ~(found.depth > 0.0)
         level = np.where(dry, here.level, found.level)
         velocity = np.where(dry[:, None], here.velocity, found.velocity)

@@ -64,6 +64,7 @@ class Author:
         simulation: The run as it is now; another object after an edit further back was undone or redone.
         entries: The edits, in order.
         stepped: Called after steps, at least every 50, also when these are done again.
+        returned: Called before steps are done again, with the step up to which the run stays as it was.
     """
 
     def __init__(self, simulation: Simulation):
@@ -71,6 +72,7 @@ class Author:
         self.simulation = simulation
         self.entries: list[Entry] = []
         self.stepped: Callable[[], None] | None = None
+        self.returned: Callable[[int], None] | None = None
         self._undone: list[list[Entry]] = []
         self._marks: list[_Mark] = []
         self._marks.append(self._mark())
@@ -294,6 +296,9 @@ class Author:
         before = (self.simulation, self.entries, self._marks)
         self._marks = usable
         self.simulation, self.entries = mark.simulation(), list(entries[: mark.edits])
+        if self.returned is not None:
+            had = before[1]
+            self.returned(min(first, had[same].step if same < len(had) else before[0].step_count))
         try:
             for entry in entries[mark.edits :]:
                 if entry.step > self.simulation.step_count:

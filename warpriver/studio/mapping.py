@@ -23,8 +23,10 @@ from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.riverscape import Riverscape, classify_rivers
 from warpriver.studio.frames import decode_state, encode_map
+from warpriver.studio.limits import limit_memory
 from warpriver.studio.reel import REEL, state_file
 from warpriver.terrain import Terrain
+from warpriver.validate import finite_numbers, positive
 
 __all__ = ["EXPORTS", "MAPS", "events_as_json", "map_process"]
 
@@ -48,10 +50,19 @@ EXPORTS = (*MOVIES, *(f"landscape-{name}.zip" for name in TARGETS), "water.png")
 # Cells along the longer side of a map, and across the narrowest channel; states that a map is led through at most to
 # come up with the run; states of a movie, and of the ground's export.
 MAP_CELLS, CELLS_ACROSS, CATCH_UP = 768, 3.0, 400
+# States that a map is led through from one time to the next, and steps between two of them where there are more.
+UPDATE, UPDATE_STEPS = 20, 10
 MOVIE_STATES, EXPORT_STATES = 120, 60
 MOVIE_SIZE, WATER_SIZE = (1280, 720), (960, 540)
+# How far the reach whose water is drawn goes on beside what is seen, the cells of ground around it, and how many times
+# the least piece of water goes into what is seen.
+REACH_VIEWS, RIM_CELLS, WATER_DETAILS = 1.5, 4.0, 250.0
+# Bytes of memory that the process may take.
+MEMORY = 8 * 2**30
 # Where the values of a map without a limit end, as a percentile.
 TOP = 99.5
+# Events that are kept at least, the latest ones: so that memory is bounded however long a run plays.
+EVENTS_KEPT = 3000
 # Kinds of events that maps take.
 EVENTS: dict[str, type[Event]] = {each.__name__: each for each in (Cutoff, Collision, Avulsion, Crevasse)}
 
@@ -122,7 +133,6 @@ class Mapper:
         self._ground: Terrain | None = None
         self._map: Landscape | None = None
         self._led: StoredRun | None = None
-        self._water: tuple[Any, Riverscape] | None = None
 
     # ---- what has happened
 
@@ -133,12 +143,17 @@ class Mapper:
             self._epoch = news["epoch"]
             origin = np.array(news["origin"])
             self._run = StoredRun(History.load(self._folder / news["run"]), self._folder / REEL, origin)
-            self._map = self._led = self._water = None
+            self._map = self._led = None
             self._ground = None
             if news["ground"] is not None:
                 height = np.load(news["ground"]["file"], allow_pickle=False)
                 self._ground = Terrain(height, news["ground"]["cell"], news["ground"]["origin"], self._run.crs)
         self._run.events.extend(_event_of(told) for told in news["events"])
+        if len(self._run.events) > 2 * EVENTS_KEPT:
+            # Those before have been laid down on the maps long ago, and their lakes are full.
+            latest = list(self._run.events[-EVENTS_KEPT:])
+            self._run.forget_events(0)
+            self._run.events.extend(latest)
         self._states = states
 
     def _kept(self, most: int, after: int = -1) -> list[tuple[int, float]]:
@@ -147,7 +162,10 @@ class Mapper:
         stride = max(1, -(-len(later) // most))
         chosen = later[len(later) - 1 :: -stride][::-1]
         assert self._run is not None
-        return [state for state in chosen if state_file(self._folder / REEL, state[0]).exists()]
+        return [state for state in chosen if self._is_kept(state)]
+
+    def _is_kept(self, state: tuple[int, float]) -> bool:
+        return state_file(self._folder / REEL, state[0]).exists()
 
     def _present(self, most: int) -> StoredRun:
         assert self._run is not None
@@ -189,8 +207,19 @@ class Mapper:
             ground = self._ground
             self._map = Landscape(self._led, ground, size, bounds=(west, south, east, north), threads=1)
         else:
-            self._led._states += self._kept(CATCH_UP, self._led._states[-1][0])
-        self._map.lead_to(len(self._led) - 1)
+            last = self._led._states[-1][0]
+            new = self._states[-1][0] - last
+            self._led._states += self._kept(min(CATCH_UP, max(UPDATE, -(-new // UPDATE_STEPS))), last)
+        for last_try in (False, False, True):
+            # The run goes on, and may have given up some of the states since they were listed.
+            ahead = self._led._states[self._map.record + 1 :]
+            self._led._states[self._map.record + 1 :] = [state for state in ahead if self._is_kept(state)]
+            try:
+                self._map.lead_to(len(self._led) - 1)
+                break
+            except FileNotFoundError:
+                if last_try:
+                    raise
         return self._map.maps()
 
     def _bounds(self) -> tuple[float, float, float, float]:
@@ -261,18 +290,43 @@ class Mapper:
         """Draw the water of the river at a place, as a riverscape shows it."""
         from warpriver.viz import Camera, draw_riverscape
 
-        run = self._present(1)
+        network = self._present(1).networks[-1]
         if self._ground is None:
             raise InputError("this session has no terrain, from which its water could be drawn")
-        key = (self._epoch, int(run.steps[-1]))
-        if self._water is None or self._water[0] != key:
-            self._water = (key, Riverscape(self._ground, run.networks[-1], planform="given", width="network"))
-        x, y = (float(v) for v in center or run.networks[-1].points().mean(axis=0))
-        camera = Camera((x, y), heading=60.0, tilt=40.0, distance=1.4 * width)
-        draw_riverscape(self._water[1], path, camera=camera, size=WATER_SIZE)
+        at = np.array(finite_numbers(center, 2, "center"))
+        view = positive(width, "width", "m")
+        reach, heading = _reach_around(network, at, REACH_VIEWS * view)
+        (west, south), (east, north) = reach.points().min(axis=0), reach.points().max(axis=0)
+        rim = max(view, RIM_CELLS * self._ground.cell_size)
+        ground = self._ground.crop((west - rim, south - rim, east + rim, north + rim))
+        scene = Riverscape(
+            ground, reach, planform="given", width="network", detail=max(0.5, view / WATER_DETAILS), seed=0
+        )
+        # Seen from aside, a little downstream.
+        camera = Camera((float(at[0]), float(at[1])), heading=heading + 60.0, tilt=40.0, distance=1.2 * view)
+        draw_riverscape(scene, path, camera=camera, size=WATER_SIZE)
 
     def _tell(self, **told: Any) -> None:
         self._send(b"J" + json.dumps(told, allow_nan=False, default=float).encode())
+
+
+def _reach_around(network: RiverNetwork, at: np.ndarray, reach: float) -> tuple[RiverNetwork, float]:
+    """Return the reach of the channel nearest to a place, so many m up and down, and its direction there, degrees."""
+    lines = network.polylines()
+    c = int(np.argmin([float(np.hypot(*(line - at).T).min()) for line in lines]))
+    line, k = lines[c], int(np.argmin(np.hypot(*(lines[c] - at).T)))
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    first, last = np.searchsorted(arc, [arc[k] - reach, arc[k] + reach])
+    part = slice(max(0, min(int(first), k - 1, len(line) - 3)), min(len(line), max(int(last) + 1, k + 2, 3)))
+    along = line[min(k + 1, len(line) - 1)] - line[max(k - 1, 0)]
+    made = RiverNetwork.from_polylines(
+        [line[part]],
+        width=[network.point_widths()[c][part]],
+        depth=[network.point_depths()[c][part]],
+        discharge=network.channel_discharge[c : c + 1],
+        crs=network.crs,
+    )
+    return made, float(np.degrees(np.arctan2(along[1], along[0])))
 
 
 def events_as_json(events: Sequence[Event]) -> list[dict[str, Any]]:
@@ -303,6 +357,7 @@ def map_process(connection: Connection, folder: str) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(5)
+    limit_memory(MEMORY)
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR

@@ -14,6 +14,7 @@ from warpriver.hydrology import extract_network
 from warpriver.io import read_network, read_terrain
 from warpriver.scenes import read_scene
 from warpriver.simulation import Simulation
+from warpriver.studio.limits import limit_memory
 
 __all__ = ["RECIPE", "SESSION", "basin", "opened"]
 
@@ -117,12 +118,7 @@ def _main(path: str, folder: str, memory: str) -> int:
     """Make the folder of a session of a file; for a process of its own, which gets no more memory than that."""
     from warpriver.studio.worker import begin_folder
 
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    except (ImportError, ValueError, OSError):  # not on this system
-        pass
+    limit_memory(int(memory))
     try:
         if Path(path).suffix.lower() == SESSION:
             unpack_session(Path(path), Path(folder))

@@ -153,7 +153,7 @@ class Worker:
         """
         self.folder, self._send = folder, send
         self.author, word = taken_up(folder)
-        self.author.stepped = self._keep_record
+        self.author.stepped, self.author.returned = self._keep_record, self._go_back
         self._journal = self._open_journal()
         self.playing, self.rate = False, RATE
         self.credits = WINDOW
@@ -329,7 +329,6 @@ class Worker:
     def do_rewind(self, step: Any) -> dict[str, Any]:
         """Go on from an earlier step; edits after it are forgotten."""
         lost = self.author.rewind(step)
-        self._reel.rewind(self.author.simulation.step_count)
         self._news.begin()
         self._tell_all_again()
         return {"forgotten": lost}
@@ -343,13 +342,19 @@ class Worker:
         params = MeanderParams(**{**{name: getattr(now.params, name) for name in _params_fields()}, **constants})
         self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
 
-    def do_preset(self, name: Any) -> None:
+    def do_preset(self, name: Any) -> dict[str, Any]:
         """Begin anew from the rivers as they are now, with the constants of a preset."""
         if name not in PRESETS:
             raise InputError(f"there is no preset {str(name)[:40]!r}; there are {', '.join(PRESETS)}")
         now = self.author.simulation
-        params = PRESETS[name].params()
+        params, told = PRESETS[name].params(), {}
+        narrowest = min(float(width.min()) for width in now.network.point_widths())
+        if params.spacing_in_widths == 0.0 and params.spacing > narrowest:
+            # One spacing for all, as it asks for, and none wider than a river.
+            params = params.replace(spacing=narrowest)
+            told = {"note": f"points lie {narrowest:.3g} m apart, the width of the narrowest river"}
         self.begin(Simulation(now.network, params, terrain=now.terrain, seed=now.seed, controls=now.controls))
+        return told
 
     def do_map(self, name: Any = None) -> None:
         """Show a map of the ground, or none."""
@@ -419,7 +424,7 @@ class Worker:
         copy_session(fresh, self.folder)
         shutil.rmtree(fresh, ignore_errors=True)
         self.author, _ = taken_up(self.folder)
-        self.author.stepped = self._keep_record
+        self.author.stepped, self.author.returned = self._keep_record, self._go_back
         self._journal = self._open_journal()
         self._reel.clear()
         self._news.begin()
@@ -582,11 +587,13 @@ class Worker:
     def _keep_record(self, always: bool = False) -> None:
         """Put the present state on the reel, if it is one of those that are kept; always where that is asked for."""
         step = self.author.simulation.step_count
-        if step < self._reel.last:  # the run is done again from an earlier state
-            self._reel.rewind(step - 1)
         if step > self._reel.last and (always or self._reel.wants(step)):
             self._made = self._frame()
             self._reel.keep(step, self.author.simulation.time, self._made)
+
+    def _go_back(self, step: int) -> None:
+        """Forget the states after a step, from which the run is done again."""
+        self._reel.rewind(step)
 
     # ---- maps
 

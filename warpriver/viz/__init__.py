@@ -9,6 +9,7 @@ from warpriver.viz.maps import draw_network
 from warpriver.viz.movie import movie
 from warpriver.viz.relief import hillshade
 from warpriver.viz.river_types import draw_bed, draw_river_types
+from warpriver.viz.riverscape_block import render_riverscape
 from warpriver.viz.riverscapes import Camera, draw_riverscape, riverscape_movie
 from warpriver.viz.scene import render_scene
 from warpriver.viz.valleys import draw_valley, draw_valley_sections
@@ -34,6 +35,7 @@ __all__ = [
     "gl",
     "hillshade",
     "movie",
+    "render_riverscape",
     "render_scene",
     "riverscape_movie",
 ]

@@ -24,7 +24,7 @@ from warpriver.riverscape.water import WaterGrid
 from warpriver.validate import finite_numbers, not_negative, positive, whole
 from warpriver.viz.sheet import replacing
 
-__all__ = ["Camera", "draw_riverscape", "riverscape_movie"]
+__all__ = ["Camera", "draw_riverscape", "riverscape_movie", "top_view"]
 
 
 # What imageio calls kinds of files.
@@ -157,6 +157,23 @@ def riverscape_movie(
                 progress(done, frames)
 
 
+def top_view(scene: Riverscape, window: tuple[float, float, float, float], cell_size: float, time: float) -> ByteArray:
+    """Return a window as it is seen from above, (rows, columns, 3), north up, a pixel a cell.
+
+    Args:
+        scene: The riverscape.
+        window: (west, south, east, north), whole cells, m.
+        cell_size: m.
+        time: s.
+    """
+    west, south, east, north = window
+    size = (max(16, round((east - west) / cell_size)), max(16, round((north - south) / cell_size)))
+    camera = Camera((0.5 * (west + east), 0.5 * (south + north)), 90.0, 90.0, 10.0, 0.0, east - west)
+    picture = _Picture(scene, camera, size, cell_size)
+    (*_, last) = picture.shots(np.linspace(time - FOAM_BEFORE, time, 13), 0, None)
+    return last
+
+
 def _need_imageio() -> Any:
     try:
         import imageio.v2 as imageio
@@ -198,7 +215,9 @@ class _Picture:
         east, north = min(ground[2], high[0]), min(ground[3], high[1])
         if not (west < east and south < north):
             raise InputError(f"Camera.target {camera.target} shows nothing of the terrain; it lies within {ground}")
-        return west, south, east, north
+        # Whole cells, whose centres all lie on the ground.
+        columns, rows = (max(2, math.floor(v / self.cell + 1e-9)) for v in (east - west, north - south))
+        return west, north - rows * self.cell, west + columns * self.cell, north
 
     def shots(
         self, moments: FloatArray, leaves: int, loop: float | None, skip: int | None = None
@@ -268,10 +287,11 @@ class _Picture:
         courses = self.scene.courses
         threaded = np.isin([course.channel_type for course in courses.courses], ("D", "DA"))[courses.course_of_point]
         # Bars between threads are bare far up.
-        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.3 * found.depth, found.depth)
+        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.12 * found.depth, found.depth)
         shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
         rock = (bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004
-        self._float_bed = (bed - self._datum).astype(np.float32)
+        # Where there is no ground, nothing can be seen.
+        self._float_bed = np.nan_to_num(bed - self._datum, nan=-1e3).astype(np.float32)
         made.bed = wp.array(self._float_bed, device=self.device)
         made.rock = wp.array(rock.astype(np.float32), device=self.device)
         made.shore = wp.array(shore.astype(np.float32), device=self.device)

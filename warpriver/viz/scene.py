@@ -118,7 +118,7 @@ def _draw(
     view = map_window(window, bounds, 3.0 * width, terrain, subject.crs if terrain is not None else None)
     if terrain is not None:
         view = clip_window(view, terrain.bounds)
-    plotter = _new_plotter(size)
+    plotter = new_plotter(size)
     try:
         painter, planted = None, history is not None and look == "landscape"
         if history is not None and not planted:
@@ -137,7 +137,7 @@ def _draw(
             picture = painter.picture(record)
         else:
             picture = _plain_picture(_texture_shape(view)) if terrain is None else ground.picture(_texture_shape(view))
-        _add_block(plotter, ground, picture)
+        add_block(plotter, ground, picture)
         if painter is not None and terrain is None:
             # On a terrain the lakes are a part of the picture.
             _add_lakes(plotter, ground, painter, record)
@@ -150,7 +150,7 @@ def _draw(
             gap = 0.02 * ground.depth * ground.exaggeration
             water = DEEP if planted else WATER if terrain is None else RELIEF_WATER
             _add_ribbons(plotter, ground, lines, widths, water, gap=gap, water=True)
-        _aim(plotter, ground, camera)
+        aim(plotter, ground, camera)
         image = plotter.screenshot(None, return_img=True)
     finally:
         plotter.close()
@@ -169,7 +169,7 @@ def _planted_picture(history: History, record: int, window: Window, terrain: Ter
     return landscape_picture(maps, terrain, strength=LIT_STRENGTH)
 
 
-def _new_plotter(size: tuple[int, int]) -> Any:
+def new_plotter(size: tuple[int, int]) -> Any:
     """Return an off-screen plotter with light from the north-west, or say what is missing."""
     try:
         import pyvista
@@ -262,7 +262,7 @@ def _plain_picture(shape: tuple[int, int]) -> np.ndarray:
     return np.clip(255.0 * color_ramp(((0.0, GROUND),), 0.0) * tone, 0.0, 255.0).astype(np.uint8)
 
 
-def _add_block(plotter: Any, ground: Any, picture: np.ndarray) -> None:
+def add_block(plotter: Any, ground: Any, picture: np.ndarray) -> None:
     """Add the ground with its picture, and the sides of the block below it."""
     import pyvista
 
@@ -398,7 +398,7 @@ def _add_lakes(plotter: Any, ground: _Ground, painter: BeltPainter, record: int)
         _add_ribbons(plotter, ground, lines, widths, np.array(colors), gap=gap, water=False)
 
 
-def _aim(plotter: Any, ground: Any, camera: Sequence[Sequence[float]] | None) -> None:
+def aim(plotter: Any, ground: Any, camera: Sequence[Sequence[float]] | None) -> None:
     """Point the camera: as asked, or from the south so that the block fills the picture."""
     if camera is not None:
         position, focus, up = (np.array(v, np.float64) for v in camera)

@@ -219,7 +219,7 @@ link.addEventListener("river_types", ({ detail }) => {
 scene.rivers.uniforms.kinds.value.forEach((colour, k) => colour.setStyle(Object.values(TYPES)[k]?.[0] ?? "#186ab3", ""));
 $("map").addEventListener("change", () => studio.ask("map", { name: $("map").value || null }).catch(() => {}));
 $("types").addEventListener("change", () => studio.ask("types", { on: $("types").checked }).catch(() => {}));
-$("use-preset").addEventListener("click", () => studio.ask("preset", { name: $("preset").value }).catch(() => {}));
+$("use-preset").addEventListener("click", () => studio.ask("preset", { name: $("preset").value }).then(({ note }) => { if (note) studio.say(note); }).catch(() => {}));
 
 link.addEventListener("events", ({ detail }) => { studio.events.push(...detail.events); if (studio.events.length > 5000) studio.events.splice(0, 2500); });
 link.addEventListener("figures", ({ detail }) => { studio.records = detail.records; plots.add(detail); showTimeline(studio); });
