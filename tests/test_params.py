@@ -20,7 +20,11 @@ def test_every_field_states_unit_source_and_meaning():
     for name, default, unit, source, doc in describe(MeanderParams):
         # What follows from the network has no number, nor has what is left out.
         assert (
-            (default is not None or name in ("reference_width", "avulsions", "friction", "memory_length"))
+            (
+                default is not None
+                or name
+                in ("reference_width", "avulsions", "friction", "memory_length", "floodplain", "chutes", "widths")
+            )
             and unit
             and source
             and doc

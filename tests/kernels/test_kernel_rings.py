@@ -7,7 +7,7 @@ import migration_case as moving
 import numpy as np
 import pytest
 import reference_rings as twin
-import test_kernel_resampling as sampling
+import resampling_case as sampling
 import warp as wp
 from cutoff_case import assert_cuts, wandering_line
 from kernel_arrays import (

@@ -5,6 +5,7 @@ import pytest
 from crossings import crosses_itself, crossings
 
 import warpriver as wr
+from warpriver.engine import state as engine_state
 from warpriver.engine.saved import SavedError
 from warpriver.kernels.floodplain import NEVER, TICKS
 from warpriver.meander.floodplain import Floodplain
@@ -106,10 +107,10 @@ def test_a_river_that_comes_back_takes_a_plug_away():
     assert not np.isin(under[phase.river.numpy()[under] > -TICKS], saved["floodplain_plug_cell"]).any()
 
 
-def valley(**options):
+def valley(params=None, **options):
     lines = [wr.generate.noisy_line(100.0 * WIDTH, 20.0, 10.0, 3), wr.generate.noisy_line(3000.0, 20.0, 10.0, 4)]
     network = wr.RiverNetwork.from_polylines([lines[0], lines[1] + [0.0, 5000.0]], [WIDTH, 50.0])
-    params = wr.MeanderParams(spacing=20.0, floodplain=wr.FloodplainParams(bar_time=3.0))
+    params = params or wr.MeanderParams(spacing=20.0, floodplain=wr.FloodplainParams(bar_time=3.0))
     return wr.Simulation(network, params, seed=9, **options)
 
 
@@ -126,6 +127,19 @@ def test_bits_do_not_depend_on_threads_or_a_stop(tmp_path):
     again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
     again.run(steps=150)
     np.testing.assert_array_equal(again.network.points(), whole.network.points())
+
+
+def test_all_events_together_are_the_same_in_the_layout_of_a_gpu_and_when_checked(monkeypatch):
+    all_of_them = {"floodplain": wr.FloodplainParams(), "chutes": wr.ChuteParams(rate=0.02), "widths": wr.WidthParams()}
+    runs = []
+    for chunk, check in ((0, False), (32, False), (0, True)):
+        monkeypatch.setattr(engine_state, "CPU_CHUNK", chunk)
+        sim = valley(wr.MeanderParams(spacing=20.0, **all_of_them), threads=1, check=check)
+        sim.run(steps=700, record_every=10**6)
+        runs.append(sim)
+    assert {cutoff.chute for cutoff in runs[0].history.cutoffs} == {False, True}
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other.network.points(), runs[0].network.points())
 
 
 def test_a_damaged_record_is_refused():

@@ -423,7 +423,8 @@ class _Wake:
             self._found[offset] = found[np.arange(k * count, (k + 1) * count)]
 
     def _place(self, along: float, aside: float) -> FloatArray:
-        return self.center + (along * self.size)[:, None] * self.toward + (aside * self.size)[:, None] * self.left
+        ahead, left = (along * self.size)[:, None] * self.toward, (aside * self.size)[:, None] * self.left
+        return np.asarray(self.center + ahead + left)
 
     def rough(self, along: float, aside: float, wide: float, share: float) -> Primitives:
         """Rough water at a distance down the stream and to the left, in widths."""
