@@ -12,12 +12,12 @@ import numpy as np
 import warpriver as wr
 from warpriver.landscape import GROUND, LandscapeMaps, LandscapeParams, landscape_maps
 
-CELL = 50.0
+CELL = 100.0
 
 
 def valley() -> wr.Terrain:
     """35 x 20 km: mountains around a valley in the east, a steep slope, a plain in the west."""
-    rows, columns = 400, 700
+    rows, columns = 200, 350
     x = (np.arange(columns) + 0.5) * CELL
     y = (rows - np.arange(rows) - 0.5)[:, None] * CELL
     rise = np.interp(x, [0.0, 17_000.0, 20_000.0, 35_000.0], [0.0, 8.0, 158.0, 166.0])
@@ -38,7 +38,7 @@ def constrained() -> tuple[wr.History, wr.Terrain]:
     line = np.stack([x, bend + np.random.default_rng(2).normal(0.0, 15.0, len(x))], axis=1)
     network = wr.RiverNetwork.from_polylines([line], width=200.0)
     sim = wr.Simulation(network, wr.MeanderParams(migration_rate=150.0), terrain=ground, seed=1)
-    return sim.run(steps=1134, record_every=40, progress=True), ground
+    return sim.run(steps=1134, record_every=60, progress=True), ground
 
 
 def from_straight() -> wr.History:
@@ -74,11 +74,13 @@ def main(folder: Path) -> None:
     print(f"{history!r}\nvegetation in the belt: {ratio:.1f} times that outside; "
           f"oxbows are hollows up to {oldest:.1f} lifetimes of lakes")  # fmt: skip
     assert ratio >= 3.0 and oldest >= 2.0
-    wr.viz.draw_landscape(history, folder / "valley.png", title="From a valley to a plain")
+    wr.viz.draw_landscape(history, folder / "valley.png", size=(1000, 420), dpi=90, title="From a valley to a plain")
     history = from_straight()
     print(history)
     rain = LandscapeParams(moisture_rate=0.2, dry_cover=0.9, cover_time=8.0)
-    wr.viz.draw_landscape(history, folder / "forest.png", params=rain, title="100 steps from a straight line")
+    wr.viz.draw_landscape(
+        history, folder / "forest.png", size=(1000, 420), dpi=90, params=rain, title="100 steps from a straight line"
+    )
 
 
 if __name__ == "__main__":
