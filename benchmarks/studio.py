@@ -32,16 +32,17 @@ CELLS, CELL, GOALS = 2048, 20.0, {10_000: 33.0, 100_000: 100.0}
 EDIT = """(() => new Promise((done) => {
   const s = studio.live, c = Math.floor(Math.random() * s.channels), i = Math.floor((s.start[c] + s.start[c + 1]) / 2);
   const at = [s.xy[2 * i] + studio.origin[0], s.xy[2 * i + 1] + studio.origin[1]], width = s.size[4 * c];
-  const began = performance.now(), number = studio.link.number + 1;
-  const heard = ({ detail }) => {
-    if (detail.edits < number) return;
-    studio.link.removeEventListener("state", heard);
-    done([performance.now() - began, detail.xy.buffer.byteLength]);
+  const began = performance.now(), heard = [];
+  let command = Infinity;
+  const finish = (value) => { studio.link.removeEventListener("state", hear); done(value); };
+  const check = () => {
+    const found = heard.find(([edits]) => edits >= command);
+    if (found) finish([found[1] - began, found[2]]);
   };
-  studio.link.addEventListener("state", heard);
+  const hear = ({ detail }) => { heard.push([detail.edits, performance.now(), detail.xy.buffer.byteLength]); check(); };
+  studio.link.addEventListener("state", hear);
   const edit = { edit: "MovePoint", channel: s.id[c], at, to: [at[0], at[1] + 0.1 * width], radius: 8 * width };
-  const refused = () => { studio.link.removeEventListener("state", heard); done([NaN, 0]); };
-  studio.link.ask("edit", { edit }).catch(refused);
+  studio.link.ask("edit", { edit }).then((answer) => { command = answer.command; check(); }, () => finish([NaN, 0]));
 }))()"""
 
 

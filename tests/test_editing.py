@@ -491,7 +491,7 @@ def two_rivers():
 
 
 def straight():
-    return Simulation(RiverNetwork.from_polylines([[(0.0, 0.0), (9e3, 0.0)]], width=60.0))
+    return Simulation(RiverNetwork.from_polylines([[(0.0, 0.0), (4e3, 0.0), (9e3, 0.0)]], width=60.0))
 
 
 def locked():

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["limit_memory"]
+import contextlib
+import ctypes
+
+__all__ = ["limit_memory", "release_memory"]
 
 
 def limit_memory(most: int) -> None:
@@ -13,3 +16,9 @@ def limit_memory(most: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
     except (ImportError, ValueError, OSError):  # not on this system
         pass
+
+
+def release_memory() -> None:
+    """Give freed memory back to the system, where the C library keeps it otherwise: arrays of many sizes leave gaps."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -214,6 +214,8 @@ class LiveSession:
             asked = self._numbers.pop(told["number"], None)
             self._mapped.discard(told["number"])
             if asked is not None:
+                # "command" is the number by which states tell that they hold it.
+                told["command"] = told["number"]
                 watcher, told["number"] = asked
                 watcher.pending -= 1
                 watcher.tell(json.dumps(told))

@@ -23,7 +23,7 @@ from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.riverscape import Riverscape, classify_rivers
 from warpriver.studio.frames import decode_state, encode_map
-from warpriver.studio.limits import limit_memory
+from warpriver.studio.limits import limit_memory, release_memory
 from warpriver.studio.reel import REEL, state_file
 from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers, positive
@@ -384,5 +384,6 @@ def map_process(connection: Connection, folder: str) -> None:
             if number is not None:
                 connection.send_bytes(b"J" + json.dumps({"type": "answer", "number": number, **answer}).encode())
             connection.send_bytes(b"I")
+            release_memory()
     except (EOFError, BrokenPipeError, OSError):
         return

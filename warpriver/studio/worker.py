@@ -33,6 +33,7 @@ from warpriver.studio.author import Author, Checkpoint
 from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patch, encode_state
 from warpriver.studio.generators import described
 from warpriver.studio.journal import Journal, read_journal
+from warpriver.studio.limits import release_memory
 from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
 from warpriver.studio.presets import PRESETS, SYMBOLS
 from warpriver.studio.reel import REEL, Reel
@@ -222,6 +223,7 @@ class Worker:
         shutil.rmtree(self.folder / CHECKPOINT, ignore_errors=True)
         fresh.rename(self.folder / CHECKPOINT)
         (self.folder / CHECKED).write_text(json.dumps(told))
+        release_memory()
         self._checked = time.monotonic()
         self._check_due = max(CHECK_SECONDS, CHECK_SHARE * (self._checked - begin))
 
