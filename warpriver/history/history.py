@@ -451,6 +451,10 @@ class History:
         """Forget the events after the last record: a run that goes on from there meets them again."""
         self.forget_events(self.record(-1).events_before if self._records else 0)
 
+    def share_events(self, history: History) -> None:
+        """Take the events of another history for its own."""
+        self._events = history.events
+
     def forget_events(self, count: int) -> None:
         """Keep the first ``count`` events only."""
         self.events.truncate(count)

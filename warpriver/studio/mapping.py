@@ -84,7 +84,8 @@ class StoredRun(History):
     def of(self, states: Sequence[tuple[int, float]]) -> StoredRun:
         """Return the run with some of its states only, and the same events."""
         part = StoredRun(self, self._place, self._map_origin)
-        part._states, part._events = list(states), self.events
+        part._states = list(states)
+        part.share_events(self)
         return part
 
     @property
