@@ -22,6 +22,8 @@ ALL = [
     edits.DivertChannel(3, 99.5),
     edits.DivertChannel(3, 99.5, to="outlet"),
     edits.DeferJunction(3),
+    edits.CutLoop(3, (5.0, 6.0)),
+    edits.CutLoop(3, 99.5, to=(7.0, 1 / 3)),
     wr.meander.SetControls([wr.Attractor((1.0, 2.0), 300.0), wr.DampingRegion(LINE, 0.25), {"kept": 4}]),
     edits.PaintControl(2, (5, 6, 1, 2), [0.5, -3.0]),
     edits.UnlockPoint(3, (1.0, 2.0)),
