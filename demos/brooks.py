@@ -27,7 +27,7 @@ def main(folder: Path) -> None:
         course = scene.courses.courses[0]
         middle = np.asarray(course.xy)[10:-10]
         water = [scene.water(middle, t) for t in (0.0, 1.0)]
-        depth = water[0].elevation - scene.courses.bed(middle, scene.terrain, rocks=False)
+        depth = water[0].elevation - scene.bed(middle, rocks=False)
         speed = np.hypot(*water[0].velocity.T)
         moved = np.abs(water[1].elevation - water[0].elevation)
         print(

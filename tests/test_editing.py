@@ -151,13 +151,14 @@ def test_a_section_takes_the_course_that_is_drawn():
 def winding(**options):
     """A sine-generated river with strong bends, whose wavelength is 1,200 m."""
     line = wr.generate.sine_generated(1_200.0, 1.9, 6, 30.0)
-    return Simulation(RiverNetwork.from_polylines([line], width=40.0), plain_params(spacing=30.0), **options)
+    network = RiverNetwork.from_polylines([line], width=40.0)
+    return Simulation(network, plain_params(spacing=30.0), device="cpu", **options)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_bend_is_cut_off_and_its_loop_is_left(solver):
     made = winding()
-    sim = Simulation(made.network, SOLVERS[solver](spacing=30.0)) if solver == "paths" else made
+    sim = Simulation(made.network, SOLVERS[solver](spacing=30.0), device="cpu") if solver == "paths" else made
     line, before, length = sim.network.polylines()[0], bits(sim), sim.network.channel_lengths()[0]
     apex = int(np.argmax(np.where(np.abs(line[:, 0] - 3_000.0) < 700.0, line[:, 1], -np.inf)))
     sim.apply(edits.CutLoop(0, tuple(line[apex])))
@@ -491,7 +492,7 @@ def two_rivers():
 
 
 def straight():
-    return Simulation(RiverNetwork.from_polylines([[(0.0, 0.0), (4e3, 0.0), (9e3, 0.0)]], width=60.0))
+    return Simulation(RiverNetwork.from_polylines([[(0.0, 0.0), (4e3, 0.0), (9e3, 0.0)]], width=60.0), device="cpu")
 
 
 def locked():

@@ -57,9 +57,7 @@ def random_edit(sim, rng):
     point = line[int(rng.integers(len(line)))]
     at = (float(point[0]), float(point[1]))
     shift = rng.normal(0.0, 2.0 * width, 2)
-    kind = rng.choice(
-        ["lock", "unlock", "move", "split", "join", "add", "remove", "redraw", "set", "reach", "ground", "cut"]
-    )
+    kind = rng.choice(["lock", "unlock", "move", "split", "join", "add", "remove", "redraw", "set", "reach", "ground"])
     if kind == "lock":
         return edits.LockPoint(channel, at)
     if kind == "unlock":
@@ -80,8 +78,6 @@ def random_edit(sim, rng):
         i, j = sorted(rng.integers(len(line), size=2).tolist())
         middle = 0.5 * (line[i] + line[j]) + shift
         return edits.RedrawSection(channel, [line[i], middle, line[j]])
-    if kind == "cut":
-        return edits.CutLoop(channel, at)
     if kind == "set":
         return edits.SetChannel(
             channel, width=width * float(rng.uniform(0.8, 1.2)), discharge=float(rng.uniform(5.0, 50.0))

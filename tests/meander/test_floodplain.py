@@ -160,7 +160,7 @@ def test_a_damaged_record_is_refused():
 def test_lines_among_plugs_and_bars_do_not_cross_themselves():
     line = wr.generate.noisy_line(200.0 * WIDTH, 20.0, 20.0, 0)
     params = wr.MeanderParams(spacing=20.0, floodplain=wr.FloodplainParams(plug_factor=0.05, bar_factor=2.0))
-    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], WIDTH), params, threads=1)
+    sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], WIDTH), params, threads=1, device="cpu")
     history = sim.run(years=400, record_every=10**6)
     assert len(history.cutoffs) > 20
     assert not len(crossings(sim.network.polylines()[0]))

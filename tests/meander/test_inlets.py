@@ -117,6 +117,6 @@ def test_a_periodic_river_feeds_itself_to_the_same_bits_whatever_the_seed_and_st
     again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
     again.run(steps=130)
     np.testing.assert_array_equal(again.network.points(), whole.network.points())
-    alone = wr.Simulation(noisy(120.0), FED.replace(inlet="none", bank_spread=0.0), threads=1)
+    alone = wr.Simulation(noisy(120.0), FED.replace(inlet="none", bank_spread=0.0), threads=1, device="cpu")
     alone.run(steps=300)
     assert not np.array_equal(alone.network.points(), whole.network.points())

@@ -47,7 +47,7 @@ def test_rivers_widen_next_to_fresh_cutoffs():
         params = wr.MeanderParams(
             spacing=20.0, inlet="none", bank_spread=0.0, floodplain=floodplain, widths=wr.WidthParams()
         )
-        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], WIDTH), params, threads=1)
+        sim = wr.Simulation(wr.RiverNetwork.from_polylines([line], WIDTH), params, threads=1, device="cpu")
         while not sim.history.cutoffs:
             sim.step()
             sim._record()

@@ -301,6 +301,6 @@ def test_a_course_through_a_hollow_is_refused(device):
 
 def test_a_simulation_takes_no_edit_of_a_riverscape():
     line = wr.generate.noisy_line(length=3_000, spacing=50, amplitude=20, seed=0)
-    run = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0))
+    run = wr.Simulation(wr.RiverNetwork.from_polylines([line], width=60.0), device="cpu")
     with pytest.raises((ValueError, TypeError), match="RetypeChannel"):
         run.apply(riverscape.RetypeChannel(0, "C"))

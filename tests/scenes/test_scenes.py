@@ -459,8 +459,9 @@ def test_the_schema_lists_every_key():
     lines = scene_schema().splitlines()
     keys = {line.split(" ", 1)[0] for line in lines}
     classes = [*edit_names().values(), wr.MeanderParams, wr.PathMeander, wr.AvulsionParams]
-    classes += [wr.meander.JunctionParams, Attractor, Guide]
-    fields = {field.name for kind in classes for field in dataclasses.fields(kind)} - {"avulsions", "junctions"}
+    classes += [wr.meander.JunctionParams, wr.FloodplainParams, wr.ChuteParams, wr.WidthParams, Attractor, Guide]
+    tables = {"avulsions", "junctions", "floodplain", "chutes", "widths"}
+    fields = {field.name for kind in classes for field in dataclasses.fields(kind)} - tables
     assert fields | set(OUTPUT) | set(PICTURE) | set(PLAN) | {"polygon", "stroke", "generate", "turn"} <= keys
     for name in (*CONTROLS, *edit_names(), "noisy_line", "fluvial_terrain", "mountain_front"):
         assert f'= "{name}":' in scene_schema()

@@ -86,12 +86,13 @@ def render_riverscape(
         raise InputError("camera: give position, focal point and up direction, each (x, y, z) in m")
     west, south, east, north = scene.terrain.raster.bounds if bounds is None else (float(v) for v in bounds)
     cell = max(east - west, north - south) / 800.0 if cell_size is None else positive(cell_size, "cell_size", "m")
+    if max(east - west, 0.0) * max(north - south, 0.0) > MOST_CELLS * cell**2:
+        raise InputError(
+            f"{(north - south) / cell:.0f} x {(east - west) / cell:.0f} cells are too many for a preview, "
+            f"{MOST_CELLS} at most; use a coarser cell size or a part of it"
+        )
     (frame,) = scene.frames(bounds, cell, [time])
     rows, columns = frame.water.shape
-    if rows * columns > MOST_CELLS:
-        raise InputError(
-            f"{rows} x {columns} cells are too many for a preview; use a coarser cell size or a part of it"
-        )
     bed = frame.bed.numpy()
     height = np.fmax(bed, np.where(frame.depth > 0.0, frame.water.elevation.numpy(), np.nan))
     height = np.where(np.isnan(height), np.nanmin(height), height)
