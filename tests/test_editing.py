@@ -243,6 +243,24 @@ def test_what_no_water_is_left_in_falls_dry():
     )
 
 
+def test_a_river_with_less_water_than_its_tributaries_keeps_that_fraction():
+    """Else a river that carries less than a brook that is removed would be a trickle, with a point every few cm."""
+    sim = tree()
+    network = sim.network
+    below = int(network.channel_to[np.flatnonzero(np.isin(network.channel_to, network.channel_from))[0]])
+    (lower,) = np.flatnonzero(network.channel_from == below)
+    first, second = np.flatnonzero(network.channel_to == below)
+    identity = network.channel_id
+    sim.apply(edits.SetChannel(int(identity[first]), discharge=60.0))
+    sim.apply(edits.SetChannel(int(identity[second]), discharge=30.0))
+    sim.apply(edits.SetChannel(int(identity[lower]), discharge=45.0))
+    assert not np.isin(network.channel_from[first], network.channel_to), "a brook"
+    sim.apply(edits.RemoveChannel(int(identity[first])))
+    left = sim.network
+    # The node is no junction any more: both that are left are one river, with the discharge of the lower one.
+    assert 10.0 < left.channel_discharge[left.channel_id == identity[lower]][0] < 20.0
+
+
 def test_discharge_goes_on_downstream_and_widths_are_set():
     sim = tree()
     before = sim.network.channels

@@ -393,13 +393,21 @@ class Reworking:
             self._course(lower).columns |= {"width": width * widen, "depth": depth * widen**DEPTH_BY_WIDTH}
 
     def add_flow(self, node: int, more: float) -> None:
-        """Let more or less water, as drainage area or discharge, go down from a node; width and depth follow."""
+        """Let more or less water, as drainage area or discharge, go down from a node; width and depth follow.
+
+        A channel that carries less than arrives at its head, as files and edits may have it, keeps that fraction of what
+        is left.
+        """
         seen: set[int] = set()
         while (below := self.leaving(node)) and below[0] not in seen:
             c = below[0]
             seen.add(c)
-            self._regain(c, max(self._flow[c] + more, MIN_FLOW * self._flow[c]))
-            node = self._foot(c)
+            before, now = self._flow[c], self._flow[c] + more
+            left = sum(self._flow[upper] for upper in self.arriving(node))
+            if more < 0.0 and before < (left - more) * (1.0 - 1e-9):
+                now = before * left / (left - more)
+            self._regain(c, max(now, MIN_FLOW * before))
+            more, node = self._flow[c] - before, self._foot(c)
 
     def _regain(self, c: int, flow: float) -> None:
         """Let a channel carry so much; width, depth, discharge and area follow."""
