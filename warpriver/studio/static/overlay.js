@@ -18,7 +18,8 @@ export class Overlay {
   }
 
   draw() {
-    const g = this.canvas.getContext("2d");
+    // Kept by the CPU: without a GPU, Chromium may show an earlier picture again after all of one was cleared.
+    const g = this.canvas.getContext("2d", { willReadFrequently: true });
     g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     g.clearRect(0, 0, this.canvas.width, this.canvas.height);
     if (this.shown.controls) for (const c of this.controls) this.control(g, c);
