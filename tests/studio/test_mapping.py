@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warpriver as wr
-from warpriver.studio.frames import MAP
+from warpriver.studio.frames import MAP, decode_state
 from warpriver.studio.generators import GENERATORS, generated
 from warpriver.studio.mapping import Mapper
 from warpriver.studio.worker import Worker, begin_folder
@@ -81,8 +81,9 @@ def test_maps_begin_anew_after_an_edit_was_undone(tmp_path, river):
     at = line[len(line) // 2]
     edit = {"edit": "MovePoint", "channel": channel, "at": at.tolist(), "to": (at + [0, 500]).tolist(), "radius": 900.0}
     worker.do_edit(edit)
-    for _ in range(8):
-        worker.do_step(10)
+    # The state kept at an edit is the one before it; within 10 steps the bend moves on by more than half its width.
+    for count in (1, 9, *7 * [10]):
+        worker.do_step(count)
     learned(worker, sent, mapper)
     led = [tuple(at + [0.0, 500.0])]
     assert mapper._maps().belt.sample(led)[0] == 1.0
@@ -91,6 +92,22 @@ def test_maps_begin_anew_after_an_edit_was_undone(tmp_path, river):
     assert mapper._maps().belt.sample(led)[0] == 0.0, "where the river was led is no part of the belt any more"
     assert worker._reel.last == 80, "the states are those of the run that was done again"
     assert {step for step, _ in worker._reel.states} >= {0, 50, 80}
+
+
+def test_the_page_is_sent_the_present_state_after_an_undo_between_two_kept_ones(tmp_path, river):
+    begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 6.0, "cell": 60.0, "wandering": 3.0}))
+    sent = []
+    worker = Worker(tmp_path / "s", sent.append)
+    worker._reel.every = 50
+    worker.do_edit({"edit": "LockPoint", "channel": 0, "at": 3000.0})
+    worker.do_step(53)
+    for way in (worker.do_undo, worker.do_redo, lambda: worker.do_rewind(52)):
+        way()
+        sent.clear()
+        worker.credits = 1
+        worker.turn()
+        state = next(decode_state(each[1:]) for each in sent if each[:1] == b"B")
+        assert state.step == worker.author.simulation.step_count
 
 
 def test_every_generator_says_what_it_asks_for():

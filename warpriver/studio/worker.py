@@ -331,6 +331,7 @@ class Worker:
     def do_rewind(self, step: Any) -> dict[str, Any]:
         """Go on from an earlier step; edits after it are forgotten."""
         lost = self.author.rewind(step)
+        self._made = None
         self._news.begin()
         self._tell_all_again()
         return {"forgotten": lost}
@@ -443,6 +444,8 @@ class Worker:
         """Undo or redo, which may change everything."""
         ground, field = self._ground_sum(), self._field_sum()
         way()
+        # Steps that were done again have left the frame of the last state on the reel.
+        self._made = None
         if self._ground_sum() != ground:
             self._send_raster("height")
         painted = self._field_sum()
