@@ -257,7 +257,7 @@ def test_constants_have_symbols_and_presets(browser):
     assert "Table 1" in browser.run("document.getElementById('preset').selectedOptions[0].textContent")
     browser.press("#use-preset")
     browser.wait("Math.abs(document.querySelector('#constants [name=migration_rate]').value - 59.9) < 0.1")
-    assert browser.run("studio.live.step") == 0
+    browser.wait("studio.live.step === 0")  # its state comes after the constants
 
 
 def test_land_is_made_in_the_dialog(browser, served):
