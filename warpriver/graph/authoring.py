@@ -395,8 +395,8 @@ class Reworking:
     def add_flow(self, node: int, more: float) -> None:
         """Let more or less water, as drainage area or discharge, go down from a node; width and depth follow.
 
-        A channel that carries less than arrives at its head, as files and edits may have it, keeps that fraction of what
-        is left.
+        A channel that carries less than arrives at its head, as files and edits may have it, keeps that fraction of
+        what is left.
         """
         seen: set[int] = set()
         while (below := self.leaving(node)) and below[0] not in seen:
