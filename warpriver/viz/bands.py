@@ -173,8 +173,15 @@ def select_inside(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Keep the channels whose bounding box meets the window (m)."""
-    kept = [(xy, width) for xy, width in zip(lines, widths, strict=True) if meets_window(xy, width, window)]
-    return [xy for xy, _ in kept], [width for _, width in kept]
+    if not len(lines):
+        return [], []
+    first = np.concatenate([[0], np.cumsum([len(xy) for xy in lines[:-1]], dtype=np.int64)])
+    xy, width = np.concatenate(lines), np.concatenate(widths)
+    reach = 0.5 * np.maximum.reduceat(width, first)[:, None]
+    low, high = np.minimum.reduceat(xy, first) - reach, np.maximum.reduceat(xy, first) + reach
+    meets = (low <= window[2:]).all(axis=1) & (high >= window[:2]).all(axis=1)
+    kept = np.flatnonzero(meets).tolist()
+    return [lines[k] for k in kept], [widths[k] for k in kept]
 
 
 def meets_window(xy: np.ndarray, width: np.ndarray, window: Window) -> bool:
