@@ -68,7 +68,7 @@ def add(commands: Any) -> None:
         help="minimum drainage area of a channel: 8 or 8km2, 5e6m2, 50cells (default 8km2)",
     )
     parser.add_argument("--no-movie", action="store_true", help="skip the movie, the slowest picture")
-    add_run_options(parser, out="out/demo", years=500.0, record_every="20steps")
+    add_run_options(parser, out="out/demo", years=300.0, record_every="20steps")
 
 
 def _demo(options: argparse.Namespace) -> int:
