@@ -4,7 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from warpriver.params import DAYS_PER_YEAR, MeanderParams, PathMeander, describe
+from warpriver.parameter import describe
+from warpriver.params import DAYS_PER_YEAR, MeanderParams, PathMeander
 
 
 def test_paper_values_are_table_1():

@@ -27,6 +27,7 @@ LEVELS = [
         "hydraulic_geometry",
         "network",
         "network_checks",
+        "parameter",
         "params",
         "progress",
         "public",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from warpriver.errors import InputError
-from warpriver.validate import real, shown
+from warpriver.parameter import Params, parameter, part
 
 __all__ = [
     "DAYS_PER_YEAR",
@@ -20,112 +20,13 @@ __all__ = [
     "JunctionParams",
     "LehenyParams",
     "MeanderParams",
-    "Params",
     "PathMeander",
     "WidthParams",
-    "describe",
-    "parameter",
 ]
 
 DAYS_PER_YEAR = 365.25
 # Defaults of two constants of which either tells the memory of a river.
 FRICTION, MEMORY_LENGTH = 0.011, 2.2
-
-P = TypeVar("P", bound="Params")
-
-
-def parameter(
-    default: Any,
-    unit: str,
-    *,
-    low: float = -math.inf,
-    high: float = math.inf,
-    low_open: bool = False,
-    choices: tuple[Any, ...] = (),
-    source: str,
-    doc: str,
-) -> Any:
-    """Declare one constant of a process: a dataclass field that knows its unit, range, source and meaning.
-
-    Args:
-        default: Value used when none is given; None where it follows from the network.
-        unit: Unit at the API, for example ``"m/yr"``; ``"-"`` for a pure number.
-        low: Least value allowed.
-        high: Greatest value allowed.
-        low_open: True when ``low`` itself is refused.
-        choices: Allowed values, for a field that takes one of a few.
-        source: Key in ``references.bib``, or ``"warpriver"`` for a choice of ours.
-        doc: One sentence for help texts.
-    """
-    metadata = {
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "low_open": low_open,
-        "choices": choices,
-        "source": source,
-        "doc": doc,
-    }
-    return dataclasses.field(default=default, metadata=metadata)
-
-
-def describe(params: type) -> list[tuple[str, Any, str, str, str]]:
-    """List a parameter class as rows (name, default, unit, source, meaning), for help texts and documents."""
-    return [
-        (f.name, f.default, f.metadata["unit"], f.metadata["source"], f.metadata["doc"])
-        for f in dataclasses.fields(params)
-    ]
-
-
-@dataclasses.dataclass(frozen=True)
-class Params:
-    """What all constants of a process can do: they are checked when they are made, and changed in copies."""
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value, label = getattr(self, field.name), f"{type(self).__name__}.{field.name}"
-            kind = field.metadata.get("kind")
-            if kind is not None and (isinstance(value, dict) or value is False):
-                # As files hold it; false leaves the process out.
-                value = kind(**value) if isinstance(value, dict) else None
-                object.__setattr__(self, field.name, value)
-            if field.metadata:
-                _check_constant(value, label, field)
-            elif field.type in ("bool", bool) and not isinstance(value, bool):
-                raise InputError(f"{label} is {shown(value)}; give true or false")
-
-    def replace(self: P, **changes: Any) -> P:
-        """Return a copy with some fields changed (and checked again)."""
-        return dataclasses.replace(self, **changes)
-
-    def for_widths(self: P, channel_width: np.ndarray) -> P:
-        """Return the constants for a network: defaults that follow from the widths of its channels are filled in."""
-        return self
-
-
-def _check_constant(value: Any, label: str, field: dataclasses.Field[Any]) -> None:
-    """Raise ``ValueError`` unless a value lies in the range that its field declares."""
-    meta = field.metadata
-    kind = meta.get("kind")
-    if value is None and (field.default is None or kind is not None):
-        return
-    if kind is not None:
-        if not isinstance(value, kind):
-            raise InputError(f"{label} is {value!r}; give {kind.__name__}(...) or None")
-        return
-    if meta["choices"]:
-        if not isinstance(value, (str, int)) or value not in meta["choices"]:
-            words = ", ".join(repr(c) for c in meta["choices"])
-            raise InputError(f"{label} is {shown(value)}; use one of {words}")
-        return
-    if math.isnan(real(value)):
-        raise InputError(f"{label} is {shown(value)}; give a finite number of unit {meta['unit']}, from 1e-30 to 1e30")
-    below = value <= meta["low"] if meta["low_open"] else value < meta["low"]
-    if below or value > meta["high"]:
-        left = "(" if meta["low_open"] else "["
-        raise InputError(f"{label} is {value:g} {meta['unit']}; the range is {left}{meta['low']:g}, {meta['high']:g}]")
-    if isinstance(field.default, int) and value != int(value):
-        raise InputError(f"{label} is {value:g}; give a whole number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -393,42 +294,15 @@ class WidthParams(Params):
     )
 
 
-# Fields that hold the constants of a process which may be left out, of the class ``kind``.
+# What else may be left out, of both solvers.
 JUNCTIONS: dict[str, Any] = {
-    "unit": "-",
-    "choices": (),
-    "kind": JunctionParams,
     "source": "warpriver",
     "doc": "angles that the last reaches of tributaries take, by how their flow compares with that of the river, and "
     "the bank to which they are led; by default there are",
 }
 AVULSIONS: dict[str, Any] = {
-    "unit": "-",
-    "choices": (),
-    "kind": AvulsionParams,
     "source": "Paris2023",
     "doc": "crevasses, where banks break, and avulsions, new courses of channels from there; by default there are none",
-}
-CHUTES: dict[str, Any] = {
-    "unit": "-",
-    "choices": (),
-    "kind": ChuteParams,
-    "source": "Grenfell2014",
-    "doc": "chute cutoffs, bends that floods cut across their bars; by default there are none",
-}
-FLOODPLAIN: dict[str, Any] = {
-    "unit": "-",
-    "choices": (),
-    "kind": FloodplainParams,
-    "source": "Bogoni2017",
-    "doc": "clay plugs in oxbow lakes, young bars, and faster migration near fresh cutoffs; by default there are none",
-}
-WIDTHS: dict[str, Any] = {
-    "unit": "-",
-    "choices": (),
-    "kind": WidthParams,
-    "source": "Parker2011",
-    "doc": "banks that move apart from each other, so that widths vary through bends; by default they do not",
 }
 
 
@@ -672,11 +546,23 @@ class MeanderParams(Params):
         source="warpriver",
         doc="floor: fraction of the migration rate k with which controls steer reaches that do not bend",
     )
-    junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
-    avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
-    floodplain: FloodplainParams | None = dataclasses.field(default=None, metadata=FLOODPLAIN)
-    chutes: ChuteParams | None = dataclasses.field(default=None, metadata=CHUTES)
-    widths: WidthParams | None = dataclasses.field(default=None, metadata=WIDTHS)
+    junctions: JunctionParams | None = part(JunctionParams, JunctionParams(), **JUNCTIONS)
+    avulsions: AvulsionParams | None = part(AvulsionParams, **AVULSIONS)
+    floodplain: FloodplainParams | None = part(
+        FloodplainParams,
+        source="Bogoni2017",
+        doc="clay plugs in oxbow lakes, young bars, and faster migration near fresh cutoffs; by default there are none",
+    )
+    chutes: ChuteParams | None = part(
+        ChuteParams,
+        source="Grenfell2014",
+        doc="chute cutoffs, bends that floods cut across their bars; by default there are none",
+    )
+    widths: WidthParams | None = part(
+        WidthParams,
+        source="Parker2011",
+        doc="banks that move apart from each other, so that widths vary through bends; by default they do not",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -889,8 +775,8 @@ class PathMeander(Params):
         "control_floor",
         doc="floor: fraction of the displacement rate k with which controls steer reaches that do not bend",
     )
-    junctions: JunctionParams | None = dataclasses.field(default=JunctionParams(), metadata=JUNCTIONS)
-    avulsions: AvulsionParams | None = dataclasses.field(default=None, metadata=AVULSIONS)
+    junctions: JunctionParams | None = part(JunctionParams, JunctionParams(), **JUNCTIONS)
+    avulsions: AvulsionParams | None = part(AvulsionParams, **AVULSIONS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 
 __all__ = ["LandscapeParams"]
 

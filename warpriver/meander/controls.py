@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from warpriver.arrays import FloatArray
 from warpriver.device import require_memory
 from warpriver.errors import InputError, InputTypeError, MissingExtraError, MissingFileError
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 from warpriver.validate import checked_points, finite_numbers, floats, not_negative, positive

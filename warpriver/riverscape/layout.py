@@ -15,7 +15,7 @@ from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.graph.forest import leaving_channels
 from warpriver.network import RiverNetwork
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.riverscape.beds import FADES, GENTLEST_BANK, STEEPEST_BANK
 from warpriver.riverscape.before import Before, Profile
 from warpriver.riverscape.labels import ChannelLabels

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
 from warpriver.hydrology.drape import running_minimum, without_gaps
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.riverscape.stations import TYPES
 
 __all__ = ["Graph", "ProfileParams", "Steps", "falling_profile", "lay_steps", "step_levels"]

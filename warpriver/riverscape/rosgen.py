@@ -18,7 +18,7 @@ from warpriver.errors import InputError
 from warpriver.hydraulic_geometry import bankfull_depth
 from warpriver.metrics.lines import sinuosity
 from warpriver.network import RiverNetwork
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.public import public
 from warpriver.riverscape.labels import ChannelLabels, label_channels
 from warpriver.riverscape.stations import TYPES

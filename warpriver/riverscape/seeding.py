@@ -8,7 +8,7 @@ import numpy as np
 
 from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.kernels import flow_tree as kernels
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.public import public
 from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Node, Primitives, blend

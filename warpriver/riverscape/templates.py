@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from warpriver.arrays import FloatArray, IndexArray
 from warpriver.errors import InputError
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.public import public
 from warpriver.riverscape.stations import TYPES
 from warpriver.validate import floats

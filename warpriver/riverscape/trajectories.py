@@ -16,7 +16,7 @@ from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.extras import IMPORTING
 from warpriver.hydrology.orders import main_stem
 from warpriver.network import RiverNetwork
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.riverscape.stations import TYPES
 from warpriver.riverscape.templates import TEMPLATES
 

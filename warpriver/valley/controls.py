@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.public import public
 from warpriver.validate import MAX_SEED, floats, freeze_numbers, seeded, whole
 

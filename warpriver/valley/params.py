@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.errors import InputError
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.validate import freeze_numbers, shown
 from warpriver.valley.controls import Term
 from warpriver.valley.profile import LongProfile

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from warpriver.arrays import FloatArray
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 
 __all__ = ["LongProfile"]
 

@@ -16,7 +16,7 @@ from warpriver.arrays import DeviceArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError
 from warpriver.kernels import stamps as kernels
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 
 __all__ = ["Ground", "MeshStamp", "RoughnessPatch", "Structure", "set_into"]
 

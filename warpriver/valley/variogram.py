@@ -10,7 +10,7 @@ import numpy as np
 from warpriver.arrays import FloatArray
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.params import Params, parameter
+from warpriver.parameter import Params, parameter
 from warpriver.validate import freeze_numbers, seeded
 from warpriver.valley.controls import interpolated
 
