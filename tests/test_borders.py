@@ -719,8 +719,7 @@ def test_every_public_function_holds_its_arguments_against_their_annotations():
 
 
 @pytest.mark.usefixtures("coarse_pictures")
-# Wrong arguments that happen to be good ones are drawn, for seconds each.
-@pytest.mark.parametrize("name", [name for name in CALLS if name not in ("draw_landscape", "simulate_with_plants")])
+@pytest.mark.parametrize("name", CALLS)
 def test_what_is_wrong_is_refused_by_name(name, things, monkeypatch):
     """One argument at a time; what is left over is an error of ours, whose message is one line that is not long."""
     monkeypatch.chdir(things["folder"])  # where a text that is taken for a path may be written
