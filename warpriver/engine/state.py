@@ -65,6 +65,7 @@ class Member(Protocol):
     moves_nodes: bool
     follows_stems: bool
     follows_through: bool
+    widening: float
 
     def allocate(self, state: State) -> None:
         """Make the device arrays."""
@@ -284,10 +285,15 @@ class State:
         self.closed, self.area = (zeros(count, kind) if ringed else None for kind in (wp.int32, wp.int64))
         self.max_speed_bits = _bits(self.max_speed)
 
+    @property
+    def kernel_seed(self) -> int:
+        """The seed in the 31 bits that kernels take."""
+        return (self.seed ^ (self.seed >> 31)) & 0x7FFFFFFF
+
     @functools.cached_property
     def map_edges(self) -> MapEdges | None:
         """Where the map ends; None on a plain. Edits of the ground leave cells without data as they are."""
-        return None if self.terrain is None else find_map_edges(self.terrain)
+        return find_map_edges(self.terrain)
 
     def _allocate_mobility(self) -> None:
         """Make room for the mobilities, where any point may be less or more free than others."""
@@ -350,7 +356,7 @@ class State:
             first = network.starts()[:-1]
             narrow, shallow = np.minimum.reduceat(section, first, axis=0).T
             widest = np.maximum.reduceat(section[:, 0], first)
-        widening = max(getattr(phase, "widening", 1.0) for phase in self.phases)
+        widening = max(phase.widening for phase in self.phases)
         if widening > 1.0:
             widest = np.maximum(widest, widening * network.channel_width)
         return np.column_stack([narrow, shallow, widest, self._target_spacing(narrow)])

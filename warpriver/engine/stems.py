@@ -105,8 +105,13 @@ class MapEdges(NamedTuple):
         return np.minimum(x - self.west, self.east - x), np.minimum(y - self.south, self.north - y)
 
 
-def find_map_edges(terrain: Terrain) -> MapEdges:
-    """Return the edges of what has data; rows and columns on the rim may not. All of the terrain where nothing has."""
+def find_map_edges(terrain: Terrain | None) -> MapEdges | None:
+    """Return the edges of what has data; rows and columns on the rim may not. All of the terrain where nothing has.
+
+    A plain, None, has none.
+    """
+    if terrain is None:
+        return None
     west, south, east, north = terrain.bounds
     size = terrain.cell_size
     known = np.isfinite(terrain.to_numpy())

@@ -132,14 +132,16 @@ def _feet_on(bridges: Segments, line: FloatArray, width: FloatArray) -> tuple[In
 
     middle = 0.5 * (bridges.line[:, :2] + bridges.line[:, 2:])
     away, nearest = cKDTree(middle).query(0.5 * (line[:, :2] + line[:, 2:]))
-    one = bridges.line[nearest]
-    way = one[:, 2:] - one[:, :2]
-    size = np.maximum((way**2).sum(axis=1), 1e-30)
-    feet = []
-    for k in (0, 2):
-        part = np.clip(((line[:, k : k + 2] - one[:, :2]) * way).sum(axis=1) / size, 0.0, 1.0)
-        feet.append(one[:, :2] + part[:, None] * way)
+    feet = [_foot_on(bridges.line[nearest], line[:, k : k + 2]) for k in (0, 2)]
     return np.where(away <= BRIDGE_WIDTHS * width, nearest, -1), np.hstack(feet)
+
+
+def _foot_on(line: FloatArray, xy: FloatArray) -> FloatArray:
+    """Return the place on each segment, (n, 4), that is nearest to a point, (n, 2)."""
+    way, off = line[:, 2:] - line[:, :2], xy - line[:, :2]
+    part = np.clip((off * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-30), 0.0, 1.0)
+    foot: FloatArray = line[:, :2] + part[:, None] * way
+    return foot
 
 
 def bridges_of(events: Sequence[Any]) -> Segments:
@@ -315,10 +317,7 @@ def _trace_beyond(
     away, nearest = cKDTree(middle).query(xy[beyond], distance_upper_bound=reach)
     found = np.isfinite(away)
     beyond, nearest = beyond[found], nearest[found]
-    line = before.line[nearest]
-    way, off = line[:, 2:] - line[:, :2], xy[beyond] - line[:, :2]
-    part = np.clip((off * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-30), 0.0, 1.0)
-    foot[beyond] = line[:, :2] + part[:, None] * way
+    foot[beyond] = _foot_on(before.line[nearest], xy[beyond])
     moved[beyond] = np.hypot(*(xy[beyond] - foot[beyond]).T)
     source[beyond] = nearest
 

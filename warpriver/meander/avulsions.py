@@ -184,8 +184,7 @@ def _constants(state: State) -> Any:
     breaking.rate = params.crevasse_rate / METERS_PER_KILOMETER
     breaking.chance, breaking.avulsion = params.crevasse_probability, params.avulsion_probability
     breaking.time_step, breaking.by_point = state.params.time_step, int(params.crevasse_rule == "point")
-    # A seed may have more bits than the kernels' 31.
-    breaking.seed = (state.seed ^ (state.seed >> 31)) & 0x7FFFFFFF
+    breaking.seed = state.kernel_seed
     return breaking
 
 

@@ -38,8 +38,7 @@ class Chutes:
         chutes = kernel.Chutes()
         chutes.rate, chutes.winding, chutes.longest = params.rate, params.winding, params.longest
         chutes.min_arc = state.params.cutoff_min_arc
-        # A seed may have more bits than the kernels' 31.
-        chutes.seed = (state.seed ^ (state.seed >> 31)) & 0x7FFFFFFF
+        chutes.seed = state.kernel_seed
         channels, moved = state.channels(), state.moved()
 
         def find(share: Share) -> None:

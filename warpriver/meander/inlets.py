@@ -93,8 +93,7 @@ class Inlets:
         kernel, params = kernels.build(state.scalar), state.params
         inflow = kernel.Inflow()
         inflow.curvature, inflow.time_step = params.inlet_curvature, params.time_step
-        # A seed may have more bits than the kernels' 31.
-        inflow.seed = (state.seed ^ (state.seed >> 31)) & 0x7FFFFFFF
+        inflow.seed = state.kernel_seed
         channels = state.channels()
         if params.inlet == "periodic":
             return [self._returning(state)]

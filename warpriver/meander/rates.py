@@ -153,8 +153,7 @@ def _compute_rates(
     rate = wp.zeros(network.point_count, dtype=scalar, device=device)
     stems = StemArrays(count, device, through_only=params.upstream_memory != "stem")
     # The stencil at a junction reaches two segments far into the next link.
-    edges = None if terrain is None else find_map_edges(terrain)
-    stems.take(network, edges, alone=np.diff(start) < 3)
+    stems.take(network, find_map_edges(terrain), alone=np.diff(start) < 3)
     stems.give(channels)
     handed_on = kernel.Memory()
     if stems.joined:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 from warpriver.params import AvulsionParams, MeanderParams
 
-__all__ = ["PRESETS", "SYMBOLS", "Preset"]
+__all__ = ["PRESETS", "SHOWN", "Preset", "constants_shown"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,3 +62,22 @@ SYMBOLS = {
     "memory_length": "L", "curvature_saturation": "c₀", "slope_threshold": "s₀", "bank_spread": "s",
     "cutoff_distance": "d_c",
 }  # fmt: skip
+# Constants that pages show and set.
+SHOWN = (
+    "migration_rate", "memory_length", "friction", "curvature_saturation", "bank_spread", "local_weight",
+    "upstream_weight", "sinuosity_scaling", "cutoff_distance", "collision_distance", "slope_threshold", "end_damping",
+    "spacing_in_widths", "time_step",
+)  # fmt: skip
+
+
+def constants_shown() -> list[dict[str, Any]]:
+    """What the shown constants are: name, unit, default, meaning."""
+    fields = {field.name: field for field in dataclasses.fields(MeanderParams)}
+    return [
+        {
+            "name": name, "symbol": SYMBOLS.get(name, ""), "unit": fields[name].metadata.get("unit", ""),
+            "doc": fields[name].metadata.get("doc", ""),
+            "default": fields[name].default, "choices": list(fields[name].metadata.get("choices") or []),
+        }
+        for name in SHOWN if name in fields
+    ]  # fmt: skip

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from warpriver.edits import Edit
+from warpriver.edits.ground import edited_box
 from warpriver.edits.values import edit_of
 from warpriver.errors import InputError, WarpriverError
 from warpriver.history import Avulsion, Cutoff, Event
@@ -35,7 +36,7 @@ from warpriver.studio.generators import described
 from warpriver.studio.journal import Journal, read_journal
 from warpriver.studio.limits import release_memory
 from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
-from warpriver.studio.presets import PRESETS, SYMBOLS
+from warpriver.studio.presets import PRESETS, SHOWN, constants_shown
 from warpriver.studio.reel import REEL, Reel
 
 __all__ = ["EDITS", "KEPT", "RUN", "SAVED", "TERRAIN", "begin_folder", "copy_session", "work"]
@@ -339,7 +340,7 @@ class Worker:
     def do_params(self, **constants: Any) -> None:
         """Begin anew from the rivers as they are now, with other constants."""
         now = self.author.simulation
-        names = set(_SHOWN)
+        names = set(SHOWN)
         if unknown := sorted(set(constants) - names):
             raise InputError(f"there is no constant {unknown[0]!r}; there are {', '.join(sorted(names))}")
         params = MeanderParams(**{**{name: getattr(now.params, name) for name in _params_fields()}, **constants})
@@ -488,8 +489,8 @@ class Worker:
             crs=network.crs,
             terrain=_place(None if terrain is None else terrain.raster),
             control=_place(self._field()),
-            params={name: getattr(simulation.params, name, None) for name in _SHOWN},
-            constants=_constants(),
+            params={name: getattr(simulation.params, name, None) for name in SHOWN},
+            constants=constants_shown(),
             presets=[[name, preset.title, preset.doc] for name, preset in PRESETS.items()],
             maps=[[name, title] for name, (title, *_) in MAPS.items()],
             targets=[[f"landscape-{name}.zip", word] for name, word in TARGETS.items()],
@@ -683,14 +684,6 @@ class Worker:
         self._send(b"J" + json.dumps(told, allow_nan=False, default=float).encode())
 
 
-# Constants that pages show and set.
-_SHOWN = (
-    "migration_rate", "memory_length", "friction", "curvature_saturation", "bank_spread", "local_weight",
-    "upstream_weight", "sinuosity_scaling", "cutoff_distance", "collision_distance", "slope_threshold", "end_damping",
-    "spacing_in_widths", "time_step",
-)  # fmt: skip
-
-
 def _rate(rate: Any) -> float:
     if not isinstance(rate, (int, float)) or not 0.1 <= rate <= 240.0:
         raise InputError(f"rate is {rate!r}; give 0.1 to 240 steps a second")
@@ -705,19 +698,6 @@ def _group(group: Any) -> str | None:
 
 def _params_fields() -> list[str]:
     return [field.name for field in dataclasses.fields(MeanderParams) if field.init]
-
-
-def _constants() -> list[dict[str, Any]]:
-    """What the shown constants are: name, unit, default, meaning."""
-    fields = {field.name: field for field in dataclasses.fields(MeanderParams)}
-    return [
-        {
-            "name": name, "symbol": SYMBOLS.get(name, ""), "unit": fields[name].metadata.get("unit", ""),
-            "doc": fields[name].metadata.get("doc", ""),
-            "default": fields[name].default, "choices": list(fields[name].metadata.get("choices") or []),
-        }
-        for name in _SHOWN if name in fields
-    ]  # fmt: skip
 
 
 def _place(raster: Raster | None) -> dict[str, Any] | None:
@@ -736,10 +716,8 @@ def _touched(edit: Any) -> tuple[float, float, float, float] | None:
     """Bounds of what an edit of the ground changes, m; None for all of it."""
     if edit.name != "EditTerrain":
         return None
-    points = np.array(edit.line if edit.line is not None else [edit.center])
-    reach = edit.width if edit.line is not None else edit.radius
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    (west, south), (east, north) = edited_box(edit)
+    return float(west), float(south), float(east), float(north)
 
 
 def _control_of(values: Any) -> Control:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["Window", "band_outlines", "bank_lines", "meets_window", "refine_lines", "select_inside", "taper_ends"]
+__all__ = ["Window", "band_outlines", "bank_lines", "meet_window", "refine_lines", "select_inside", "taper_ends"]
 
 Window = tuple[float, float, float, float]  # west, south, east, north in m
 
@@ -173,20 +173,16 @@ def select_inside(
     lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Keep the channels whose bounding box meets the window (m)."""
+    kept = np.flatnonzero(meet_window(lines, widths, window)).tolist()
+    return [lines[k] for k in kept], [widths[k] for k in kept]
+
+
+def meet_window(lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], window: Window) -> np.ndarray:
+    """Tell whether the bounding box of each channel meets the window (m), (C,) bool."""
     if not len(lines):
-        return [], []
+        return np.zeros(0, bool)
     first = np.concatenate([[0], np.cumsum([len(xy) for xy in lines[:-1]], dtype=np.int64)])
     xy, width = np.concatenate(lines), np.concatenate(widths)
     reach = 0.5 * np.maximum.reduceat(width, first)[:, None]
     low, high = np.minimum.reduceat(xy, first) - reach, np.maximum.reduceat(xy, first) + reach
-    meets = (low <= window[2:]).all(axis=1) & (high >= window[:2]).all(axis=1)
-    kept = np.flatnonzero(meets).tolist()
-    return [lines[k] for k in kept], [widths[k] for k in kept]
-
-
-def meets_window(xy: np.ndarray, width: np.ndarray, window: Window) -> bool:
-    """Tell whether the bounding box of a channel meets the window (m)."""
-    reach = 0.5 * width.max()
-    west, south = xy.min(axis=0) - reach
-    east, north = xy.max(axis=0) + reach
-    return bool(west <= window[2] and east >= window[0] and south <= window[3] and north >= window[1])
+    return np.asarray(np.logical_and(low <= window[2:], high >= window[:2]).all(axis=1))

@@ -20,7 +20,7 @@ from warpriver.public import public
 from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 from warpriver.validate import shown
-from warpriver.viz.bands import Window, band_outlines, meets_window, refine_lines, select_inside
+from warpriver.viz.bands import Window, band_outlines, meet_window, refine_lines, select_inside
 from warpriver.viz.relief import check_ground, relief_picture
 from warpriver.viz.sheet import (
     BANK,
@@ -227,7 +227,7 @@ def _add_valued_channels(sheet: Sheet, network: RiverNetwork, values: np.ndarray
     """Draw channels coloured by a value, the greatest on top, with a colour bar."""
     lines = network.polylines(close=True)
     widths = network.point_widths(close=True)
-    inside = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
+    inside = meet_window(lines, widths, sheet.window)
     if not inside.any():
         return
     norm = value_norm(values[inside], whole=name == "order")
@@ -380,7 +380,7 @@ def add_channels(
 
     axes = sheet.axes if axes is None else axes
     lines, widths = network.polylines(close=True), network.point_widths(close=True)
-    drawn = np.array([meets_window(xy, w, sheet.window) for xy, w in zip(lines, widths, strict=True)])
+    drawn = meet_window(lines, widths, sheet.window)
     width = np.asarray(network.channel_width, np.float64)
     index = np.argsort(width if rank is None else rank, kind="stable")
     index = index[drawn[index]]
