@@ -189,10 +189,7 @@ def _placed(edit: Any, layers: Sequence[Layer], made: Made) -> Node:
 
     part = _map_leaves(tree_of(layers), near)[0]
     if part is None:
-        raise InputError(
-            f"there is no water at ({low[0]:g}, {low[1]:g}), where a primitive is to lie; move it, or give "
-            "relative=False"
-        )
+        raise _no_water(low)
     below = Water(part, frame=None if made.frames is None else made.frames[1], device=made.terrain.device)
 
     def put(rows: Primitives) -> tuple[Primitives, int]:
@@ -367,13 +364,8 @@ def _own_courses(made: Made, courses: list[Course], terrain: Terrain | None = No
     return dataclasses.replace(made, terrain=ground, rivers=Rivers.of_courses(ground, courses, made.rivers.obstacles))
 
 
-def _network_of(made: Made) -> RiverNetwork | None:
-    """The network that courses follow from; None of courses of one's own."""
-    return made.rivers.network
-
-
 def _retype(edit: edits.RetypeChannel, made: Made) -> Made:
-    network = _network_of(made)
+    network = made.rivers.network
     if network is None:
         courses = made.rivers.courses()
         _check_channel(edit.channel, len(courses))
@@ -397,7 +389,7 @@ def _retype(edit: edits.RetypeChannel, made: Made) -> Made:
 
 
 def _redraw(edit: edits.RedrawCourse, made: Made) -> Made:
-    network, line = _network_of(made), np.array(edit.xy)
+    network, line = made.rivers.network, np.array(edit.xy)
     if network is None:
         courses = made.rivers.courses()
         _check_channel(edit.channel, len(courses))
@@ -431,7 +423,6 @@ def _redrawn(course: Course, i: int, j: int, line: FloatArray) -> Course:
     step = float(np.median(np.hypot(*np.diff(old, axis=0).T)))
     drawn = _even(np.concatenate([old[i : i + 1], line[1:-1], old[j : j + 1]]), step)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drawn, axis=0).T))])
-    part = np.linspace(0.0, 1.0, j - i + 1)
     own = along / along[-1]
     before = course.along[i : j + 1] - course.along[i]
     part = before / before[-1]
@@ -544,7 +535,7 @@ def _check_hanging(made: Made, channel: int) -> None:
 def _ground(edit: EditTerrain, made: Made) -> Made:
     terrain = made.terrain.copy()
     edit_terrain(terrain, edit)
-    network, stations = _network_of(made), made.rivers.stations
+    network, stations = made.rivers.network, made.rivers.stations
     if network is None:
         return _own_courses(made, made.rivers.courses(), terrain)
     # What looks at the ground that was changed is laid anew; nodes on it may change their levels.

@@ -79,7 +79,8 @@ class StoredRun(History):
             origin: Origin of the map, m, to which states are relative.
         """
         super().__init__(start.params, seed=start.seed, origin=start.origin, crs=start.crs)
-        self._states, self._place, self._map_origin = [(0, 0.0)][:0], folder, origin
+        self._states: list[tuple[int, float]] = []
+        self._place, self._map_origin = folder, origin
 
     def of(self, states: Sequence[tuple[int, float]]) -> StoredRun:
         """Return the run with some of its states only, and the same events."""
