@@ -15,9 +15,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import warpriver as wr
+from warpriver.studio.folder import begin_folder
 from warpriver.studio.generators import generated
 from warpriver.studio.opening import unpack_session
-from warpriver.studio.worker import begin_folder
 
 
 def get(served, path, method="GET", body=None, **headers):

@@ -18,10 +18,10 @@ from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.scenes import Scene
 from warpriver.simulation import Simulation
+from warpriver.studio.folder import RUN, begin_folder
 from warpriver.studio.guard import LOOPBACK, Guard, new_token
 from warpriver.studio.live import LiveSession, Watcher
 from warpriver.studio.opening import RECIPE, basin
-from warpriver.studio.worker import RUN, begin_folder
 from warpriver.terrain import Terrain
 from warpriver.validate import shown
 

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from warpriver.errors import InputError
+from warpriver.studio.folder import SAVED, copy_session
 from warpriver.studio.frames import STATE
 from warpriver.studio.mapping import map_process
-from warpriver.studio.worker import SAVED, copy_session, work
+from warpriver.studio.worker import work
 
 __all__ = ["LiveSession", "Watcher"]
 
@@ -155,7 +156,7 @@ class LiveSession:
     """One session: a folder, a process that has its simulation, one that makes maps of it, and any number of pages."""
 
     def __init__(self, folder: Path):
-        """Take a folder that :func:`warpriver.studio.worker.begin_folder` has made."""
+        """Take a folder that :func:`warpriver.studio.folder.begin_folder` has made."""
         self.folder = folder
         self.watchers: set[Watcher] = set()
         self._worker: _Process | None = None

@@ -79,8 +79,8 @@ def unpack_session(path: Path, folder: Path) -> None:
     Raises:
         ValueError: It is none, or holds what no session does.
     """
+    from warpriver.studio.folder import EDITS, KEPT, RUN, TERRAIN
     from warpriver.studio.journal import read_journal
-    from warpriver.studio.worker import EDITS, KEPT, RUN, TERRAIN
 
     try:
         with zipfile.ZipFile(path) as archive:
@@ -116,7 +116,7 @@ def _in_degrees(path: Path) -> bool:
 
 def _main(path: str, folder: str, memory: str) -> int:
     """Make the folder of a session of a file; for a process of its own, which gets no more memory than that."""
-    from warpriver.studio.worker import begin_folder
+    from warpriver.studio.folder import begin_folder
 
     limit_memory(int(memory))
     try:
