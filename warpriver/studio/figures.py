@@ -58,9 +58,9 @@ class Series:
 
     def told(self) -> dict[str, list[list[float]]]:
         """Return [time, value] of each figure, where it is known."""
-        columns = {name: k for k, name in enumerate(NAMES, 2)}
+        columns = dict(zip(NAMES, (2, 3, 4), strict=True))
         return {
-            name: [[row[1], row[k]] for row in self.rows if row[k] is not None]  # type: ignore[misc]
+            name: [[row[1], value] for row in self.rows if (value := row[k]) is not None]
             for name, k in columns.items()
         }
 
