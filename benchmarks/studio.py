@@ -162,13 +162,15 @@ def resident(pid: int) -> float:
 
 def look(server: int, browser: Browser) -> dict[str, float]:
     """Memory of everything in MB: each process, and what the page's scripts hold after a collection."""
-    ours = sorted(pid for pid in processes(server) if pid != server and "spawn_main" in _words(pid))
     browser.call("HeapProfiler.collectGarbage")
     heap = browser.call("Runtime.getHeapUsage")
     held = heap["usedSize"] + heap.get("backingStorageSize", 0.0)
-    seen = {"server": resident(server), "simulation": resident(ours[0]) if ours else 0.0}
-    if len(ours) > 1:
-        seen["maps"] = resident(ours[1])
+    seen = {"server": resident(server)}
+    for pid in processes(server):
+        with contextlib.suppress(OSError):
+            name = Path(f"/proc/{pid}/comm").read_text().strip()
+            if name in ("wr-simulation", "wr-maps"):
+                seen[name[3:]] = resident(pid)
     for kind in ("renderer", "gpu-process"):
         theirs = [pid for pid in processes(browser.process.pid) if f"--type={kind}" in _words(pid)]
         seen[f"chromium {kind}"] = max(map(resident, theirs), default=0.0)

@@ -60,8 +60,7 @@ class Series:
         """Return [time, value] of each figure, where it is known."""
         columns = dict(zip(NAMES, (2, 3, 4), strict=True))
         return {
-            name: [[row[1], value] for row in self.rows if (value := row[k]) is not None]
-            for name, k in columns.items()
+            name: [[row[1], value] for row in self.rows if (value := row[k]) is not None] for name, k in columns.items()
         }
 
     def write(self, path: Path) -> None:

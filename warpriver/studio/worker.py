@@ -49,6 +49,7 @@ from warpriver.studio.journal import Journal
 from warpriver.studio.limits import release_memory
 from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
 from warpriver.studio.presets import PRESETS, SHOWN, constants_shown
+from warpriver.studio.processes import name_process
 from warpriver.studio.reel import REEL, Reel
 
 __all__ = ["Worker", "work"]
@@ -751,6 +752,7 @@ def _locked(simulation: Simulation) -> list[np.ndarray]:
 def work(connection: Connection, folder: str) -> None:
     """Run a session until the other end closes: the target of its process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_process("wr-simulation")
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
