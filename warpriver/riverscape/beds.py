@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver.arrays import DeviceArray, FloatArray, IndexArray
-from warpriver.device import PRECISIONS, launch_kernel, require_memory
+from warpriver.device import PRECISIONS, launch_kernel, put_on_device, require_memory
 from warpriver.kernels import beds as kernels
 from warpriver.riverscape.stations import TYPES, Stations
 from warpriver.riverscape.templates import BEND_TABLE, LANES, section_depth, spread_factor
@@ -98,7 +98,7 @@ def ground_of(terrain: Terrain) -> Any:
 
     def ground(xy: FloatArray) -> FloatArray:
         origin = _origin(terrain)
-        place: DeviceArray = wp.array(np.ascontiguousarray(xy - origin), dtype=wp.vec2d, device=terrain.device)
+        place = put_on_device(xy - origin, wp.vec2d, terrain.device)
         out = wp.empty(len(place), dtype=wp.float64, device=terrain.device)
         grid = terrain.grid("float64", origin)
         kernel = kernels.build(wp.float64).sample_ground
@@ -138,12 +138,11 @@ class Beds:
         self._marks = self._of_marks(rocks=True)
         self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
-        self._wet: DeviceArray = wp.array(wet, dtype=wp.uint8, device=terrain.device)
+        self._wet = put_on_device(wet, wp.uint8, terrain.device)
         self._grid = terrain.grid(dtype, self._zero)
 
     def _array(self, values: Any, dtype: Any) -> DeviceArray:
-        made: DeviceArray = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.terrain.device)
-        return made
+        return put_on_device(values, dtype, self.terrain.device)
 
     def _of_stations(self, built: Any) -> tuple[Any, FloatArray]:
         courses = self.courses

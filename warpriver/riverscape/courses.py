@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from warpriver.arrays import DeviceArray, FlagArray, FloatArray, IndexArray
-from warpriver.device import launch_kernel, resolve_device
+from warpriver.device import launch_kernel, put_on_device, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import courses as kernels
 from warpriver.public import public
@@ -295,7 +295,7 @@ class CourseMap:
         ):
             setattr(found, name, wp.empty(len(points), dtype=kind, device=self.device))
         if len(points):
-            at: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at = put_on_device(points - self.origin, wp.vec2d, self.device)
             launch_kernel(self._kernels.survey_places, len(points), [self._courses, at], [found], device=self.device)
         names = [f.name for f in dataclasses.fields(SurveyedPlaces)]
         return SurveyedPlaces(*(getattr(found, name).numpy() for name in names))
@@ -336,7 +336,7 @@ class CourseMap:
         made = self._kernels
 
         def put(values: ArrayLike, kind: Any, numpy_type: Any) -> DeviceArray:
-            return wp.array(np.ascontiguousarray(values, numpy_type), dtype=kind, device=self.device)
+            return put_on_device(np.asarray(values, numpy_type), kind, self.device)
 
         local = joined["xy"] - self.origin
         falls = np.zeros(len(local), np.int32)
