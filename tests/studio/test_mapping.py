@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import warpriver as wr
+from warpriver.studio.folder import begin_folder
 from warpriver.studio.frames import MAP, decode_state
 from warpriver.studio.generators import GENERATORS, generated
 from warpriver.studio.mapping import Mapper
-from warpriver.studio.worker import Worker, begin_folder
+from warpriver.studio.worker import Worker
 
 
 @pytest.fixture(scope="module")

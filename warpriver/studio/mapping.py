@@ -24,6 +24,7 @@ from warpriver.raster import Raster
 from warpriver.riverscape import Riverscape, classify_rivers
 from warpriver.studio.frames import decode_state, encode_map
 from warpriver.studio.limits import limit_memory, release_memory
+from warpriver.studio.processes import name_process
 from warpriver.studio.reel import REEL, state_file
 from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers, positive
@@ -358,6 +359,7 @@ def map_process(connection: Connection, folder: str) -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_process("wr-maps")
     os.nice(5)
     limit_memory(MEMORY)
     import warp as wp
