@@ -5,9 +5,9 @@ import pytest
 import reference_paths as twin
 import reference_rings as rings
 from crossings import crossings
+from ring_shapes import assert_as_alone, circle, noisy_ring, ring_network
 from scipy.optimize import brentq
 from test_paths import SPACING, assert_same, prepare, reserve, take, taken
-from test_rings import assert_as_alone, circle, noisy_ring, ring_network
 
 import warpriver as wr
 from warpriver import PathMeander, RiverNetwork, Simulation, metrics
