@@ -16,6 +16,7 @@ from warpriver.device import launch_kernel, put_on_device, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import courses as kernels
 from warpriver.public import public
+from warpriver.riverscape.sorting import boxes, stable_order
 from warpriver.validate import checked_line, checked_points, floats
 
 __all__ = ["TYPES", "Course", "CourseFrame", "CourseMap", "Log", "Rock", "SurveyedPlaces", "checked_courses"]
@@ -321,13 +322,9 @@ class CourseMap:
         last = np.floor((high - self.origin) / frame.size).astype(np.int64)
         self._corner = first.min(axis=0)
         self._shape = tuple(int(v) + 1 for v in last.max(axis=0) - self._corner)
-        across, up = (last - first + 1).T
-        count = across * up
-        box = np.repeat(np.arange(len(low)), count)
-        k = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-        column, row = first[box, 0] + k % across[box] - self._corner[0], first[box, 1] + k // across[box]
-        bucket = (row - self._corner[1]) * self._shape[0] + column
-        order = np.argsort(bucket, kind="stable")
+        box, column, row = boxes(first - self._corner, last - self._corner)
+        bucket = row * self._shape[0] + column
+        order = stable_order(bucket)
         counts = np.bincount(bucket, minlength=self._shape[0] * self._shape[1])
         self._bucket_start = np.concatenate([[0], np.cumsum(counts)])
         self._bucket_segment = segment[box[order]]

@@ -12,6 +12,7 @@ from warpriver.parameter import Params, parameter
 from warpriver.public import public
 from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Node, Primitives, blend
+from warpriver.riverscape.sorting import boxes, distinct
 from warpriver.validate import positive, whole
 
 __all__ = ["SeedingParams", "seed_layers", "seed_water"]
@@ -221,7 +222,7 @@ def _unique(pairs: IndexArray) -> IndexArray:
         return pairs
     low = pairs.min(axis=0)
     wide = int(pairs[:, 0].max() - low[0]) + 1
-    key = np.unique((pairs[:, 1] - low[1]) * wide + pairs[:, 0] - low[0])
+    key = distinct((pairs[:, 1] - low[1]) * wide + pairs[:, 0] - low[0])
     return np.asarray(np.column_stack([key % wide, key // wide]) + low)
 
 
@@ -229,11 +230,8 @@ def _near_squares(xy: FloatArray, half: FloatArray, side: float) -> IndexArray:
     """Squares of a side that the boxes around points of courses touch."""
     low = np.floor((xy - half[:, None]) / side).astype(np.int64) - 1
     high = np.floor((xy + half[:, None]) / side).astype(np.int64) + 1
-    across, up = (high - low + 1).T
-    count = across * up
-    box = np.repeat(np.arange(len(xy)), count)
-    k = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-    return _unique(np.column_stack([low[box, 0] + k % across[box], low[box, 1] + k // across[box]]))
+    _, column, row = boxes(low, high)
+    return _unique(np.column_stack([column, row]))
 
 
 def _body(courses: CourseMap, known: _PointTable, detail: float, seed: int, params: SeedingParams) -> Primitives:
