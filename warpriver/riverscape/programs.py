@@ -33,7 +33,7 @@ class TileFrame:
     Attributes:
         cell_size: m.
         origin: (x, y) of the corner that tiles are counted from, in tiles.
-        tile: (n, 2) column and row of tiles whose datum is known.
+        tile: (n, 2) column and row of tiles whose datum is known; none: those of the water that the frame is given to.
         datum: (n,) m, whole numbers.
     """
 
@@ -144,11 +144,11 @@ def write_programs(tree: Node, cell_size: float | None = None, frame: TileFrame 
     cell = tile_first[tile] + line % CELLS_ACROSS * CELLS_ACROSS + column % CELLS_ACROSS
     known = np.column_stack([np.flatnonzero(wet) % columns + west, np.flatnonzero(wet) // columns + south])
     datum = np.zeros(len(wet))
-    if frame is None:
+    if frame is None or not len(frame.tile):
         weight = np.bincount(tile, minlength=len(wet))
         total = np.bincount(tile, rows.level[pair_row], len(wet))
         datum[wet] = np.round(total[wet] / weight[wet])
-        frame = TileFrame(size, (west, south), known, datum[wet])
+        frame = TileFrame(size, (west, south) if frame is None else frame.origin, known, datum[wet])
     else:
         datum[wet] = frame.datum_of(known)
     corner = (west - frame.origin[0], south - frame.origin[1])
