@@ -619,6 +619,7 @@ CALLS = {
             "field": 60.0,
         },
     ),
+    "Riverscape.within": lambda t: (t["river"].within, {"bounds": (10.0, 4.0, 12.0, 6.0)}),
     "Riverscape.replay": lambda t: (t["river"].replay, {"edits": [wr.riverscape.AddRock((12.0, 6.0), 0.4)]}),
     "AddRock": lambda t: (wr.riverscape.AddRock, {"center": (12.0, 6.0), "diameter": 0.4, "height": 0.1}),
     "AddLog": lambda t: (

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from warpriver.arrays import DeviceArray, FloatArray, IndexArray
 from warpriver.device import PRECISIONS, launch_kernel, put_on_device, require_memory
 from warpriver.kernels import beds as kernels
+from warpriver.riverscape.sorting import boxes, stable_order
 from warpriver.riverscape.stations import TYPES, Stations
 from warpriver.riverscape.templates import BEND_TABLE, LANES, section_depth, spread_factor
 from warpriver.terrain import Terrain
@@ -351,21 +352,12 @@ class Beds:
 def _cells_of_discs(xy: FloatArray, radius: FloatArray, size: float) -> tuple[IndexArray, IndexArray]:
     low = np.floor((xy - radius[:, None]) / size).astype(np.int64)
     high = np.floor((xy + radius[:, None]) / size).astype(np.int64)
-    return _boxes(low, high)
-
-
-def _boxes(low: IndexArray, high: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """All cells of boxes: the box's number, and (n, 2) column and row."""
-    extent = high - low + 1
-    count = extent[:, 0] * extent[:, 1]
-    pair = np.repeat(np.arange(len(low)), count)
-    rank = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
-    columns = extent[pair, 0]
-    return pair, np.column_stack([low[pair, 0] + rank % columns, low[pair, 1] + rank // columns])
+    disc, column, row = boxes(low, high)
+    return disc, np.column_stack([column, row])
 
 
 def _packed(cell: NDArray[np.int32], item: NDArray[np.integer], count: int) -> tuple[IndexArray, NDArray[np.integer]]:
     """Offsets of cells, and their items in the order in which they come."""
-    order = np.argsort(cell, kind="stable")
+    order = stable_order(cell)
     starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=count))])
     return starts, item[order]

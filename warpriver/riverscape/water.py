@@ -354,7 +354,7 @@ class Water:
             ("cell_start", programs.cell_start),
             ("code", programs.code),
         ):
-            setattr(cells, name, put_on_device(values.astype(np.int32), wp.int32, self.device))
+            setattr(cells, name, put_on_device(values.astype(np.int32, copy=False), wp.int32, self.device))
         cells.tile_datum = put_on_device(programs.tile_datum.astype(self._real), PRECISIONS[self.dtype][0], self.device)
         cells.contrast = int(self.contrast)
         return cells
