@@ -53,6 +53,7 @@ EDIT = """(() => new Promise((done) => {
   };
   const hear = ({ detail }) => { heard.push([detail.edits, performance.now(), detail.xy.buffer.byteLength]); check(); };
   studio.link.addEventListener("state", hear);
+  setTimeout(() => finish([NaN, -1]), 30000);
   const edit = { edit: "MovePoint", channel: s.id[c], at, to: [at[0], at[1] + 0.1 * width], radius: 8 * width };
   studio.link.ask("edit", { edit }).then((answer) => { command = answer.command; check(); }, () => finish([NaN, 0]));
 }))()"""
@@ -114,13 +115,14 @@ def measure(points: int, edits: int) -> dict:
             process.terminate()
             process.wait(20)
     times = np.array(taken, dtype=float)
-    done = np.isfinite(times)
+    done, lost = np.isfinite(times), weights.count(-1)
     best = min(np.percentile(part, 95) for part in np.array_split(times[done], WINDOWS))
     return {
-        "points_asked": points, "points": live, "cells": CELLS * CELLS, "edits": int(done.sum()),
+        "points_asked": points, "points": live, "cells": CELLS * CELLS, "edits": int(done.sum()), "lost": lost,
+        "refused": int((~done).sum()) - lost,
         "p50_ms": float(np.percentile(times[done], 50)), "p95_ms": float(np.percentile(times[done], 95)),
         "best_window_p95_ms": float(best), "slowest_ms": float(times[done].max()), "goal_ms": GOALS.get(points),
-        "bytes_a_frame": int(np.median(weights)), "steps_a_second": steps, "processor_share": shares,
+        "bytes_a_frame": int(np.median(np.array(weights)[done])), "steps_a_second": steps, "processor_share": shares,
         "frames_a_second": frames, "step_ms": step_ms, "load": os.getloadavg()[0],
     }  # fmt: skip
 
@@ -246,7 +248,8 @@ def main() -> int:
     for points in (10_000,) if options.quick else (10_000, 100_000):
         row = measure(points, options.edits or (40 if options.quick else 200))
         print(
-            f"{row['points']:>8,} points: edit to buffer {row['p50_ms']:.1f} ms (p50), {row['p95_ms']:.1f} ms (p95; "
+            f"{row['points']:>8,} points: {row['edits']} edits, {row['lost']} lost; "
+            f"edit to buffer {row['p50_ms']:.1f} ms (p50), {row['p95_ms']:.1f} ms (p95; "
             f"of the best of {WINDOWS} windows {row['best_window_p95_ms']:.1f}, goal {row['goal_ms']:g}); "
             f"{row['bytes_a_frame']:,} bytes a frame; {row['steps_a_second']:.1f} steps "
             f"a second of {row['step_ms']:.1f} ms, {row['frames_a_second']:.1f} frames a second; "

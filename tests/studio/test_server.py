@@ -217,6 +217,28 @@ def test_a_page_that_takes_nothing_holds_nobody_up(served, page):
     assert idle.frames <= 2
 
 
+def test_each_edit_is_seen_however_slow_pages_are(page):
+    """One page takes nothing, one leaves while states are on their way, and one takes its time: no edit is lost."""
+    idle, leaving, slow = page(), page(), page()
+    for talk in (leaving, slow):
+        talk.until(lambda t: t.state is not None and "scene" in t.told)
+    origin, channel = np.array(slow.told["scene"]["origin"]), int(slow.state.channel_id[0])
+    assert "error" not in slow.ask("play", rate=240)
+    for k in range(12):
+        if k == 4:
+            leaving.close()
+        place = slow.state.point_xy[20 + k] + origin
+        edit = {"edit": "MovePoint", "channel": channel, "at": place.tolist(), "to": (place + 5.0).tolist()}
+        answer = slow.ask("edit", edit=edit | {"radius": 300.0})
+        assert "error" not in answer
+        slow.until(lambda t, number=answer["command"]: t.state.edits >= number, 20.0)
+        time.sleep(0.02)
+    slow.ask("pause")
+    assert idle.frames == 0
+    for _ in range(12):
+        slow.ask("undo")
+
+
 def test_an_earlier_state_comes_while_the_run_plays(page):
     """No later one takes its place on the way."""
     talk = page()

@@ -16,6 +16,7 @@ from warpriver.errors import InputError
 from warpriver.studio.folder import SAVED, copy_session
 from warpriver.studio.frames import STATE
 from warpriver.studio.mapping import map_process
+from warpriver.studio.news import REQUEST
 from warpriver.studio.processes import context
 from warpriver.studio.worker import work
 
@@ -232,15 +233,16 @@ class LiveSession:
         """Hand on to the mapper what the simulation's process wants of it."""
         if self._mapper is None or not self._mapper.alive:
             self._mapper = _Process(map_process, self.folder, self._received, self._mapper_ended)
-        number = json.loads(message).get("number")
-        if number is not None:
+        (number,) = REQUEST.unpack_from(message)
+        if number >= 0:
             self._mapped.add(number)
-        if not self._mapper.give(message) and number is not None:
+        if not self._mapper.give(message[REQUEST.size :]) and number >= 0:
             self._fail([number], "too much waits to be made; ask again later")
 
     def _pay(self) -> None:
         """Let the process send further states, as soon as a page has taken the last one."""
-        if self._owed and any(watcher.latest is None or watcher.credits > 0 for watcher in self.watchers):
+        ready = any(watcher.latest is None or watcher.credits > 0 for watcher in self.watchers)
+        if self._owed and (ready or not self.watchers):
             for _ in range(self._owed):
                 self._give(b"A")
             self._owed = 0
@@ -291,6 +293,8 @@ class LiveSession:
         self.watchers.discard(watcher)
         for number in [k for k, (asker, _) in self._numbers.items() if asker is watcher]:
             del self._numbers[number]
+        # It may have been the one for which the process waits.
+        self._pay()
 
     def take(self, watcher: Watcher, text: str) -> None:
         """Do what a page asks for in a text."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-import math
 import secrets
 import shutil
 import signal
@@ -47,7 +46,8 @@ from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patc
 from warpriver.studio.generators import described
 from warpriver.studio.journal import Journal
 from warpriver.studio.limits import release_memory
-from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
+from warpriver.studio.mapping import EVENTS, EXPORTS, MAPS, TARGETS, events_as_json
+from warpriver.studio.news import REQUEST, News
 from warpriver.studio.presets import PRESETS, SHOWN, constants_shown
 from warpriver.studio.processes import name_process
 from warpriver.studio.reel import REEL, Reel
@@ -74,36 +74,6 @@ CONTROLS: dict[str, Callable[..., Control]] = {
 }  # fmt: skip
 
 
-@dataclasses.dataclass
-class _News:
-    """What the process that makes maps has been told, and what it shall make.
-
-    Attributes:
-        epoch: Number of the run that it knows; another one after what it has was taken back.
-        events: Events that it was told.
-        ground: Where it finds the ground, None where that has changed since.
-        map: Map that is shown.
-        types: Whether types of channels are shown.
-        busy: Maps that it is at.
-        asked: When the last one was asked for.
-        made: What the last one is of.
-    """
-
-    epoch: int = 0
-    events: int = 0
-    ground: dict[str, Any] | None = None
-    map: str | None = None
-    types: bool = False
-    busy: int = 0
-    asked: float = -math.inf
-    made: tuple[object, ...] = ()
-
-    def begin(self) -> None:
-        """Let it learn all anew."""
-        self.epoch += 1
-        self.events, self.ground = 0, None
-
-
 # Answer of a command that another process will answer.
 LATER: dict[str, Any] = {}
 
@@ -128,10 +98,12 @@ class Worker:
         self._order: tuple[int, np.ndarray] = (-1, np.empty(0))
         self._origin = np.zeros(2)
         self._reel, self._series, self._figured = Reel(folder / REEL), Series(), (-STATS_STEPS, 0.0)
+        self._news = News()
+        # The ground as pages show it.
+        self._shown = np.empty((0, 0), np.float32)
         # The frame of the present state, where it has been made already.
         self._made: bytes | None = None
         self._checked, self._check_due = time.monotonic(), CHECK_SECONDS
-        self._news = _News()
         word = self._take_up()
         self.tell_scene()
         if word is not None:
@@ -147,10 +119,11 @@ class Worker:
             author.stepped, author.returned = self._keep_fresh, self._go_back
             self._reel.clear()
             self._series = Series()
+            self._keep_fresh()
+            # Those up to a checkpoint, from which it is taken up; others are noted as steps are done again.
             checked = read_checkpoint(self.folder)
             if checked is not None:
                 self._series.read(self.folder / FIGURES, checked.steps)
-            self._keep_fresh()
 
         _, word = taken_up(self.folder, begin)
         self._journal = self._open_journal()
@@ -420,7 +393,7 @@ class Worker:
         copy_session(fresh, self.folder)
         shutil.rmtree(fresh, ignore_errors=True)
         self._take_up()
-        self._news.begin()
+        self._news.forget()
         self._tell_all_again()
 
     def _write_terrain(self, path: Path) -> None:
@@ -432,8 +405,9 @@ class Worker:
         """Undo or redo, which may change everything."""
         ground, field = self._ground_sum(), self._field_sum()
         way()
+        self._news.take_back(*self._happened())
         if self._ground_sum() != ground:
-            self._send_raster("height")
+            self._send_carved()
         painted = self._field_sum()
         if (painted is None) != (field is None):
             self.tell_scene()
@@ -453,7 +427,7 @@ class Worker:
         if edit.name == "EditTerrain":
             self._send_raster("height", box)
         elif edit.name in CARVING and ground != self._ground_sum():
-            self._send_raster("height")
+            self._send_carved()
         elif edit.name == "PaintControl":
             self._send_raster("control", window=edit.window)  # type: ignore[attr-defined]
         if edit.name == "EditTerrain" or edit.name in CARVING:
@@ -546,7 +520,7 @@ class Worker:
             self._send(b"B" + self._loops(cutoffs, 0))
         if avulsions:
             self._send(b"B" + self._loops(avulsions, 1))
-            self._send_raster("height")
+            self._send_carved()
         told = [[event.kind, event.time] for event in events if event.kind in ("cutoff", "collision", "avulsion")]
         if told:
             self._tell(type="events", events=told)
@@ -602,6 +576,8 @@ class Worker:
         """Forget the states from a step on, from which the run is done again."""
         self._reel.rewind(step - 1)
         self._series.rewind(step - 1)
+        self._figured = (self._series.rows[-1][0] if self._series.rows else -STATS_STEPS, 0.0)
+        self._news.take_back(*self._happened())
 
     # ---- maps
 
@@ -635,18 +611,24 @@ class Worker:
             file = str(self.folder / GROUND)
             news.ground = {"file": file, "cell": raster.cell_size, "origin": list(raster.origin)}
         told = {
-            "epoch": news.epoch, "run": RUN, "origin": self._origin.tolist(), "ground": news.ground,
-            "states": self._reel.states, "events": events_as_json(self.author.events_after(news.events)),
+            "epoch": news.epoch, "run": RUN, "edits": len(self.author.entries), "origin": self._origin.tolist(),
+            "ground": news.ground, "states": self._reel.states, "known": news.known,
+            "events": events_as_json(self.author.events_after(news.events)),
         }  # fmt: skip
-        news.events = self.author.events
-        self._send(b"M" + json.dumps({"do": what, "with": arguments, "number": number, "news": told}).encode())
+        news.events, news.known = self._happened()
+        request = json.dumps({"do": what, "with": arguments, "number": number, "news": told})
+        self._send(b"M" + REQUEST.pack(-1 if number is None else number) + request.encode())
+
+    def _happened(self) -> tuple[int, int]:
+        """Return how many events the run has had, and how many of them maps take."""
+        return self.author.events, sum(self.author.count(kind) for kind in EVENTS.values())
 
     def mapped(self, lost: bool = False) -> None:
         """Note that the mapper has made something, or that its process is gone."""
         news = self._news
         news.busy = 0 if lost else max(0, news.busy - 1)
         if lost:
-            news.begin()
+            news.forget()
             if news.map is not None or news.types:
                 news.map, news.types = None, False
                 self._tell(type="error", text="the map was given up: its process ended")
@@ -659,8 +641,30 @@ class Worker:
             return
         if window is None:
             window = (0, 0, *raster.shape) if box is None else raster.window(*box)
-        if window is not None:
-            self._send(b"B" + encode_patch(name, window, raster.cells(window)))
+        if window is None:
+            return
+        values = raster.cells(window).astype(np.float32)
+        self._send(b"B" + encode_patch(name, window, values))
+        if name == "height":
+            row, column, rows, columns = window
+            if self._shown.shape != raster.shape:
+                self._shown = np.empty(raster.shape, np.float32)
+            self._shown[row : row + rows, column : column + columns] = values
+
+    def _send_carved(self) -> None:
+        """Send the part of the ground that is not as pages show it: a channel that was carved is a small part of it."""
+        terrain = self.author.simulation.terrain
+        if terrain is None:
+            return
+        now = terrain.raster.values.numpy().astype(np.float32)
+        if now.shape != self._shown.shape:
+            self._send_raster("height")
+            return
+        differs = now.view(np.uint32) != self._shown.view(np.uint32)
+        (rows,), (columns,) = differs.any(axis=1).nonzero(), differs.any(axis=0).nonzero()
+        if len(rows):
+            first, left = int(rows[0]), int(columns[0])
+            self._send_raster("height", window=(first, left, int(rows[-1]) + 1 - first, int(columns[-1]) + 1 - left))
 
     def _field(self) -> Raster | None:
         return next((c.raster for c in self.author.simulation.controls if isinstance(c, ControlField)), None)
