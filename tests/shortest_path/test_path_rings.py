@@ -24,8 +24,7 @@ def mean_radius(xy):
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
-@pytest.mark.parametrize("blur", [1.5, 20.0])
+@pytest.mark.parametrize(("turn", "blur"), [(1.0, 1.5), (-1.0, 20.0)], ids=["left", "right"])
 def test_a_circle_follows_the_closed_form_of_its_radius(turn, blur, dtype, device):
     """The blurred push is k w / R / (1 + (b w / R)^2) everywhere, and the smoothing takes nothing: (R^2 - R0^2) / 2 +
     (b w)^2 ln(R / R0) = k w t. A step goes by the rate at its beginning: R is off by 1e-5 of it here.
