@@ -22,6 +22,8 @@ __all__ = ["Frame", "Segments", "Splat", "Visit", "bend_of", "sections_of", "seg
 BLOCK, TILE = kernels.BLOCK, kernels.TILE
 # Memory of the state of a cell, and of the arrays of its maps while they are made.
 CELL_BYTES = 260
+# Tiles that are worth a thread.
+TILES_A_THREAD = 256
 # Reach upstream whose curvature makes a point move: how far its middle lies, and half of its length, widths.
 BEND_LAG, BEND_HALF = 3.0, 1.0
 # What ``Cells.left`` is where no channel has been, yr.
@@ -164,6 +166,7 @@ class Splat:
         device: Any = "cpu",
         dtype: str = "float64",
         threads: int | None = None,
+        narrowest: float = 0.0,
     ):
         """Make empty cells.
 
@@ -175,7 +178,9 @@ class Splat:
             device: Warp device.
             dtype: Precision of positions and distances.
             threads: Threads on the CPU, by default one for each core.
+            narrowest: Width in m that narrower channels are taken to have.
         """
+        self._narrowest = narrowest
         self.shape, self.cell_size, self.device = shape, cell_size, resolve_device(device)
         require_memory(shape, CELL_BYTES, self.device, "landscape maps")
         self._scalar, self._real = PRECISIONS[dtype][0], np.dtype(dtype)
@@ -211,6 +216,14 @@ class Splat:
         self._no_group: wp.array[Any] = wp.empty(0, dtype=wp.int32, device=self.device)
 
     # ---- frames
+
+    def widened(self, segments: Segments) -> Segments:
+        """Return segments that are as wide as the narrowest ones should be."""
+        if not self._narrowest or not len(segments.line):
+            return segments
+        section = segments.section.copy()
+        section[:, ::2] = np.maximum(section[:, ::2], self._narrowest)
+        return dataclasses.replace(segments, section=section)
 
     def frame(self, segments: Segments, group: np.ndarray | None = None, blocks: np.ndarray | None = None) -> Frame:
         """Bring segments to the device and list them by blocks.
@@ -428,7 +441,9 @@ class Splat:
         self._widest = max(self._widest, frame.widest)
         self._take_tiles(frame, tiles)
         count = len(tiles)
-        bounds = np.linspace(0, count, self._threads + 1).astype(int).tolist()
+        # Threads take longer to start than a few tiles need.
+        threads = min(self._threads, max(1, count // TILES_A_THREAD))
+        bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         parts = [(a, b) for a, b in itertools.pairwise(bounds) if b > a]
 
         def work(part: tuple[int, int]) -> None:
@@ -452,7 +467,7 @@ class Splat:
         """
         if not len(segments.line):
             return
-        frame = self.frame(segments)
+        frame = self.frame(self.widened(segments))
         self._take_tiles(frame, self.tiles_of(frame.blocks))
         times: wp.array[Any] = wp.array(segments.time, dtype=wp.float64, device=self.device)
         inputs = [self._grid, kind, frame.course, times]
