@@ -281,7 +281,7 @@ DOWN, UP = ((60.0, 120.0), (300.0, 120.0)), ((300.0, 120.0), (60.0, 120.0))
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), "C", detail=0.0), "detail is 0"),
         (lambda: one_river("C", 0.01, 1.0).carved(0.5, (0.0, 0.0, 0.4, 0.4)), "hold fewer than 2 x 2 cells"),
         (lambda: one_river("C", 0.01, 1.0).carved(0.0), "cell_size is 0"),
-        (lambda: one_river("C", 0.01, 1.0).carved(1.0, (0.0, 0.0, 40.0, 40.0)), "hold no river"),
+        (lambda: one_river("C", 0.01, 1.0).carved(1.0, (0.0, 0.0, 40.0, 40.0)), "holds no river"),
     ],
 )
 def test_bad_input_gets_one_clear_error(call, said):

@@ -96,8 +96,7 @@ def test_what_needs_several_axes(land):
 # ---- without a frame
 
 
-@pytest.mark.parametrize("name", DRAW)
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize(("suffix", "name"), [(".jpg", "network"), *((".png", name) for name in DRAW)])
 def test_a_map_without_a_frame_is_its_raster(land, tmp_path, name, suffix):
     """Large enough to look at, or of the size that was asked for."""
     rasterio = pytest.importorskip("rasterio")

@@ -157,7 +157,7 @@ def _fan(size: float, cell: float, slope: float, count: int, width: float, seed:
 
 def _eroded(cells: int, cell: float, slope: float, rain: float, seed: int, area: float) -> Simulation:
     start = erosion_plane((cells, cells), cell, slope=slope)
-    terrain = erode(start, events=round(rain * cells * cells), seed=seed, batch=64)
+    terrain = erode(start, events=round(rain * cells * cells), seed=seed)
     network = extract_network(terrain, min_drainage_area=1e6 * area, edges=terrain.edges)
     return Simulation(network, terrain=Terrain(terrain.to_numpy(), cell))
 

@@ -22,7 +22,7 @@ from warpriver.riverscape.drift import Foam, LeafFrame
 from warpriver.riverscape.scene import Frame, Riverscape
 from warpriver.riverscape.water import WaterGrid
 from warpriver.validate import finite_numbers, not_negative, positive, whole
-from warpriver.viz.sheet import replacing
+from warpriver.viz.sheet import check_picture, replacing
 
 __all__ = ["Camera", "draw_riverscape", "riverscape_movie", "top_view"]
 
@@ -89,6 +89,7 @@ def draw_riverscape(
         OSError: The file cannot be written.
     """
     imageio = _need_imageio()
+    check_picture(path, (".png", ".jpg"))
     picture = _Picture(scene, camera, size, cell_size)
     begin = time - FOAM_BEFORE
     moments = np.linspace(begin, time, 13)

@@ -67,7 +67,10 @@ export class Plots {
     $("plots").append(element("p", { className: "quiet", id: "counts" }));
   }
 
-  clear() { for (const list of Object.values(this.series)) list.length = 0; }
+  /** Begin with what the session has noted so far. */
+  take(series) {
+    for (const [id] of PLOTS) { this.series[id] = series[id] ?? []; this.draw(id); }
+  }
 
   add(told) {
     for (const [id, , unit] of PLOTS) {
@@ -82,7 +85,7 @@ export class Plots {
   }
 
   draw(id) {
-    const canvas = $(`plot-${id}`).parentElement.nextElementSibling, g = canvas.getContext("2d"), list = this.series[id];
+    const canvas = $(`plot-${id}`).parentElement.nextElementSibling, g = canvas.getContext("2d", { willReadFrequently: true }), list = this.series[id];
     g.clearRect(0, 0, canvas.width, canvas.height);
     if (list.length < 2) return;
     const t0 = list[0][0], t1 = list[list.length - 1][0];
@@ -167,13 +170,20 @@ export function showGenerators(generators, make) {
   $("fresh").showModal();
 }
 
+/** Set a property where it differs: setting it again would have the page drawn again. */
+export function put(target, name, value) { if (target[name] !== value) target[name] = value; }
+
+let listed = ["", ""];
+
 export function showSession(studio, told) {
-  $("undo").disabled = !told.undo;
-  $("redo").disabled = !told.redo;
-  $("play").textContent = told.playing ? "Pause" : "Play";
-  $("play").setAttribute("aria-pressed", String(told.playing));
-  const names = told.edits.map(([step, name]) => element("li", { textContent: `${name.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase()} – step ${step}` }));
-  $("edits").replaceChildren(...names.reverse());
+  put($("undo"), "disabled", !told.undo);
+  put($("redo"), "disabled", !told.redo);
+  put($("play"), "textContent", told.playing ? "Pause" : "Play");
+  put($("play"), "ariaPressed", String(told.playing));
+  const before = listed;
+  listed = [JSON.stringify(told.edits), JSON.stringify(told.controls)];
+  if (listed[0] !== before[0]) showEdits(studio);
+  if (listed[1] === before[1]) return;
   const items = told.controls.map((c, k) => {
     const drop = element("button", { textContent: "Remove", title: `Remove this ${c.kind}` });
     drop.setAttribute("aria-label", `Remove ${c.kind} ${k + 1}`);
@@ -183,16 +193,29 @@ export function showSession(studio, told) {
   $("controls").replaceChildren(...items);
 }
 
+/** The last edits, where their list is open. */
+export function showEdits(studio) {
+  if (!$("edits").parentElement.open) return;
+  const names = studio.edits.map(([step, name]) => element("li", { textContent: `${name.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase()} – step ${step}` }));
+  $("edits").replaceChildren(...names.reverse());
+}
+
+let marked = "";
+
 export function showTimeline(studio) {
   const records = studio.records, slider = $("timeline");
   const live = studio.shown === null;
-  slider.max = String(Math.max(0, records.length));
-  if (live) slider.value = slider.max;
+  put(slider, "max", String(Math.max(0, records.length)));
+  if (live) put(slider, "value", slider.max);
   const at = live ? null : records[studio.shown];
-  $("timeline-text").textContent = live ? "now" : `${number(at ? at[1] : 0)} yr`;
-  slider.setAttribute("aria-valuetext", $("timeline-text").textContent);
-  $("rewind").disabled = live;
+  put($("timeline-text"), "textContent", live ? "now" : `${number(at ? at[1] : 0)} yr`);
+  put(slider, "ariaValueText", $("timeline-text").textContent);
+  put($("rewind"), "disabled", live);
   const last = records.length ? records[records.length - 1][1] : 0, first = records.length ? records[0][1] : 0;
+  // Only when they have changed: this is asked for with each edit and each set of figures.
+  const key = `${studio.events.length} ${studio.events.at(-1)?.[1]} ${first} ${last}`;
+  if (key === marked) return;
+  marked = key;
   const marks = studio.events.filter(([, t]) => t >= first && t <= last).slice(-400).map(([kind, t]) => {
     const mark = element("i", { className: kind });
     mark.style.left = `${100 * (t - first) / Math.max(1e-9, last - first)}%`;
