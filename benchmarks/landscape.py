@@ -28,7 +28,7 @@ from warpriver.landscape import Landscape, moisture_falloff, sediment_falloff
 
 CELLS, CELL = 2048, 10.0
 SIDE = CELLS * CELL
-# Widths of the rivers, m, and how many records of each; as many of them as have 100,000 points at a spacing of one width.
+# Widths of the rivers, m, and records of each; as many rivers as have 100,000 points at a spacing of one width.
 WIDTHS = {5.0: 30, 10.0: 100, 20.0: 30}
 POINTS, EVERY = 100_000, 10
 PEER_FRAMES = 4
