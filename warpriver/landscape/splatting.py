@@ -332,11 +332,12 @@ class Splat:
     def _boxes(self, line: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return first and last + 1 row and column, (n, 2) each, of the tiles around segments, and which have any."""
         size = TILE * self._grid.cell_size
-        x, y = (np.sort(line[:, k::2] - self._zero[k], axis=1) for k in (0, 1))
+        near, far = np.minimum(line[:, :2], line[:, 2:]), np.maximum(line[:, :2], line[:, 2:])
+        (west, south), (east, north) = (near - self._zero).T, (far - self._zero).T
         # Rows go down from the first cell's centre, half a cell from the edge.
         edge = 0.5 * self._grid.cell_size
-        low = np.stack([edge - (y[:, 1] + reach), edge + x[:, 0] - reach], axis=1) / size
-        high = np.stack([edge - (y[:, 0] - reach), edge + x[:, 1] + reach], axis=1) / size
+        low = np.stack([edge - (north + reach), edge + west - reach], axis=1) / size
+        high = np.stack([edge - (south - reach), edge + east + reach], axis=1) / size
         most = -(-np.array(self.shape) // TILE)
         first = np.clip(np.floor(low), 0, most).astype(np.int64)
         last = np.clip(np.ceil(high), 0, most).astype(np.int64)
