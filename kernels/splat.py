@@ -53,7 +53,8 @@ def build(scalar):
         ``line``: begin, and the way to the end. ``form``: 1 / length^2, width at the begin, its change to the end,
         least width. ``depth``: depth at begin and end. ``bend``: width times curvature there; of an old course the
         distance from its end in widths. ``moved``: how far they have come since the course before, m; 0 where that is
-        not known; and how far to the left of the straight way they were halfway.
+        not known; and how far to the left of the straight way they were halfway. ``group``: where segments are those of
+        several times, which of these; blocks list the segments of their own group. Empty: all blocks list all.
         """
 
         line: wp.array[vec4]
@@ -61,6 +62,7 @@ def build(scalar):
         depth: wp.array[vec2]
         bend: wp.array[vec2]
         moved: wp.array[vec4]
+        group: wp.array[int]
 
     @wp.struct
     class Grid:
@@ -100,17 +102,18 @@ def build(scalar):
 
     @wp.struct
     class Interval:
-        """From the course before to one at a time in yr; cells of different blocks may have seen the former earlier.
+        """From the course before to the next one; different tiles may see both at different times.
 
-        ``block_time``: when that was. ``counted``: factor of the years that are added up for moisture and sediment,
-        ``extra``: years added to them. ``span``: years that the way takes as a whole, 0 for one that is straight.
+        ``tile_time``: when the former was, yr; ``tile_end``: when the latter is. ``counted``: factor of the years that
+        are added up for moisture and sediment, ``extra``: years added to them. ``span``: years that the way takes as a
+        whole, 0 for one that is straight.
         """
 
-        end: wp.float64
         span: wp.float64
         counted: wp.float64
         extra: wp.float64
-        block_time: wp.array[wp.float64]
+        tile_time: wp.array[wp.float64]
+        tile_end: wp.array[wp.float64]
         moisture: Profile
         sediment: Profile
 
@@ -307,17 +310,17 @@ def build(scalar):
         return -before
 
     @wp.func(module=name)
-    def bulge_of(course: Course, interval: Interval, begin: wp.float64, near: Nearest, way: vec2) -> vec2:
+    def bulge_of(course: Course, span: wp.float64, years: wp.float64, near: Nearest, way: vec2) -> vec2:
         """When the distance turns, as a part of the time, and what it is then; 0 where it goes one way only.
 
         Channels go on curved ways: where a bend runs along a bank it comes nearer to it between two records than at
         either. The distance is d(t) = d_0 + (d_1 - d_0) t - 4 sag t (1 - t).
         """
         nearest = wp.min(wp.abs(way[0]), wp.abs(way[1]))
-        if interval.span <= ZERO_64 or near.segment < 0 or way[0] * way[1] <= ZERO or nearest > ONE:
+        if span <= ZERO_64 or near.segment < 0 or way[0] * way[1] <= ZERO or nearest > ONE:
             return vec2(ZERO, ZERO)
         moved, form = course.moved[near.segment], course.form[near.segment]
-        share = scalar((interval.end - begin) / interval.span)
+        share = scalar(years / span)
         sag = (moved[2] + near.part * (moved[3] - moved[2])) / (form[1] + near.part * form[2]) * share * share
         sag = wp.clamp(sag, -MOST_SAG, MOST_SAG)
         if wp.abs(way[1] - way[0]) >= FOUR * wp.abs(sag):
@@ -358,7 +361,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def advance_cell(
-        course: Course, interval: Interval, begin: wp.float64, near: Nearest, row: int, column: int, cells_io: Cells
+        course: Course, interval: Interval, times: wp.vec2d, near: Nearest, row: int, column: int, cells_io: Cells
     ):
         """Bring a cell to the end of an interval, in which its distance to the channel changes evenly."""
         after = signed_widths(near)
@@ -367,7 +370,8 @@ def build(scalar):
         # The side of what is out of reach is not known.
         if wp.abs(after) >= FAR:
             after = wp.where(before < ZERO, -after, after)
-        counted = (interval.end - begin) * interval.counted + interval.extra
+        begin, end = times[0], times[1]
+        counted = (end - begin) * interval.counted + interval.extra
         if counted > ZERO_64:
             moist = counted * mean_of(interval.moisture, before, after)
             cells_io.moisture[row, column] = cells_io.moisture[row, column] + quanta(moist)
@@ -377,10 +381,10 @@ def build(scalar):
                 if near.segment >= 0:
                     deep = laid * wp.float64(section_at(course, near)[1])
                     cells_io.deep[row, column] = cells_io.deep[row, column] + quanta(deep)
-        part = bulge_of(course, interval, begin, near, vec2(before, after))
+        part = bulge_of(course, interval.span, end - begin, near, vec2(before, after))
         left = wp.where(part[0] > ZERO, 2, 1)
         while left > 0:
-            until = wp.where(left == 2, begin + (interval.end - begin) * wp.float64(part[0]), interval.end)
+            until = wp.where(left == 2, begin + (end - begin) * wp.float64(part[0]), end)
             reached = wp.where(left == 2, part[1], after)
             cover_cell(course, near, row, column, wp.vec2d(begin, until), vec2(before, reached), cells_io)
             begin = until
@@ -407,7 +411,8 @@ def build(scalar):
         else:
             first, last = bins_io.block_start[block], bins_io.block_start[block + 1]
             choose_near(course, bins_io.block_segment, first, last, middle, bins_io.part[slot])
-        begin = interval.block_time[block]
+        tile = bins_io.tile[slot]
+        times = wp.vec2d(interval.tile_time[tile], interval.tile_end[tile])
         part = bins_io.part[slot]
         for row in range(top, wp.min(top + PART, grid.rows)):
             for column in range(west, wp.min(west + PART, grid.columns)):
@@ -416,7 +421,7 @@ def build(scalar):
                 if part[0] < 0:
                     found = nearest_near(course, bins_io, block, slot, p)
                 # Called at one place only, which lets compilers put it there: structs are passed as copies.
-                advance_cell(course, interval, begin, found, row, column, cells_io)
+                advance_cell(course, interval, times, found, row, column, cells_io)
 
     # ---- kernels
 
@@ -439,30 +444,44 @@ def build(scalar):
             wp.min(int(wp.floor(bottom)), grid.block_rows - 1),
         )
 
+    @wp.func(module=name)
+    def is_listed(course: Course, block_group: wp.array[int], i: int, block: int) -> bool:
+        """Whether a block lists a segment that reaches it."""
+        if course.group.shape[0] == 0:
+            return True
+        return course.group[i] == block_group[block]
+
     @wp.kernel(module=name, enable_backward=False)
     def count_blocks(
         # in
         course: Course,
         grid: Grid,
+        block_group: wp.array[int],
         # out
         segment_blocks_out: wp.array[int],
     ):
-        """How many blocks each segment reaches."""
+        """How many blocks list each segment."""
         i = wp.tid()
         box = blocks_of(course, grid, i)
-        segment_blocks_out[i] = wp.max(box[1] - box[0] + 1, 0) * wp.max(box[3] - box[2] + 1, 0)
+        count = int(0)
+        for row in range(box[2], box[3] + 1):
+            for column in range(box[0], box[1] + 1):
+                if is_listed(course, block_group, i, row * grid.block_columns + column):
+                    count += 1
+        segment_blocks_out[i] = count
 
     @wp.kernel(module=name, enable_backward=False)
     def list_blocks(
         # in
         course: Course,
         grid: Grid,
+        block_group: wp.array[int],
         segment_end: wp.array[int],
         # out
         pair_block_out: wp.array[int],
         pair_segment_out: wp.array[int],
     ):
-        """Pairs of a block and a segment that reaches it, in the order of the segments."""
+        """Pairs of a block and a segment that it lists, in the order of the segments."""
         i = wp.tid()
         box = blocks_of(course, grid, i)
         place = int(0)
@@ -470,9 +489,11 @@ def build(scalar):
             place = segment_end[i - 1]
         for row in range(box[2], box[3] + 1):
             for column in range(box[0], box[1] + 1):
-                pair_block_out[place] = row * grid.block_columns + column
-                pair_segment_out[place] = i
-                place += 1
+                block = row * grid.block_columns + column
+                if is_listed(course, block_group, i, block):
+                    pair_block_out[place] = block
+                    pair_segment_out[place] = i
+                    place += 1
 
     @wp.kernel(module=name, enable_backward=False)
     def find_starts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,13 +13,13 @@ from warpriver.arrays import FloatArray, IndexArray
 from warpriver.extras import IMPORTING
 from warpriver.history.events import Cutoff
 from warpriver.kernels.covers import FELT
-from warpriver.landscape.splatting import Segments, Splat
+from warpriver.landscape.splatting import Segments, Splat, Visit
 from warpriver.landscape.traces import old_courses_of
 
 __all__ = ["Motion", "lead_between"]
 
-# Where a channel moves by more than so many widths, the way is cut into stages of that, up to so many.
-STAGE_WIDTHS, MOST_STAGES = 0.75, 12
+# Stages that the way of a channel is cut into where it moves by more than so many widths.
+STAGES = ((2, 0.75), (4, 1.5), (8, 3.0), (12, 6.0))
 # Around a channel that moves fast the stages are followed so far, in widths; farther off its distance changes evenly.
 FAST_REACH = 2.0
 # Feet of two neighbouring points lie no farther apart along the old course than so many lengths of their segment and so
@@ -343,8 +344,8 @@ def lead_between(
         times: Of both records, yr.
         counted: Add the time up.
     """
-    old = old_courses_of(events)
-    bridges = bridges_of(events)
+    old = splat.widened(old_courses_of(events))
+    bridges = splat.widened(bridges_of(events))
     motion = traced(splat, before, after, old, bridges, times)
     if len(old.line):
         old = dataclasses.replace(old, moved=splat.trace(old.line.reshape(-1, 2))[1].reshape(-1, 2))
@@ -353,37 +354,74 @@ def lead_between(
     # No finer than the cells are.
     ways = np.maximum(np.hypot(*np.moveaxis((segments.line - motion.begin).reshape(-1, 2, 2), 2, 0)), segments.moved)
     ratio = (ways / np.maximum(segments.section[:, ::2], splat.cell_size)).max(axis=1)
-    fast = ratio > STAGE_WIDTHS
-    stages = int(np.clip(np.ceil(ratio[fast].max() / STAGE_WIDTHS), 2, MOST_STAGES)) if fast.any() else 1
-    part_of_stage = np.arange(1, stages) / stages
-    fast_blocks = np.empty(0, np.int64)
-    if fast.any():
-        reach = FAST_REACH * segments.section[fast, ::2].max(axis=1)
-        lines = (motion.begin[fast], segments.line[fast])
-        fast_blocks = np.union1d(*(splat.blocks_near(line, reach) for line in lines))
-    # What no cell of those blocks can feel is left out.
-    some = fast_blocks
-    if len(old.line):
-        some = np.union1d(some, splat.blocks_near(old.line, FELT * old.section[:, ::2].max(axis=1)))
-    motion = motion.take(
-        splat.reaches(segments.line, FELT * segments.section[:, ::2].max(axis=1) + ways.max(axis=1), some)
-    )
-    parts = np.union1d(part_of_stage, (np.unique(old.time) - first) / years if len(old.line) else [])
-    for part in parts.tolist():
-        time = first + part * years
-        slack = 1e-9 * max(1.0, abs(time))
-        ends = np.abs(old.time - time) <= slack
-        blocks = fast_blocks if np.isclose(part_of_stage, part, rtol=0.0, atol=1e-9).any() else np.empty(0, np.int64)
-        if ends.any():
-            reach = FELT * old.section[ends, ::2].max(axis=1)
-            blocks = np.union1d(blocks, splat.blocks_near(old.line[ends], reach))
-        running, later = motion.at(part, time + slack), old.time > time + slack
-        if ends.any():
-            until = motion.at(part, time - slack).join(old.take(ends | later))
-            splat.advance(splat.frame(until), time, blocks=blocks, counted=counted, span=years)
-            # The channel jumps; it passes over nothing.
-            running = dataclasses.replace(running, moved=np.zeros_like(running.moved))
-        joined = bridges.take(np.abs(bridges.time - time) <= slack)
-        course = splat.frame(running.join(joined).join(old.take(later)))
-        splat.advance(course, time, blocks=blocks, counted=counted, span=years)
+    stops = _stops(splat, motion, ratio)
+    felt = FELT * old.section[:, ::2].max(axis=1)
+    met = np.flatnonzero(splat.reaches(old.line, felt))
+    old, felt = old.take(met), felt[met]
+    left = [(time, np.flatnonzero(old.time == time)) for time in np.unique(old.time).tolist()]
+    ends = [(time, some, splat.tiles_near(old.line[some], felt[some])) for time, some in left]
+    # What no cell of those tiles can feel is left out.
+    reach = FELT * segments.section[:, ::2].max(axis=1) + ways.max(axis=1)
+    seen = np.unique(np.concatenate([np.empty(0, np.int64), *(some[-1] for some in (*stops, *ends))]))
+    near = np.flatnonzero(splat.reaches(segments.line, reach, seen))
+    motion, reach = motion.take(near), reach[near]
+    slack = 1e-9 * max(1.0, abs(first), abs(last))
+    visits: list[Visit] = []
+    shared: dict[int, Motion] = {}
+    stages = [(first + part * years, None, tiles) for part, tiles in stops]
+    for time, some, tiles in sorted([*stages, *ends], key=lambda stop: stop[0]):
+        part = (time - first) / years
+        # The stages of the same tiles share what they feel.
+        if id(tiles) not in shared:
+            shared[id(tiles)] = motion.take(np.flatnonzero(splat.reaches(motion.segments.line, reach, tiles)))
+        there = shared[id(tiles)]
+        if some is not None:
+            ending = functools.partial(_until, there, old, (part, time, slack))
+            visits.append(Visit(time, tiles, ending))
+        visits.append(Visit(time, tiles, functools.partial(_from, there, old, bridges, (part, time, slack), some)))
+    splat.visit(visits, counted=counted, span=years)
     return segments
+
+
+def _stops(splat: Splat, motion: Motion, ratio: FloatArray) -> list[tuple[float, IndexArray]]:
+    """Return the stages that places see where channels move by more than their width.
+
+    Args:
+        splat: The cells.
+        motion: How segments move.
+        ratio: By how many widths.
+
+    Returns:
+        Parts of the time between the records, and the tiles that see the channels then.
+    """
+    segments, stops, done = motion.segments, [], np.empty(0, np.int64)
+    for stages, least in reversed(STAGES):
+        fast = ratio > least
+        if fast.any():
+            reach = FAST_REACH * segments.section[fast, ::2].max(axis=1)
+            lines = (motion.begin[fast], segments.line[fast])
+            tiles = np.union1d(*(splat.tiles_near(line, reach) for line in lines))
+            # Those that see more stages see these among them.
+            fresh = np.setdiff1d(tiles, done, assume_unique=True)
+            if len(fresh):
+                stops += [(k / stages, fresh) for k in range(1, stages)]
+            done = tiles
+    return stops
+
+
+def _until(motion: Motion, old: Segments, at: tuple[float, float, float]) -> Segments:
+    """Return what runs up to a time at which courses are given up: part of the time between records, time, slack."""
+    part, time, slack = at
+    return motion.at(part, time - slack).join(old.take(old.time > time - slack))
+
+
+def _from(
+    motion: Motion, old: Segments, bridges: Segments, at: tuple[float, float, float], ended: IndexArray | None
+) -> Segments:
+    """Return what runs from a time on, at which some courses may have been given up."""
+    part, time, slack = at
+    running = motion.at(part, time + slack)
+    if ended is not None:
+        # The channel jumps; it passes over nothing.
+        running = dataclasses.replace(running, moved=np.zeros_like(running.moved))
+    return running.join(bridges.take(np.abs(bridges.time - time) <= slack), old.take(old.time > time + slack))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -16,11 +17,13 @@ from warpriver.kernels import covers
 from warpriver.kernels import splat as kernels
 from warpriver.network import RiverNetwork
 
-__all__ = ["Frame", "Segments", "Splat", "bend_of", "sections_of", "segments_of"]
+__all__ = ["Frame", "Segments", "Splat", "Visit", "bend_of", "sections_of", "segments_of"]
 
 BLOCK, TILE = kernels.BLOCK, kernels.TILE
 # Memory of the state of a cell, and of the arrays of its maps while they are made.
 CELL_BYTES = 260
+# Tiles that are worth a thread.
+TILES_A_THREAD = 256
 # Reach upstream whose curvature makes a point move: how far its middle lies, and half of its length, widths.
 BEND_LAG, BEND_HALF = 3.0, 1.0
 # What ``Cells.left`` is where no channel has been, yr.
@@ -52,10 +55,25 @@ class Segments:
         """Return some of the segments."""
         return Segments(*(values[which] if len(values) else values for values in vars(self).values()))
 
-    def join(self, other: Segments) -> Segments:
+    def join(self, *others: Segments) -> Segments:
         """Return these and others."""
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Segments(*(np.concatenate(pair) for pair in pairs))
+        together = zip(*(vars(some).values() for some in (self, *others)), strict=True)
+        return Segments(*(np.concatenate(values) for values in together))
+
+
+@dataclasses.dataclass(frozen=True)
+class Visit:
+    """A stage that some tiles are led to.
+
+    Attributes:
+        time: When it is, yr.
+        tiles: (T,) tiles, in any order.
+        course: Makes the segments that their cells feel then.
+    """
+
+    time: float
+    tiles: np.ndarray
+    course: Callable[[], Segments]
 
 
 def segments_of(network: RiverNetwork) -> Segments:
@@ -148,6 +166,7 @@ class Splat:
         device: Any = "cpu",
         dtype: str = "float64",
         threads: int | None = None,
+        narrowest: float = 0.0,
     ):
         """Make empty cells.
 
@@ -159,7 +178,9 @@ class Splat:
             device: Warp device.
             dtype: Precision of positions and distances.
             threads: Threads on the CPU, by default one for each core.
+            narrowest: Width in m that narrower channels are taken to have.
         """
+        self._narrowest = narrowest
         self.shape, self.cell_size, self.device = shape, cell_size, resolve_device(device)
         require_memory(shape, CELL_BYTES, self.device, "landscape maps")
         self._scalar, self._real = PRECISIONS[dtype][0], np.dtype(dtype)
@@ -191,12 +212,27 @@ class Splat:
         self._last: Frame | None = None
         tiles = grid.block_rows * grid.block_columns * kernels.TILES_IN_BLOCK**2
         self._felt = wp.zeros(tiles, dtype=wp.int32, device=self.device)
-        self._block_time = np.zeros(grid.block_rows * grid.block_columns)
+        self._tile_time = np.zeros(tiles)
+        self._no_group: wp.array[Any] = wp.empty(0, dtype=wp.int32, device=self.device)
 
     # ---- frames
 
-    def frame(self, segments: Segments) -> Frame:
-        """Bring segments to the device and list them by blocks."""
+    def widened(self, segments: Segments) -> Segments:
+        """Return segments that are as wide as the narrowest ones should be."""
+        if not self._narrowest or not len(segments.line):
+            return segments
+        section = segments.section.copy()
+        section[:, ::2] = np.maximum(section[:, ::2], self._narrowest)
+        return dataclasses.replace(segments, section=section)
+
+    def frame(self, segments: Segments, group: np.ndarray | None = None, blocks: np.ndarray | None = None) -> Frame:
+        """Bring segments to the device and list them by blocks.
+
+        Args:
+            segments: The segments.
+            group: (S,) number of the group of each, where blocks list those of their own group only.
+            blocks: (B,) group of each block, -1 for none.
+        """
         made, kernel, device = Frame(), self._kernel, self.device
         line, section = segments.line, segments.section
         made.count = count = len(line)
@@ -213,33 +249,46 @@ class Splat:
         course.depth = wp.array(section[:, 1::2].astype(self._real), dtype=vec2, device=device)
         course.bend = wp.array(segments.bend.astype(self._real), dtype=vec2, device=device)
         course.moved = wp.array(np.hstack([segments.moved, segments.sag]).astype(self._real), dtype=vec4, device=device)
-        blocks = self._grid.block_rows * self._grid.block_columns
+        groups = course.group = self._no_group
+        if group is not None and blocks is not None:
+            course.group = wp.array(group.astype(np.int32), dtype=wp.int32, device=device)
+            groups = wp.array(blocks.astype(np.int32), dtype=wp.int32, device=device)
+        total = self._grid.block_rows * self._grid.block_columns
         ends = wp.zeros(count, dtype=wp.int32, device=device)
-        launch_kernel(kernel.count_blocks, count, [course, self._grid], [ends], device=device)
+        launch_kernel(kernel.count_blocks, count, [course, self._grid, groups], [ends], device=device)
         wp.utils.array_scan(ends, ends, inclusive=True)
         pairs = int(ends[-1:].numpy()[0]) if count else 0
         keys = wp.empty(2 * max(pairs, 1), dtype=wp.int32, device=device)
         values = wp.empty(2 * max(pairs, 1), dtype=wp.int32, device=device)
         if pairs:
-            launch_kernel(kernel.list_blocks, count, [course, self._grid, ends], [keys, values], device=device)
+            launch_kernel(kernel.list_blocks, count, [course, self._grid, groups, ends], [keys, values], device=device)
             wp.utils.radix_sort_pairs(keys, values, pairs)
         made.bins = kernel.Bins()
-        made.bins.block_start = wp.empty(blocks + 1, dtype=wp.int32, device=device)
+        made.bins.block_start = wp.empty(total + 1, dtype=wp.int32, device=device)
         made.bins.block_segment = values
-        launch_kernel(kernel.find_starts, blocks + 1, [keys, pairs], [made.bins.block_start], device=device)
+        launch_kernel(kernel.find_starts, total + 1, [keys, pairs], [made.bins.block_start], device=device)
         made.blocks = np.flatnonzero(np.diff(made.bins.block_start.numpy()))
         return made
 
-    def _take_tiles(self, frame: Frame, blocks: np.ndarray) -> None:
-        """Let a frame work at the tiles of some blocks."""
+    def tiles_of(self, blocks: np.ndarray) -> np.ndarray:
+        """Return the tiles of some blocks."""
         side, across = kernels.TILES_IN_BLOCK, self._grid.block_columns
         row, column = side * (blocks // across), side * (blocks % across)
         inner = np.arange(side)
         rows = row[:, None, None] + inner[None, :, None]
         columns = column[:, None, None] + inner[None, None, :]
         within = (rows * TILE < self.shape[0]) & (columns * TILE < self.shape[1])
-        tile = (rows * (across * side) + columns)[within].astype(np.int32)
-        slot = np.full(self._grid.block_rows * across * side**2, -1, np.int32)
+        return np.asarray((rows * (across * side) + columns)[within])
+
+    def blocks_of(self, tiles: np.ndarray) -> np.ndarray:
+        """Return the block that each of some tiles lies in."""
+        side, across = kernels.TILES_IN_BLOCK, self._grid.block_columns
+        return np.asarray(tiles // (across * side) // side * across + tiles % (across * side) // side)
+
+    def _take_tiles(self, frame: Frame, tiles: np.ndarray) -> None:
+        """Let a frame work at some tiles."""
+        tile = tiles.astype(np.int32)
+        slot = np.full(len(self._tile_time), -1, np.int32)
         slot[tile] = np.arange(len(tile), dtype=np.int32)
         frame.bins.tile = wp.array(tile, dtype=wp.int32, device=self.device)
         frame.bins.tile_slot = wp.array(slot, dtype=wp.int32, device=self.device)
@@ -281,69 +330,121 @@ class Splat:
         return np.asarray((away >= 0.0) & (away <= reach))
 
     def _boxes(self, line: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return first and last + 1 row and column, (n, 2) each, of the blocks around segments, and which have any."""
-        size = BLOCK * self._grid.cell_size
-        x, y = (np.sort(line[:, k::2] - self._zero[k], axis=1) for k in (0, 1))
-        # Rows go down from the first cell's centre.
-        low = np.stack([-(y[:, 1] + reach), x[:, 0] - reach], axis=1) / size
-        high = np.stack([-(y[:, 0] - reach), x[:, 1] + reach], axis=1) / size
-        most = np.array([self._grid.block_rows, self._grid.block_columns])
+        """Return first and last + 1 row and column, (n, 2) each, of the tiles around segments, and which have any."""
+        size = TILE * self._grid.cell_size
+        near, far = np.minimum(line[:, :2], line[:, 2:]), np.maximum(line[:, :2], line[:, 2:])
+        (west, south), (east, north) = (near - self._zero).T, (far - self._zero).T
+        # Rows go down from the first cell's centre, half a cell from the edge.
+        edge = 0.5 * self._grid.cell_size
+        low = np.stack([edge - (north + reach), edge + west - reach], axis=1) / size
+        high = np.stack([edge - (south - reach), edge + east + reach], axis=1) / size
+        most = -(-np.array(self.shape) // TILE)
         first = np.clip(np.floor(low), 0, most).astype(np.int64)
-        last = np.clip(np.floor(high) + 1, 0, most).astype(np.int64)
+        last = np.clip(np.ceil(high), 0, most).astype(np.int64)
         return first, last, (first < last).all(axis=1)
 
-    def blocks_near(self, line: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """Return the blocks within a distance in m of the boxes around segments, ascending."""
-        mask = np.zeros((self._grid.block_rows + 1, self._grid.block_columns + 1), np.int64)
+    def tiles_near(self, line: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+        """Return the tiles within a distance in m of the boxes around segments, ascending."""
         first, last, seen = self._boxes(line, reach)
         first, last = first[seen], last[seen]
-        # Corners of each box of blocks, whose running sums are 1 within it.
+        if not len(first):
+            return np.empty(0, np.int64)
+        # Within the box around all of them: corners of each box of tiles, whose running sums are 1 within it.
+        corner = first.min(axis=0)
+        mask = np.zeros(last.max(axis=0) - corner + 1, np.int32)
+        first, last = first - corner, last - corner
         for sign, rows, columns in ((1, first, first), (-1, first, last), (-1, last, first), (1, last, last)):
             np.add.at(mask, (rows[:, 0], columns[:, 1]), sign)
-        return np.flatnonzero(mask.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].ravel())
+        row, column = np.nonzero(mask.cumsum(axis=0).cumsum(axis=1)[:-1, :-1])
+        return np.asarray((row + corner[0]) * (kernels.TILES_IN_BLOCK * self._grid.block_columns) + column + corner[1])
 
-    def reaches(self, line: np.ndarray, reach: np.ndarray | float, blocks: np.ndarray) -> np.ndarray:
-        """Tell which segments come within a distance in m, by the boxes around them, of any of some blocks."""
-        total = np.zeros((self._grid.block_rows + 1, self._grid.block_columns + 1), np.int64)
-        inner = np.zeros((self._grid.block_rows, self._grid.block_columns), np.int64)
-        inner.ravel()[blocks] = 1
-        total[1:, 1:] = inner.cumsum(axis=0).cumsum(axis=1)
+    def reaches(self, line: np.ndarray, reach: np.ndarray | float, tiles: np.ndarray | None = None) -> np.ndarray:
+        """Tell which segments come within a distance in m, by the boxes around them, of some tiles, by default all."""
         first, last, seen = self._boxes(line, reach)
+        if tiles is None:
+            return seen
+        side = kernels.TILES_IN_BLOCK
+        shape = side * self._grid.block_rows, side * self._grid.block_columns
+        total = np.zeros((shape[0] + 1, shape[1] + 1), np.int32)
+        inner = np.zeros(shape, np.int32)
+        inner.ravel()[tiles] = 1
+        total[1:, 1:] = inner.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
         (top, left), (bottom, right) = first.T, last.T
         count = total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]
         return np.asarray(seen & (count > 0))
 
     def advance(
-        self,
-        frame: Frame,
-        time: float,
-        *,
-        blocks: np.ndarray | None = None,
-        counted: bool = True,
-        extra: float = 0.0,
-        span: float = 0.0,
+        self, frame: Frame, time: float, *, counted: bool = True, extra: float = 0.0, span: float = 0.0
     ) -> None:
-        """Lead the cells from the course before to this one.
+        """Lead the cells from the course before to this one: all that it reaches, or the one before did.
 
         Args:
             frame: The course.
             time: When it is there, yr.
-            blocks: Blocks whose cells are led there, by default all that it reaches or the one before did.
             counted: Add the time up for moisture and sediment.
             extra: Years that these are added up for besides.
             span: Years from the course of which ``sag`` of the segments tells, to this one; 0: all ways are straight.
         """
-        interval, whole = self._interval, blocks is None
-        if blocks is None:
-            blocks = frame.blocks if self._last is None else np.union1d(frame.blocks, self._last.blocks)
+        blocks = frame.blocks if self._last is None else np.union1d(frame.blocks, self._last.blocks)
         if self._last is None:
-            self._block_time[:] = time
-        interval.end, interval.counted, interval.extra, interval.span = time, float(counted), extra, span
-        interval.block_time = wp.array(self._block_time, dtype=wp.float64, device=self.device)
+            self._tile_time[:] = time
+        self._advance(frame, self.tiles_of(blocks), np.full(len(self._tile_time), time), counted, extra, span)
+        self._last = frame
+
+    def visit(self, visits: Sequence[Visit], *, counted: bool = True, span: float = 0.0) -> None:
+        """Lead cells from the course before through stages at some places, each at its own time.
+
+        What happens in different blocks is independent: the first stages of all blocks are led to together, then the
+        second ones, and so on.
+
+        Args:
+            visits: The stages, in the order of time.
+            counted: Add the time up for moisture and sediment.
+            span: As of :meth:`advance`.
+        """
+        blocks = [np.unique(self.blocks_of(visit.tiles)) for visit in visits]
+        # Of each visit and block, how many visits the block has had before.
+        pair_visit = np.repeat(np.arange(len(visits)), [len(some) for some in blocks])
+        pair_block = np.concatenate([*blocks, np.empty(0, np.int64)]).astype(np.int64)
+        order = np.argsort(pair_block, kind="stable")
+        ordered = pair_block[order]
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order)) - np.searchsorted(ordered, ordered)
+        made: dict[int, Segments] = {}
+        for turn in range(int(rank.max(initial=-1)) + 1):
+            now = np.flatnonzero(rank == turn)
+            ends = self._tile_time.copy()
+            groups = np.full(self._grid.block_rows * self._grid.block_columns, -1)
+            groups[pair_block[now]] = pair_visit[now]
+            tiles, courses, owners = [], [], []
+            for k in np.unique(pair_visit[now]).tolist():
+                some = visits[k].tiles[groups[self.blocks_of(visits[k].tiles)] == k]
+                ends[some] = visits[k].time
+                tiles.append(some)
+                course = made.pop(k) if k in made else visits[k].course()
+                # Other blocks may come to it later.
+                if (rank[pair_visit == k] > turn).any():
+                    made[k] = course
+                courses.append(course)
+                owners.append(np.full(len(course.line), k))
+            course = courses[0].join(*courses[1:])
+            frame = self.frame(course, np.concatenate(owners), groups)
+            self._advance(frame, np.concatenate(tiles), ends, counted, 0.0, span)
+
+    def _advance(
+        self, frame: Frame, tiles: np.ndarray, ends: np.ndarray, counted: bool, extra: float, span: float
+    ) -> None:
+        """Lead some tiles to a course; ``ends`` is the time that each tile of the raster is at then."""
+        interval = self._interval
+        interval.counted, interval.extra, interval.span = float(counted), extra, span
+        for name, times in (("tile_time", self._tile_time), ("tile_end", ends)):
+            setattr(interval, name, wp.array(times, dtype=wp.float64, device=self.device))
         self._widest = max(self._widest, frame.widest)
-        self._take_tiles(frame, blocks)
-        count = len(frame.bins.tile)
-        bounds = np.linspace(0, count, self._threads + 1).astype(int).tolist()
+        self._take_tiles(frame, tiles)
+        count = len(tiles)
+        # Threads take longer to start than a few tiles need.
+        threads = min(self._threads, max(1, count // TILES_A_THREAD))
+        bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         parts = [(a, b) for a, b in itertools.pairwise(bounds) if b > a]
 
         def work(part: tuple[int, int]) -> None:
@@ -356,10 +457,7 @@ class Splat:
         elif parts:
             work(parts[0])
         self.touched += int(frame.bins.worked.numpy().sum()) * TILE**2
-        self._block_time[blocks] = time
-        if whole:
-            self._block_time[:] = time
-            self._last = frame
+        self._tile_time = ends
 
     def lay(self, segments: Segments, kind: int) -> None:
         """Cover cells with courses that were given up, or with lobes.
@@ -370,8 +468,8 @@ class Splat:
         """
         if not len(segments.line):
             return
-        frame = self.frame(segments)
-        self._take_tiles(frame, frame.blocks)
+        frame = self.frame(self.widened(segments))
+        self._take_tiles(frame, self.tiles_of(frame.blocks))
         times: wp.array[Any] = wp.array(segments.time, dtype=wp.float64, device=self.device)
         inputs = [self._grid, kind, frame.course, times]
         self._launch(self._kernel.lay_courses, len(frame.bins.tile), inputs, [frame.bins, self.cells])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from warpriver.errors import InputError
 from warpriver.metrics import wavelength
 from warpriver.network import RiverNetwork
 
@@ -81,8 +82,8 @@ class Series:
 def _row(told: Sequence[Any]) -> Row:
     step, time, *values = told
     if len(values) != len(NAMES) or not isinstance(step, int) or isinstance(step, bool):
-        raise ValueError("no row of figures")
+        raise InputError("no row of figures")
     numbers = [None if value is None else float(value) for value in values]
     if not all(math.isfinite(value) for value in [float(time), *(v for v in numbers if v is not None)]):
-        raise ValueError("no number")
+        raise InputError("no number")
     return (step, float(time), numbers[0], numbers[1], numbers[2])

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 __all__ = [
     "PICTURES",
     "Sheet",
+    "check_drawing",
     "check_picture",
     "checked_axes",
     "checked_window",
     "color_ramp",
     "grow_to_aspect",
     "make_sheet",
-    "need_matplotlib",
     "replacing",
     "save_figure",
     "style_bar",
@@ -458,12 +458,14 @@ def grow_to_aspect(window: Window, aspect: float) -> Window:
     return x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height
 
 
-def need_matplotlib() -> None:
-    """Raise ``ImportError`` that says what to install when matplotlib is missing."""
+def check_drawing(path: str | os.PathLike[str] | None = None) -> None:
+    """Raise, before anything is computed, unless matplotlib is there and a picture can be written to the path."""
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
         raise MissingExtraError('maps are drawn with matplotlib: pip install "warpriver[viz]"') from error
+    if path is not None:
+        check_picture(path)
 
 
 def check_picture(path: str | os.PathLike[str], suffixes: Sequence[str] = PICTURES) -> pathlib.Path:
