@@ -49,9 +49,9 @@ def build(scalar):
     class Scene:
         """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry.
 
-        ``rock``: 1 on rocks, -1 on logs. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre. ``shore``:
-        depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the first
-        cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
+        ``rock``: 1 on rocks, -1 on logs. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre.
+        ``shore``: depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north;
+        the first cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
         """
 
         bed: wp.array2d[scalar]
