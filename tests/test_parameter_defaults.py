@@ -118,7 +118,7 @@ DEFAULTS = {
     },
     "JunctionParams": {
         "narrow_angle": (28.0, "deg"),
-        "wide_angle": (100.0, "deg"),
+        "wide_angle": (95.0, "deg"),
         "exponent": (1.5, "-"),
         "reach": (6.0, "mean widths"),
         "ease": (1.0, "-"),

@@ -216,7 +216,7 @@ class JunctionParams(Params):
         doc="angle between a tributary and the channel below when both tributaries carry the same",
     )
     wide_angle: float = parameter(
-        100.0,
+        95.0,
         "deg",
         low=0.0,
         high=120.0,

@@ -191,3 +191,14 @@ def test_what_was_cut_off_is_not_swept():
     painter.advance(1)
     # Inside the loop.
     assert (painter.cover().kind[15:120, 50:70] == 0).mean() > 0.5
+
+
+@pytest.mark.parametrize(("cell", "unit"), [(2.0, "m"), (40.0, "km")])
+def test_maps_of_short_reaches_have_ticks_in_metres(cell, unit):
+    terrain = wr.Terrain(np.linspace(0.0, 9.0, 1200).reshape(30, 40), cell)
+    (axes, *_) = wr.viz.draw_elevation(terrain, size=(320, 400)).axes
+    assert axes.get_xlabel() == f"easting, {unit}" and axes.get_ylabel() == f"northing, {unit}"
+    axes.figure.canvas.draw()
+    assert max(float(tick.get_text()) for tick in axes.get_xticklabels()) == pytest.approx(
+        40 * cell / (1e3 if unit == "km" else 1), rel=0.3
+    )
