@@ -13,9 +13,12 @@ def shade(bed, water, view, dtype, device, white=0.0, size=0.1, rock=0.0):
     made = shading.build(scalar)
     scene = made.Scene()
     for name, values in (
-        ("bed", bed), ("water", water), ("shore", water - bed), ("rock", 0.0 * bed + rock),
+        ("bed", bed),
+        ("water", water),
+        ("shore", water - bed),
+        ("rock", 0.0 * bed + rock),
         ("white", 0.0 * bed + white),
-    ):  # fmt: skip
+    ):
         setattr(scene, name, to_device(values.astype(real), scalar, device))
     scene.cell_size, scene.white_scale, scene.top = size, 1.0, float(max(bed.max(), water.max())) + 0.01
     camera = made.View()
