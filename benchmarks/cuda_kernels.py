@@ -7,6 +7,7 @@ of the source: what the tests have compiled is not compiled again.
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import json
 import re
@@ -22,9 +23,6 @@ FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 RESULTS = Path(__file__).parent / "results"
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 ARCHS = (80, 90, 100)
-# What the tests compile: the usual precision for each architecture, the other one for the middle. What fails for one
-# architecture in float32 alone has not been seen, and each pair costs seven seconds.
-TESTED = (("float64", 80), ("float64", 90), ("float64", 100), ("float32", 90))
 WARP_THREADS = 32
 # Registers of a multiprocessor on every architecture below; a warp gets them in units, from one of four partitions.
 REGISTERS, PARTITIONS, REGISTER_UNIT = 65_536, 4, 256
@@ -74,10 +72,20 @@ def occupancy(registers: int, shared: int, block_dim: int, multiprocessor: Multi
     return blocks * block_warps / multiprocessor.warps
 
 
+@functools.cache
 def kernel_files() -> list[str]:
     """Stems of the files that hold kernels; the others hold functions that these share."""
     stems = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__")
     return [stem for stem in stems if built_kernels(stem, wp.float64)]
+
+
+def targets_of(stem: str) -> tuple[tuple[str, int], tuple[str, int]]:
+    """Precisions and architectures that the tests compile a file for.
+
+    The usual precision for the middle architecture; the other precision for the oldest and the newest in turn, since a
+    kernel that fails on one of them alone has not been seen, and each target takes a second or more.
+    """
+    return ("float64", 90), ("float32", (80, 100)[kernel_files().index(stem) % 2])
 
 
 def built_kernels(stem: str, scalar: type) -> list[wp.Kernel]:
@@ -200,10 +208,12 @@ def main() -> None:
     wp.config.log_level = wp.LOG_WARNING
     targets = [(dtype, arch) for dtype in options.dtype for arch in options.arch]
     if options.short:
-        targets = [target for target in targets if target in TESTED]
-        if not targets:
+        tested = {stem: [t for t in targets_of(stem) if t in targets] for stem in options.file}
+        if not any(tested.values()):
             parser.error("--short: the tests compile none of these; leave out --dtype and --arch, or --short")
-    rows = measure(options.file, targets, options.block_dim)
+        rows = [row for stem, some in tested.items() for row in measure([stem], some, options.block_dim)]
+    else:
+        rows = measure(options.file, targets, options.block_dim)
     (print_short if options.short else print_rows)(rows)
     print_summary(rows)
     if options.short:

@@ -115,7 +115,7 @@ def basin(scene, sim, folder) -> str:
     found, template = (np.degrees(f(sim.network)) for f in (wr.meander.arrival_angles, wr.meander.junction_angles))
     lesser = template > 27.0
     off = np.abs(found - template)[lesser].mean()
-    assert off < 5.0 and found[lesser].min() > 25.0 and 75.0 < np.median(found[lesser]) < 95.0
+    assert off < 8.0 and found[lesser].min() > 25.0 and 75.0 < np.median(found[lesser]) < 95.0
     return (
         f"median sinuosity {np.median(plain):.2f} in the plain, {np.median(steep):.2f} where it is steep; tributaries "
         f"arrive at {np.median(found[lesser]):.0f} degrees, {off:.1f} off their templates"

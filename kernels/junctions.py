@@ -148,8 +148,9 @@ def build(scalar):
     ):
         """Direction in which each tributary is to arrive, unit vector, and part of its speed with which it wanders.
 
-        It arrives at the angle of its template to the channel downstream, from the side on which it lies: going round
-        the node from the one downstream to the other tributary, it comes first on the left. Its mouth wanders on while
+        It arrives at the angle of its template to the channel downstream, or to the course of the river that goes on
+        through the node, from the side on which it lies: going round the node from the one downstream to the other
+        tributary, it comes first on the left. Its mouth wanders on while
         the river bends towards it, so that it lies on the inner bank, the less the more it lies on the outer one; and
         back, below 0, where it runs along the river.
         """
@@ -173,7 +174,12 @@ def build(scalar):
                 side = ONE
                 if to_own > to_other:
                     side = -ONE
-                aim = rotated(down, -side * junctions.angle[channel])
+                course = down
+                if channels.stems.lower:
+                    if channels.stems.lower[beside] == downstream:
+                        # The river goes on through the node, in a bend: its tangent there.
+                        course = (down - up) / wp.max(wp.length(down - up), TINY)
+                aim = rotated(course, -side * junctions.angle[channel])
                 # Above 0 where the tributary lies on the inner bank.
                 bend = side * turn_between(-up, down) / mouths.straight
                 lead = wp.clamp(HALF + HALF * bend / mouths.bend, ZERO, ONE)

@@ -37,6 +37,7 @@ def build(scalar):
         """A sweep down a channel over the points warm .. stop - 1, whose velocities count from ``begin`` on.
 
         At ``head`` the mean of what lies upstream and the smoothed velocity are ``upstream`` and ``smoothed``.
+        ``whole``: the sum of the weights of once round a ring.
         """
 
         warm: int
@@ -45,6 +46,7 @@ def build(scalar):
         stop: int
         upstream: scalar
         smoothed: vec2
+        whole: scalar
 
     @wp.struct
     class Velocities:
@@ -121,6 +123,11 @@ def build(scalar):
             else:
                 fade = fade * terms.root
         return fade
+
+    @wp.func(module=name)
+    def ring_lap(run: Run, terms: Terms) -> int:
+        """Points of a ring over which its smoothing is closed."""
+        return wp.max(1, wp.min(run.last - run.first + 1, terms.reach))
 
     @wp.func(module=name)
     def bend_at(channels: Channels, run: Run, j: int, k: vec3) -> vec3:
@@ -278,33 +285,30 @@ def build(scalar):
         return vec3(upstream, smoothed[0], smoothed[1])
 
     @wp.func(module=name)
-    def ring_sweep(
-        channels: Channels,
-        points: Points,
-        run: Run,
-        terms: Terms,
-        constants: MigrationConstants,
-        ends: Ends,
-        point_velocity_out: wp.array[vec2],
-    ) -> Sweep:
-        """Sweep over a run of a ring: upstream mean and smoothed velocity are closed over the ring at its first point.
+    def ring_start(points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
+        """The first of three sweeps over a ring, for the mean of what lies upstream; the last one writes.
 
-        Both are recurrences: once round, I = A I + B, so that I = B / (1 - A). A = e^(-depth of the ring) may come
-        close to 1: 1 - A is the sum of the weights of a segment of that depth.
+        Upstream mean and smoothed velocity are recurrences: once round, I = A I + B, so that I = B / (1 - A). A =
+        e^(-depth of the ring) may come close to 1: 1 - A is the sum of the weights of a segment of that depth.
         """
-        lap = wp.max(1, wp.min(run.last - run.first + 1, terms.reach))
-        origin = run.begin - lap
+        origin = run.begin - ring_lap(run, terms)
         warm, depth = ring_warmup(points, run, constants, origin)
-        whole = decay_weights(depth)
-        # Nothing is written before the sweep itself.
-        first_lap = Sweep(warm, warm, origin + 1, origin + 1, ZERO, vec2(ZERO, ZERO))
-        upstream = sweep_velocity(channels, points, run, terms, constants, ends, first_lap, point_velocity_out)[0] / (
-            whole[1] + whole[2]
-        )
-        second_lap = Sweep(origin, origin, run.begin + 1, run.begin + 1, upstream, vec2(ZERO, ZERO))
-        start = sweep_velocity(channels, points, run, terms, constants, ends, second_lap, point_velocity_out)
-        smoothed = vec2(start[1], start[2]) / (ONE - ring_fade(points, run, terms, constants, lap))
-        return Sweep(run.begin, run.begin, run.begin, run.stop, start[0], smoothed)
+        weights = decay_weights(depth)
+        return Sweep(warm, warm, origin + 1, origin + 1, ZERO, vec2(ZERO, ZERO), weights[1] + weights[2])
+
+    @wp.func(module=name)
+    def ring_sweep(
+        points: Points, run: Run, terms: Terms, constants: MigrationConstants, before: Sweep, end: vec3, last: bool
+    ) -> Sweep:
+        """The sweep that closes the smoothed velocity, then the one that writes; ``end``: of the one before."""
+        lap = ring_lap(run, terms)
+        if not last:
+            origin = run.begin - lap
+            return Sweep(
+                origin, origin, run.begin + 1, run.begin + 1, end[0] / before.whole, vec2(ZERO, ZERO), before.whole
+            )
+        smoothed = vec2(end[1], end[2]) / (ONE - ring_fade(points, run, terms, constants, lap))
+        return Sweep(run.begin, run.begin, run.begin, run.stop, end[0], smoothed, before.whole)
 
     @wp.func(module=name)
     def line_sweep(channels: Channels, points: Points, run: Run, terms: Terms, constants: MigrationConstants) -> Sweep:
@@ -314,7 +318,7 @@ def build(scalar):
         upstream = scalar(0.0)
         if run.upper < 0 and line.is_fed(channels, run.channel):
             upstream = strength_of(line.section_at(points, run.first, run)[0], constants) * channels.inlet[run.channel]
-        return Sweep(warm, run.first, run.begin, run.stop, upstream, vec2(ZERO, ZERO))
+        return Sweep(warm, run.first, run.begin, run.stop, upstream, vec2(ZERO, ZERO), ONE)
 
     @wp.kernel(module=name, enable_backward=False)
     def compute_velocity(
@@ -345,11 +349,18 @@ def build(scalar):
                 terms = past.terms_of(channels, points.xy, run, constants)
                 ends = past.ends_of(channels, run, constants)
                 sweep = Sweep()
+                left = int(0)
                 if run.closed != 0:
-                    sweep = ring_sweep(channels, points, run, terms, constants, ends, point_velocity_out)
+                    sweep = ring_start(points, run, terms, constants)
+                    left = int(2)
                 else:
                     sweep = line_sweep(channels, points, run, terms, constants)
-                state = sweep_velocity(channels, points, run, terms, constants, ends, sweep, point_velocity_out)
+                state = vec3()
+                while left >= 0:
+                    state = sweep_velocity(channels, points, run, terms, constants, ends, sweep, point_velocity_out)
+                    if left > 0:
+                        sweep = ring_sweep(points, run, terms, constants, sweep, state, left == 1)
+                    left -= 1
                 if run.upper >= 0 and run.stop == run.last + 1:
                     memory_out.terms[run.channel] = terms
                     memory_out.ends[run.channel] = ends

@@ -18,13 +18,15 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.shading_{scalar.__name__}"
+    wp.set_module_options({"max_unroll": 1}, module=name)
     smooth_steps = steps.build(scalar)
     field = noise.build(scalar)
     vec2, vec3 = field.vec2, field.vec3
     ZERO, HALF, ONE, TWO = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0))
-    # Rays: steps at most, steepness that they allow for, halvings at the end; below this a place is dry, m.
+    # Rays: steps at most, steepness that they allow for, halvings at the end; below this a place is dry, and below that
+    # water fades towards its edge, m.
     STEPS, STEEP, HALVINGS = 400, scalar(1.3), 6
-    DRY = scalar(0.0003)
+    DRY, EDGE_DEPTH = scalar(0.0003), scalar(0.015625)
     # Refraction from air into water, and the share that is reflected straight up [Schlick1994].
     AIR_OVER_WATER, STRAIGHT = scalar(1.0 / 1.333), scalar(0.02)
     # Absorption of red, green, blue in clear brook water with fine silt, 1/m, and what the water itself scatters.
@@ -33,7 +35,8 @@ def build(scalar):
     SUN, AMBIENT = vec3(1.16, 1.08, 0.94), vec3(0.34, 0.4, 0.48)
     ZENITH, HORIZON, TREES = vec3(0.2, 0.4, 0.72), vec3(0.74, 0.82, 0.88), vec3(0.05, 0.075, 0.045)
     GRASS, DRY_GRASS, GRAVEL = vec3(0.16, 0.24, 0.075), vec3(0.34, 0.31, 0.14), vec3(0.42, 0.38, 0.31)
-    PEBBLE, STONE, FOAM = vec3(0.25, 0.23, 0.2), vec3(0.4, 0.39, 0.37), vec3(0.93, 0.95, 0.96)
+    PEBBLE, STONE, WOOD = vec3(0.25, 0.23, 0.2), vec3(0.4, 0.39, 0.37), vec3(0.27, 0.19, 0.12)
+    FOAM = vec3(0.93, 0.95, 0.96)
     TREE_LINE, TREE_EDGE = scalar(0.28), scalar(0.12)
     FIFTH, TENTH, QUARTER, THREE_FIFTHS = (scalar(v) for v in (0.2, 0.1, 0.25, 0.6))
     GLINT, GLOW, GLINT_SIZE, GLOW_SIZE = scalar(6.0), scalar(0.25), scalar(900.0), scalar(40.0)
@@ -46,9 +49,9 @@ def build(scalar):
     class Scene:
         """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry.
 
-        ``rock``: 1 on rocks. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre. ``shore``:
-        depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the first
-        cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
+        ``rock``: 1 on rocks, -1 on logs. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre.
+        ``shore``: depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north;
+        the first cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
         """
 
         bed: wp.array2d[scalar]
@@ -75,6 +78,21 @@ def build(scalar):
         parallel: int
         width: int
         height: int
+
+    @wp.struct
+    class Meeting:
+        """A ray that meets water, as seen from its surface.
+
+        ``bed``: where the refracted ray ends on it. ``path``: of light down to the bed and back up, m. ``facing``:
+        cosine of the angle between ray and normal. ``bent``: Laplacian of the surface, 1/m.
+        """
+
+        normal: vec3
+        bed: vec2
+        depth: scalar
+        path: scalar
+        facing: scalar
+        bent: scalar
 
     @wp.func(module=name)
     def between(values: wp.array2d[scalar], column: scalar, row: scalar) -> scalar:
@@ -131,7 +149,7 @@ def build(scalar):
     def lit(scene: Scene, x: scalar, y: scalar, z: scalar, normal: vec3, sun: vec3) -> vec3:
         """Light on the ground: sun where nothing stands before it, and sky."""
         direct = wp.max(wp.dot(normal, sun), ZERO)
-        far, step = SHADE_FIRST, SHADE_FIRST
+        far, step = scalar(SHADE_FIRST), scalar(SHADE_FIRST)
         for _k in range(SHADE_STEPS):
             if direct > ZERO:
                 column, row = (x + far * sun[0]) / scene.cell_size, -(y + far * sun[1]) / scene.cell_size
@@ -144,7 +162,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def ground_color(scene: Scene, x: scalar, y: scalar, column: scalar, row: scalar, normal: vec3) -> vec3:
-        """Colour of bed or bank: grass, gravel along the water, pebbles in it, rock."""
+        """Colour of bed or bank: grass, gravel along the water, pebbles in it, rock, wood."""
         shore = between(scene.shore, column, row)
         rock = between(scene.rock, column, row)
         place = vec2(x, y)
@@ -156,8 +174,11 @@ def build(scalar):
         bare = smooth(-scalar(0.21875), -scalar(0.015625), shore + scalar(0.078125) * coarse + scalar(0.046875) * fine)
         bare = wp.max(bare, smooth(scalar(0.75), scalar(0.5625), normal[2]))
         color = grass + bare * (gravel - grass)
-        stone = STONE * (scalar(0.875) + scalar(0.3125) * fine + scalar(0.1875) * grain)
-        return color + rock * (stone - color)
+        laid = STONE
+        if rock < ZERO:
+            laid = WOOD
+        laid = laid * (scalar(0.875) + scalar(0.3125) * fine + scalar(0.1875) * grain)
+        return color + wp.abs(rock) * (laid - color)
 
     @wp.func(module=name)
     def bed_light(scene: Scene, x: scalar, y: scalar, sun: vec3, wet: scalar) -> vec3:
@@ -174,18 +195,13 @@ def build(scalar):
         return (ONE + wet * (WET - ONE)) * wp.cw_mul(color, light)
 
     @wp.func(module=name)
-    def water_light(scene: Scene, x: scalar, y: scalar, toward: vec3, sun: vec3) -> vec3:
-        """Light from the water: the bed refracted and absorbed, the sky reflected [Schlick1994], and foam."""
+    def meet_water(scene: Scene, x: scalar, y: scalar, toward: vec3) -> Meeting:
+        """What a ray finds where it meets the water: it is refracted by Snell's law."""
         size = scene.cell_size
         column, row = x / size, -y / size
         level = between(scene.water, column, row)
         normal = normal_of(scene.water, column, row, size)
         facing = wp.clamp(-wp.dot(normal, toward), scalar(0.015625), ONE)
-        away = ONE - facing
-        reflected = STRAIGHT + (ONE - STRAIGHT) * away * away * away * away * away
-        mirror = toward + TWO * facing * normal
-        mirror = vec3(mirror[0], mirror[1], wp.abs(mirror[2]))
-        # Snell's law.
         ratio = AIR_OVER_WATER
         inner = wp.sqrt(ONE - ratio * ratio * (ONE - facing * facing))
         below = ratio * toward + (ratio * facing - inner) * normal
@@ -194,27 +210,62 @@ def build(scalar):
         p, q = x + depth * below[0] / down, y + depth * below[1] / down
         # Where the ray ends in a rock it has come a part of the way.
         deep = wp.max(level - between(scene.bed, p / size, -q / size), depth * QUARTER)
-        path = deep * (ONE + ONE / down)
-        # Waves gather the sun's light on the bed, or spread it.
         bent = between(scene.water, column + ONE, row) + between(scene.water, column - ONE, row)
         bent += between(scene.water, column, row + ONE) + between(scene.water, column, row - ONE)
         bent = (bent - scalar(4.0) * level) / (size * size)
-        gathered = ONE + wp.clamp(-FOCUS * bent * depth, -MOST_FOCUS, MOST_FOCUS)
+        return Meeting(normal, vec2(p, q), depth, deep * (ONE + ONE / down), facing, bent)
+
+    @wp.func(module=name)
+    def water_light(scene: Scene, meeting: Meeting, place: vec2, toward: vec3, sun: vec3, bed_below: vec3) -> vec3:
+        """Light from the water: that of the bed absorbed, the sky reflected [Schlick1994], and foam."""
+        away = ONE - meeting.facing
+        reflected = STRAIGHT + (ONE - STRAIGHT) * away * away * away * away * away
+        mirror = toward + TWO * meeting.facing * meeting.normal
+        mirror = vec3(mirror[0], mirror[1], wp.abs(mirror[2]))
+        # Waves gather the sun's light on the bed, or spread it.
+        gathered = ONE + wp.clamp(-FOCUS * meeting.bent * meeting.depth, -MOST_FOCUS, MOST_FOCUS)
+        path = meeting.path
         through = vec3(wp.exp(-ABSORBED[0] * path), wp.exp(-ABSORBED[1] * path), wp.exp(-ABSORBED[2] * path))
-        bed = wp.cw_mul(bed_light(scene, p, q, sun, ONE) * gathered, through)
+        bed = wp.cw_mul(bed_below * gathered, through)
         light = wp.max(sun[2], ZERO) * SUN + AMBIENT
         murk = (ONE - wp.exp(-MURKY * path)) * wp.cw_mul(MURK, light)
         color = (ONE - reflected) * (bed + murk) + reflected * sky(mirror, sun)
         finer = scene.white_scale
+        column, row = place[0] / scene.cell_size, -place[1] / scene.cell_size
         white = between(scene.white, (column + HALF) * finer - HALF, (row + HALF) * finer - HALF)
         # Foam lies on the crests and leaves the troughs: its edges are ragged and move with the water.
-        ragged = white + FOAM_EDGE * wp.clamp(-bent * CRESTED, -ONE, ONE)
+        ragged = white + FOAM_EDGE * wp.clamp(-meeting.bent * CRESTED, -ONE, ONE)
         white = smooth(FOAM_LOW, FOAM_HIGH, ragged) * smooth(ZERO, TENTH, white)
-        shade = wp.max(wp.dot(normal, sun), ZERO) * SUN + AMBIENT
+        shade = wp.max(wp.dot(meeting.normal, sun), ZERO) * SUN + AMBIENT
         foam = scalar(0.71875) * wp.cw_mul(FOAM, shade)
-        # Thin water at the edge shows the bed.
-        edge = smooth(ZERO, scalar(0.015625), depth)
-        return bed_light(scene, x, y, sun, ONE) * (ONE - edge) + edge * (color + white * (foam - color))
+        return color + white * (foam - color)
+
+    @wp.func(module=name)
+    def surface_light(scene: Scene, place: vec2, toward: vec3, sun: vec3) -> vec3:
+        """Light from the higher of bed and water; thin water at the edge shows the bed."""
+        column, row = place[0] / scene.cell_size, -place[1] / scene.cell_size
+        covered = between(scene.water, column, row) - between(scene.bed, column, row) > DRY
+        # Wet just above the water.
+        wet = smooth(-scalar(0.0625), ZERO, between(scene.shore, column, row))
+        meeting = Meeting()
+        edge = scalar(0.0)
+        if covered:
+            wet = scalar(1.0)
+            meeting = meet_water(scene, place[0], place[1], toward)
+            edge = smooth(ZERO, EDGE_DEPTH, meeting.depth)
+        # The bed here, and where the refracted ray ends on it.
+        color = vec3()
+        at = place
+        share = ONE - edge
+        for k in range(2):
+            if share > ZERO:
+                light = bed_light(scene, at[0], at[1], sun, wet)
+                if k == 1:
+                    light = water_light(scene, meeting, place, toward, sun, light)
+                color += share * light
+            at = meeting.bed
+            share = edge
+        return color
 
     @wp.func(module=name)
     def first_hit(scene: Scene, start: vec3, toward: vec3) -> scalar:
@@ -272,13 +323,6 @@ def build(scalar):
             pixel_color_out[i, j] = HORIZON + wp.sqrt(wp.max(toward[2], ZERO)) * (ZENITH - HORIZON)
             return
         place = start + far * toward
-        column, row = place[0] / scene.cell_size, -place[1] / scene.cell_size
-        depth = between(scene.water, column, row) - between(scene.bed, column, row)
-        if depth > DRY:
-            pixel_color_out[i, j] = water_light(scene, place[0], place[1], toward, view.sun)
-        else:
-            # Wet just above the water.
-            wet = smooth(-scalar(0.0625), ZERO, between(scene.shore, column, row))
-            pixel_color_out[i, j] = bed_light(scene, place[0], place[1], view.sun, wet)
+        pixel_color_out[i, j] = surface_light(scene, vec2(place[0], place[1]), toward, view.sun)
 
     return SimpleNamespace(vec2=vec2, vec3=vec3, Scene=Scene, View=View, shade_pixels=shade_pixels)

@@ -31,6 +31,8 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.valley_{scalar.__name__}"
+    # Unrolled, loops within loops take five times as long to compile, and run slower: registers spill.
+    wp.set_module_options({"max_unroll": 1}, module=name)
     smooth_steps = steps.build(scalar)
     field, section = noise.build(scalar), sections.build(scalar)
     vec2, vec3, vec4, vec7 = (wp.types.vector(n, scalar) for n in (2, 3, 4, 7))

@@ -428,7 +428,7 @@ CALLS = {
         {
             "simulation": wr.Simulation(t["network"], threads=1),
             "years": 0.5,
-            "bounds": (-500.0, -500.0, 500.0, 500.0),
+            "bounds": (-200.0, -200.0, 200.0, 200.0),
             "every": 0.3,
             "strength": 0.5,
             "cell_size": 100.0,
@@ -442,7 +442,7 @@ CALLS = {
             "terrain": None,
             "cell_size": 40.0,
             "params": wr.landscape.LandscapeParams(),
-            "bounds": (-500.0, -500.0, 500.0, 500.0),
+            "bounds": (-200.0, -200.0, 200.0, 200.0),
             "until": -1,
             "window": 2,
             "moisture_falloff": wr.landscape.moisture_falloff,
@@ -620,6 +620,7 @@ CALLS = {
             "field": 60.0,
         },
     ),
+    "Riverscape.within": lambda t: (t["river"].within, {"bounds": (10.0, 4.0, 12.0, 6.0)}),
     "Riverscape.replay": lambda t: (t["river"].replay, {"edits": [wr.riverscape.AddRock((12.0, 6.0), 0.4)]}),
     "AddRock": lambda t: (wr.riverscape.AddRock, {"center": (12.0, 6.0), "diameter": 0.4, "height": 0.1}),
     "AddLog": lambda t: (
@@ -742,6 +743,19 @@ def test_what_is_wrong_is_refused_by_name(name, things, monkeypatch):
                     place = traceback.extract_tb(error.__traceback__)[-1]
                     faults.append(f"{name}({argument}={what}): {place.filename}:{place.lineno}: {error!r}")
     assert not faults, "\n".join(faults)
+
+
+@pytest.mark.parametrize("name", [name for name in CALLS if name.startswith("draw_")])
+def test_a_place_where_no_picture_can_go_is_refused_before_anything_is_drawn(name, things, monkeypatch):
+    import matplotlib.figure
+    import warp as wp
+
+    function, good = CALLS[name](things)
+    for drawn in ((matplotlib.figure.Figure, "__init__"), (wp, "launch")):
+        monkeypatch.setattr(*drawn, lambda *_, **__: pytest.fail("drawn before it was known where to"))
+    for path, said in ((things["folder"] / "a.bmp", "must end in"), (things["folder"] / "none" / "a.png", "folder")):
+        with pytest.raises(WarpriverError, match=said):
+            function(**{**good, "path": path})
 
 
 def test_warnings_tell_the_line_of_the_user(tmp_path):

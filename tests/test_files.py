@@ -102,7 +102,7 @@ def test_a_full_disk_leaves_the_old_file_and_is_told(name, tmp_path):
     write(path, 0)
     write(new, 1)
     old, largest = contents(path.parent), max(map(len, contents(new.parent).values()))
-    for fraction in (0.0, 0.3, 0.7, 0.95, 1.0):
+    for fraction in (0.0, 0.6, 1.0):
         room = int(fraction * (largest - 1))
         with pytest.raises(WarpriverError, match=r"cannot") as told, room_for(room):
             write(path, 1)

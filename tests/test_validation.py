@@ -215,7 +215,7 @@ def distance_rms(xy, reference):
 @pytest.mark.parametrize("scaling", ["upstream", "whole"])
 def test_bends_converge_with_the_spacing(scaling, device):
     # So short that the finest spacing, too, has no implicit share, and the same for all.
-    steps, years = 2428, 4.0
+    steps, years = 1214, 2.0
     assert years / steps < longest_explicit(100.0, 6.25)
     lines = []
     for spacing in (50.0, 25.0, 12.5, 6.25):

@@ -197,7 +197,8 @@ class JunctionParams(Params):
     """Constants of the angles at which rivers meet, ``MeanderParams(junctions=JunctionParams())``.
 
     Rivers of like size meet at a narrow angle; a small one meets a large one nearly at a right angle [Hooshyar2017,
-    Paris2023, Sec. 6.1]. The angle between a tributary and the channel below is
+    Paris2023, Sec. 6.1]. The angle between a tributary and the channel below, or in a simulation the course of the
+    river through the junction, is
 
         wide - (wide - narrow) r^e,
 
@@ -374,7 +375,7 @@ class MeanderParams(Params):
         "friction and depth [Paris2023]",
     )
     curvature_saturation: float = parameter(
-        0.3,
+        0.4,
         "-",
         low=0.0,
         source="Blanckaert2011",
@@ -514,7 +515,7 @@ class MeanderParams(Params):
     )
 
     bank_spread: float = parameter(
-        0.6,
+        0.7,
         "-",
         low=0.0,
         high=2.0,
@@ -523,7 +524,7 @@ class MeanderParams(Params):
         "stronger than others; 0: all are alike",
     )
     bank_correlation: float = parameter(
-        3.0,
+        4.0,
         "widths",
         low=0.1,
         source="warpriver",

@@ -1,5 +1,6 @@
 """What ``benchmarks/gpu.py`` does around its sections; the sections themselves run in CI, small, by ``--dry``."""
 
+import ast
 import json
 import os
 import subprocess
@@ -21,6 +22,8 @@ from gpu_report import Report
 
 from warpriver.engine import stages
 from warpriver.engine import state as buffers
+
+TESTS = Path(__file__).resolve().parents[1]
 
 
 def sections(**seconds):
@@ -461,3 +464,18 @@ def test_nothing_is_imported_that_a_gpu_machine_may_lack():
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+
+
+def test_every_file_of_tests_can_be_run_alone():
+    """As here: of other tests it imports none, but for those beside it and those of the folder of them all."""
+    lost = []
+    for path in sorted(TESTS.rglob("test_*.py")):
+        nodes = list(ast.walk(ast.parse(path.read_text())))
+        names = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+        names += [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+        lost += [
+            f"{path.name} imports {name}"
+            for name in names
+            if name.startswith("test_") and not any((f / f"{name}.py").exists() for f in (path.parent, TESTS))
+        ]
+    assert not lost, lost

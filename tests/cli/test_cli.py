@@ -16,6 +16,7 @@ from warpriver.cli.info import describe_device, describe_gpus
 from warpriver.edits import write_edits
 from warpriver.history import History
 from warpriver.io import read_network, write_network, write_terrain
+from warpriver.params import ChuteParams, FloodplainParams, WidthParams
 from warpriver.riverscape import AddRock, read_riverscape
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
@@ -161,6 +162,20 @@ def test_every_parameter_is_a_flag(river, tmp_path, capsys):
     assert p.time_step == pytest.approx(50 / 365.25) and history.dtype == "float32"
 
 
+def test_parts_of_the_model_are_flags_and_their_constants_are_set(river, tmp_path, capsys):
+    flags = "--floodplain --inlet periodic --set chutes.rate=0.001 --set widths.lag=0.2 --set widths.time=5"
+    flags += " --set avulsions.nearest=200 --set avulsions.farthest=300"
+    code, _, err = run(capsys, "simulate", river, "--years", 1, *flags.split(), "-o", tmp_path / "o", "--no-progress")
+    assert code == 0, err
+    p = History.load(tmp_path / "o" / "run").params
+    assert (p.floodplain, p.chutes, p.inlet) == (FloodplainParams(), ChuteParams(rate=0.001), "periodic")
+    assert p.widths == WidthParams(lag=0.2, time=5.0) and p.avulsions.farthest == 300.0
+    again = ("simulate", tmp_path / "o" / "run", "--years", 1, "--set", "chutes.longest=5", "--no-progress")
+    code, _, err = run(capsys, *again)
+    assert code == 0, err
+    assert History.load(tmp_path / "o" / "run").last_params.chutes == ChuteParams(rate=0.001, longest=5.0)
+
+
 def test_render_and_info_of_a_run(river, tmp_path, capsys):
     out = tmp_path / "out"
     assert run(capsys, "simulate", river, "--years", 20, "-o", out, "--no-progress")[0] == 0
@@ -235,6 +250,12 @@ def test_info_tells_of_each_gpu_alone():
         (["simulate", "{river}", "--width", "-5"], "--width: '-5' is not a number of m above 0"),
         (["simulate", "{river}", "--width", "99999"], "99999"),
         (["simulate", "{river}", "--friction", "0"], "friction"),
+        (["simulate", "{river}", "--set", "spacing=30"], "spacing has a flag, --spacing"),
+        (["simulate", "{river}", "--set", "chute.rate=1"], "no part chute; did you mean chutes?"),
+        (["simulate", "{river}", "--set", "chutes.rat=1"], "chutes has no rat; did you mean rate?"),
+        (["simulate", "{river}", "--set", "chutes.rate=a lot"], "chutes.rate is 'a lot'; give a finite number"),
+        (["simulate", "{river}", "--set", "widths.lag=2"], "--set widths.lag is 2 -; the range is [0, 1]"),
+        (["simulate", "{river}", "--set", "junctions.ease=2", "--no-junctions"], "give one of the two"),
         (["simulate", "{river}", "--device", "cuda:17"], "it has: cpu"),
         (["simulate", "{river}", "--step-days", "9158400"], "is it in years"),
         (["simulate", "{river}", "--years", "nan"], "--years: 'nan' is not a number of years, 0 or more"),
@@ -464,13 +485,13 @@ def test_riverscape_writes_types_and_a_bed(tmp_path, capsys):
     code, said, err = run(capsys, *arguments, "--window", "0,0,1", "-o", tmp_path / "no")
     assert code == 2 and "--window 0,0,1: give west,south,east,north" in err
     code, said, err = run(capsys, *arguments, "--window", "9000,9000,9100,9100", "-o", tmp_path / "no")
-    assert code == 2 and "no river" in err
+    assert code == 2 and "--window" in err and "no river" in err
     code, said, err = run(capsys, *arguments, "--type", "H", "-o", tmp_path / "no")
     assert code == 2 and "'H'" in err
     network = extract_network(ground, min_drainage_area=2e5)
     x, y = network.polylines()[0][5]
     window = f"{x - 50:.0f},{y - 50:.0f},{x + 50:.0f},{y + 50:.0f}"
-    code, said, err = run(capsys, *arguments, "--window", window, "--detail", 2, "-o", tmp_path / "bed")
+    code, said, err = run(capsys, *arguments, "--window", window, "--detail", 2, "--bed", "-o", tmp_path / "bed")
     assert code == 0, err
     assert "Riverscape(" in said
     (carved,) = [p for p in (tmp_path / "bed").iterdir() if p.stem == "bed" and p.suffix in (".tif", ".npz")]

@@ -157,11 +157,11 @@ def run_model(name, way):
 
 
 def run_many(kind, **wider):
-    """300,000 points in 1,000 channels: more than a block of a scan holds.
+    """90,000 points in 300 channels: many chunks in each of many channels.
 
     Necks that are farther apart are cut than in the river that the channels are taken from, so that there are many.
     """
-    lines = bench.lay_out(bench.cut_lines([300] * 1000, river_points=5_000, years=200.0))
+    lines = bench.lay_out(bench.cut_lines([300] * 300, river_points=5_000, years=200.0))
     network = RiverNetwork.from_polylines(lines, bench.WIDTH)
     sim = Simulation(network, kind(spacing=bench.SPACING, **wider), threads=1)
     sim.run(steps=4, record_every=10_000)

@@ -161,13 +161,17 @@ def turn(a, b):
     return math.atan2(a[0] * b[1] - a[1] * b[0], a @ b)
 
 
-def aimed(own, other, lower, angle, width, width_below):
-    """Direction in which a tributary is to arrive, and the part of the speed with which its mouth is led."""
+def aimed(own, other, lower, angle, width, width_below, goes_on):
+    """Direction in which a tributary is to arrive, and the part of the speed with which its mouth is led.
+
+    Where the river goes on through the node the angle is that to its course there, in the middle of its bend.
+    """
     near = SHAPE["straight"] * width_below
     down, up, here = toward(lower, near), toward(other[::-1], near), toward(own[::-1], near)
     side = 1.0 if turn(down, here) % (2 * math.pi) <= turn(down, up) % (2 * math.pi) else -1.0
     c, s = math.cos(-side * angle), math.sin(-side * angle)
-    aim = np.array([c * down[0] - s * down[1], s * down[0] + c * down[1]])
+    course = (down - up) / np.hypot(*(down - up)) if goes_on else down
+    aim = np.array([c * course[0] - s * course[1], s * course[0] + c * course[1]])
     bend = side * turn(-up, down) / SHAPE["straight"]
     lead = min(max(0.5 + 0.5 * bend / SHAPE["bend"], 0.0), 1.0)
     arrives = side * turn(-toward(own[::-1], 0.5 * SHAPE["reach"] * (width + width_below)), down)
@@ -176,6 +180,12 @@ def aimed(own, other, lower, angle, width, width_below):
     lead = min(lead, back) if back < 1.0 else lead
     onward = min((arrives - SHAPE["most"]) / scale, 1.0)
     return aim, max(lead, onward) if onward > 0.0 else lead
+
+
+def through(device):
+    """Stems of three channels of which the second goes on as the first."""
+    links = {"upper": [1, -1, -1], "lower": [-1, 0, -1]}
+    return struct_of(Stems, **{k: to_device(np.array(v, np.int32), wp.int32, device) for k, v in links.items()})
 
 
 def shaped(line, aim, width, width_below, part):
@@ -203,7 +213,7 @@ def test_mouths_are_aimed_and_shaped_as_by_the_twin(device, dtype, part):
     """A river that bends to either side, and a tributary from any direction, wide or narrow."""
     rng, scalar = np.random.default_rng(11), SCALARS[dtype]
     kernel, sides, leads = junctions.build(scalar), set(), []
-    for _ in range(40):
+    for trial in range(40):
         node, along, heading, bend = rng.uniform(-300.0, 300.0, 2), np.arange(1, 41), rng.uniform(0, 6.28), rng.normal()
         widths = rng.uniform(5.0, 60.0, 3)
         river = heading + 0.02 * bend * np.arange(-40, 41)
@@ -229,12 +239,13 @@ def test_mouths_are_aimed_and_shaped_as_by_the_twin(device, dtype, part):
             scalar, start=to_device(starts_of(lines), wp.int32, device),
             form=forms(widths, 1.0, widths, SPACING, scalar, device),
             spacing=to_device(np.full(3, SPACING), scalar, device), step=to_device(np.full(3, STEP), scalar, device),
+            **({"stems": through(device)} if trial % 2 else {}),
         )  # fmt: skip
         aim, lead = unwritten(3, kernel.vec2, device), unwritten(3, scalar, device)
         work = share_out(1, 3, 1, device)[0].work
         wp.launch(kernel.aim_mouths, 3, [channels, meet, mouths, work, points], [aim, lead], device=device)
         wp.launch(kernel.shape_mouths, 3, [channels, meet, mouths, aim], [points], device=device)
-        expected, part_led = aimed(lines[2], upper, lower, angle, widths[2], widths[0])
+        expected, part_led = aimed(lines[2], upper, lower, angle, widths[2], widths[0], trial % 2 == 1)
         np.testing.assert_allclose(aim.numpy(), [[0, 0], [0, 0], expected], atol=10 * TOLERANCE[dtype], rtol=0.0)
         np.testing.assert_allclose(lead.numpy(), [0, 0, part_led], atol=100 * TOLERANCE[dtype], rtol=0.0)
         moved = np.concatenate([lower, upper, shaped(lines[2], expected, widths[2], widths[0], part)])

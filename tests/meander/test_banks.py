@@ -13,8 +13,9 @@ from warpriver.meander.banks import BankField, bank_table, highest_factor
 
 WIDTH = 40.0
 ROUGH = wr.MeanderParams(
-    spacing=20.0, inlet="all", sinuosity_scaling="whole", memory_length=2.5, curvature_saturation=0.25, bank_spread=0.8
-)
+    spacing=20.0, inlet="all", sinuosity_scaling="whole", memory_length=2.5, curvature_saturation=0.25, bank_spread=0.8,
+    bank_correlation=3.0,
+)  # fmt: skip
 
 
 def factors(xy, width, params, *, seed=3, origin=(0.0, 0.0), dtype="float64", device="cpu"):

@@ -116,16 +116,16 @@ def valley(params=None, **options):
 
 def test_bits_do_not_depend_on_threads_or_a_stop(tmp_path):
     whole = valley(threads=1)
-    whole.run(steps=600)  # with room made for more points on the way
+    whole.run(steps=400)  # with room made for more points on the way
     assert len(whole.history.cutoffs) > 3
     several = valley(threads=3, capture=False)
-    several.run(steps=600)
+    several.run(steps=400)
     np.testing.assert_array_equal(several.network.points(), whole.network.points())
     stopped = valley(threads=1)
-    stopped.run(steps=450, store=tmp_path / "run")
+    stopped.run(steps=300, store=tmp_path / "run")
     assert len(stopped.history.cutoffs) > 0
     again = wr.Simulation.resume(tmp_path / "run", threads=1, device="cpu")
-    again.run(steps=150)
+    again.run(steps=100)
     np.testing.assert_array_equal(again.network.points(), whole.network.points())
 
 
@@ -135,7 +135,7 @@ def test_all_events_together_are_the_same_in_the_layout_of_a_gpu_and_when_checke
     for chunk, check in ((0, False), (32, False), (0, True)):
         monkeypatch.setattr(engine_state, "CPU_CHUNK", chunk)
         sim = valley(wr.MeanderParams(spacing=20.0, **all_of_them), threads=1, check=check)
-        sim.run(steps=700, record_every=10**6)
+        sim.run(steps=500, record_every=10**6)
         runs.append(sim)
     assert {cutoff.chute for cutoff in runs[0].history.cutoffs} == {False, True}
     for other in runs[1:]:

@@ -87,7 +87,11 @@ def test_arrival_angles_are_those_of_the_lines():
 
 @pytest.mark.parametrize("params", [plain_params, wr.PathMeander])
 def test_in_a_simulation_mouths_take_the_angles_of_their_templates(params, device):
-    """After 60 years, as long as the widest migrates by 100 widths: within 5 degrees in the mean, and none along."""
+    """After 60 years, as long as the widest migrates by 100 widths: within 8 degrees in the mean, and none along.
+
+    A template is an angle to the course of a river that bends at the node, arrivals are measured against the channel
+    below it.
+    """
     off, least, before = [], [], []
     for seed in range(4):
         network = random_tree(seed, sources=8, size=9000.0, width=25.0)
@@ -97,7 +101,7 @@ def test_in_a_simulation_mouths_take_the_angles_of_their_templates(params, devic
         assert_forest(sim.network)
         off += differences(sim.network)
         least.append(np.nanmin(lesser_arrivals(sim.network)))
-    assert np.mean(before) > 25.0 and np.mean(off) < 5.0 and min(least) > 25.0, (np.mean(before), np.mean(off), least)
+    assert np.mean(before) > 25.0 and np.mean(off) < 8.0 and min(least) > 25.0, (np.mean(before), np.mean(off), least)
 
 
 def lesser_arrivals(network):

@@ -3,30 +3,12 @@
 import numpy as np
 import pytest
 import reference_rings as twin
-from devices import assert_bits, is_cpu
 from plain import plain_params
+from ring_shapes import assert_as_alone, circle, noisy_ring, ring_network
 
 import warpriver as wr
 from warpriver import PathMeander, RiverNetwork, Simulation, metrics
 from warpriver.meander import taubin_smooth
-
-
-def circle(count, radius, turn=1.0, middle=(0.0, 0.0)):
-    angle = 2.0 * np.pi * np.arange(count) / count
-    return radius * np.stack([np.cos(angle), turn * np.sin(angle)], axis=1) + middle
-
-
-def noisy_ring(radius=3000.0, spacing=40.0, noise=40.0, seed=1, middle=(0.0, 0.0)):
-    """A circle with bumps of 3 to 60 waves round it."""
-    rng = np.random.default_rng(seed)
-    count = round(2.0 * np.pi * radius / spacing)
-    angle = 2.0 * np.pi * np.arange(count) / count
-    bumps = sum(rng.normal(0.0, noise) * np.cos(k * angle + rng.uniform(0.0, 6.0)) for k in range(3, 60))
-    return circle(count, 1.0) * (radius + bumps)[:, None] + middle
-
-
-def ring_network(xy, width=60.0, **options):
-    return RiverNetwork.from_polylines([xy], width=width, closed=True, **options)
 
 
 def smoothed(xy, passes, *, device, **options):
@@ -50,8 +32,10 @@ def dumbbell(neck=30.0, spacing=20.0, left=200.0, right=300.0):
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
-@pytest.mark.parametrize(("gamma", "scaling"), [(2.5, "upstream"), (2.5, "whole"), (1.0, "none"), (0.4, "none")])
+@pytest.mark.parametrize(
+    ("turn", "gamma", "scaling"),
+    [(1.0, 2.5, "upstream"), (-1.0, 2.5, "whole"), (1.0, 1.0, "none"), (-1.0, 0.4, "none")],
+)
 def test_a_circle_follows_the_closed_form_of_its_radius(turn, gamma, scaling, dtype, device):
     """C = 1/R everywhere, so that its upstream mean is 1/R too: dR/dt = k w (omega + gamma) / R,
     R^2 = R0^2 + 2 k w (omega + gamma) t. It grows for gamma > 1, stays for 1, shrinks below, and stays round.
@@ -219,24 +203,6 @@ def test_rings_multiply_up_to_a_limit_with_a_word(kind, device, tmp_path):
 
 
 # ---- with lines
-
-
-def assert_as_alone(both, alone, single, steps, device):
-    """Run simulations of a ring between two lines, of the lines and of the ring: the channels do as they do alone.
-
-    To the bit on the CPU. On a GPU sums along a channel are made of chunks, and where they begin depends on the other
-    channels: noisy bends amplify the rounding, to 1e-6 m in 20 steps, so that is when it is looked at.
-    """
-    early = steps if is_cpu(device) else 20
-    for sim in (both, alone, single):
-        sim.run(steps=early)
-    line, ring, other_line = both.network.polylines()
-    expected = (*alone.network.polylines(), *single.network.polylines())
-    for found, other in zip((line, other_line, ring), expected, strict=True):
-        assert_bits(found, other, device, 1e-4)
-    both.run(steps=steps - early)
-    assert {c.channel for c in both.history.cutoffs} == {0, 1, 2} and not both.history.collisions
-    assert both.network.channel_closed.tolist() == [False, True, False]
 
 
 def test_open_and_closed_channels_in_one_run(device):

@@ -274,6 +274,8 @@ DOWN, UP = ((60.0, 120.0), (300.0, 120.0)), ((300.0, 120.0), (60.0, 120.0))
     [
         (lambda: Riverscape(valley_floor(0.02), lines(UP), "C"), "channel 0 runs uphill"),
         (lambda: Riverscape(valley_floor(0.0), lines(DOWN), "C", flow=1.0), "the ground is level"),
+        (lambda: Riverscape(valley_floor(0.02, 3, 4, 150.0), lines(DOWN), "C"), "cells are 150 m wide and the longest"),
+        (lambda: wr.classify_rivers(lines(DOWN), valley_floor(0.02, 3, 4, 150.0)), "use a finer terrain"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), "H"), "type is 'H'"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), ["C", "C"]), "types are 2 for 1 channels"),
         (lambda: Riverscape(valley_floor(0.06), lines(DOWN), "D"), "type D and a slope of 0.06"),
@@ -281,7 +283,7 @@ DOWN, UP = ((60.0, 120.0), (300.0, 120.0)), ((300.0, 120.0), (60.0, 120.0))
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), "C", detail=0.0), "detail is 0"),
         (lambda: one_river("C", 0.01, 1.0).carved(0.5, (0.0, 0.0, 0.4, 0.4)), "hold fewer than 2 x 2 cells"),
         (lambda: one_river("C", 0.01, 1.0).carved(0.0), "cell_size is 0"),
-        (lambda: one_river("C", 0.01, 1.0).carved(1.0, (0.0, 0.0, 40.0, 40.0)), "hold no river"),
+        (lambda: one_river("C", 0.01, 1.0).carved(1.0, (0.0, 0.0, 40.0, 40.0)), "holds no river"),
     ],
 )
 def test_bad_input_gets_one_clear_error(call, said):

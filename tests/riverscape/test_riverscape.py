@@ -189,3 +189,22 @@ def test_what_a_riverscape_cannot_do_is_refused(scenes):
         made = example("C")
         dry = wr.Riverscape(made.terrain, made.courses, tree=primitives("calm", (0.0, 0.0), 1.0, -50.0))
         next(dry.drift([0.0]))
+
+
+def test_the_water_of_a_window_is_that_of_the_whole(device):
+    """To the bit, also at its edge, though other courses and all water far from it are left out."""
+    terrain = wr.generate.fluvial_terrain((60, 60), cell_size=30.0, relief=200.0, seed=2, device=device)
+    network = wr.extract_network(terrain, min_drainage_area=2e5)
+    whole = wr.Riverscape(terrain, network, detail=2.0)
+    x, y = network.polylines()[0][5]
+    window = (x - 40.0, y - 40.0, x + 40.0, y + 40.0)
+    part = whole.within(window)
+    assert len(part.courses.courses) < len(whole.courses.courses)
+    assert len(part.water_surface.primitives) < 0.5 * len(whole.water_surface.primitives)
+    (expected,), (found,) = (scene.frames(window, 0.5, [3.3]) for scene in (whole, part))
+    assert (found.water.weight.numpy() > 0.0).sum() > 500
+    for name in ("elevation", "velocity", "effervescence"):
+        np.testing.assert_array_equal(getattr(found.water, name).numpy(), getattr(expected.water, name).numpy())
+    np.testing.assert_array_equal(found.bed.numpy(), expected.bed.numpy())
+    with pytest.raises(ValueError, match="holds no river"):
+        whole.within((9000.0, 9000.0, 9100.0, 9100.0))

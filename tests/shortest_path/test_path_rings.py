@@ -5,9 +5,9 @@ import pytest
 import reference_paths as twin
 import reference_rings as rings
 from crossings import crossings
+from ring_shapes import assert_as_alone, circle, noisy_ring, ring_network
 from scipy.optimize import brentq
 from test_paths import SPACING, assert_same, prepare, reserve, take, taken
-from test_rings import assert_as_alone, circle, noisy_ring, ring_network
 
 import warpriver as wr
 from warpriver import PathMeander, RiverNetwork, Simulation, metrics
@@ -24,8 +24,7 @@ def mean_radius(xy):
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
-@pytest.mark.parametrize("blur", [1.5, 20.0])
+@pytest.mark.parametrize(("turn", "blur"), [(1.0, 1.5), (-1.0, 20.0)], ids=["left", "right"])
 def test_a_circle_follows_the_closed_form_of_its_radius(turn, blur, dtype, device):
     """The blurred push is k w / R / (1 + (b w / R)^2) everywhere, and the smoothing takes nothing: (R^2 - R0^2) / 2 +
     (b w)^2 ln(R / R0) = k w t. A step goes by the rate at its beginning: R is off by 1e-5 of it here.

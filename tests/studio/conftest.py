@@ -1,4 +1,6 @@
-"""A studio that is served by a process of its own."""
+"""One studio that is served by a process of its own, and one browser, for all tests of this folder."""
+
+import http.client
 
 import numpy as np
 import pytest
@@ -20,14 +22,41 @@ def lines_file(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def served(lines_file, tmp_path_factory):
-    """A studio with those rivers."""
+@pytest.fixture(scope="session")
+def studio(tmp_path_factory):
+    """A studio as it begins without a file."""
     from talk import serving
 
-    folder = tmp_path_factory.mktemp("served") / "session"
-    with serving(str(lines_file), "--folder", str(folder), folder=folder) as made:
+    folder = tmp_path_factory.mktemp("studio") / "session"
+    with serving("--folder", str(folder), folder=folder) as made:
         yield made
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """A browser."""
+    from browser import Browser
+
+    made = Browser()
+    yield made
+    made.close()
+
+
+def send(studio, method, path, body):
+    """Do a request as the page does, and return status and text of the answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", studio.port, timeout=120)
+    ours = {"Cookie": f"warpriver_studio={studio.token}", "Origin": f"http://127.0.0.1:{studio.port}"}
+    connection.request(method, path, body, {"Host": f"127.0.0.1:{studio.port}"} | ours)
+    answer = connection.getresponse()
+    return answer.status, answer.read()
+
+
+@pytest.fixture(scope="module")
+def served(studio, lines_file):
+    """The studio with those rivers."""
+    status, told = send(studio, "PUT", "/open/rivers.geojson", lines_file.read_bytes())
+    assert status == 200, told
+    return studio
 
 
 @pytest.fixture

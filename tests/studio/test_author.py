@@ -6,6 +6,8 @@ from plain import plain_params
 
 import warpriver as wr
 from warpriver import edits
+from warpriver.history import Cutoff
+from warpriver.meander import SetControls
 from warpriver.studio.author import Author, Checkpoint, brushed
 
 STEPS = 30
@@ -126,6 +128,23 @@ def test_marks_share_events_and_unchanged_ground():
     first, second, third, fourth = author._marks
     assert first.ground is second.ground is third.ground and fourth.ground is not third.ground
     assert author.simulation.history.events[0] is fourth.state["history"].events[0]
+
+
+def test_old_events_are_forgotten_and_counted(monkeypatch):
+    monkeypatch.setattr("warpriver.studio.author.EVENTS_KEPT", 5)
+    author = Author(simulation())
+    author.apply(SetControls((wr.Attractor((1000.0, 1000.0), 500.0),)))
+    first = len(author.simulation.history.events)
+    author.simulation.history.events.extend(Cutoff(0.1 * k, 0, 50.0, np.zeros((3, 2))) for k in range(30))
+    author.step(1)
+    held = author.simulation.history.events
+    assert len(held) == first + 5 and len(held.of(Cutoff)) == 5
+    assert author.count(Cutoff) == 30 and author.events == first + 30
+    assert [event.time for event in author.events_after(first + 28)] == pytest.approx([2.8, 2.9])
+    author.step(60)  # beyond a mark, which is gone back to
+    author.rewind(55)
+    assert author.count(Cutoff) >= 30
+    assert len(author.simulation.controls) == 1, "what changed the controls is kept"
 
 
 def test_rewinding_forgets_later_edits():

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 import warpriver as wr
+from warpriver.history import Cutoff
+from warpriver.studio.figures import FIGURES
+from warpriver.studio.folder import begin_folder
 from warpriver.studio.frames import MAP, decode_state
 from warpriver.studio.generators import GENERATORS, generated
 from warpriver.studio.mapping import Mapper
-from warpriver.studio.worker import Worker, begin_folder
+from warpriver.studio.news import REQUEST
+from warpriver.studio.worker import Worker
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +26,7 @@ def river():
 def learned(worker, sent, mapper):
     """Tell a mapper where the run of a worker stands."""
     worker._ask_mapper("map", {})
-    mapper.learn(json.loads(sent[-1][1:])["news"])
+    mapper.learn(json.loads(sent[-1][1 + REQUEST.size :])["news"])
 
 
 def test_maps_are_those_of_a_recorded_run(tmp_path, river):
@@ -48,6 +52,105 @@ def test_maps_are_those_of_a_recorded_run(tmp_path, river):
         assert differs.mean() < 2e-3, name
     frame = told[-1][1:]
     assert np.frombuffer(frame, "<u4", 3).tolist() == [MAP, *mapper._maps().age.shape]
+
+
+def note_cutoffs(author, *times):
+    author.simulation.history.events.extend(Cutoff(time, 0, 50.0, np.zeros((3, 2))) for time in times)
+
+
+def test_the_events_of_a_run_are_told_once_and_taken_back(tmp_path):
+    """A long run has thousands of them; after an undo only those since are told again."""
+    begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 4.0, "cell": 80.0, "wandering": 3.0}))
+    sent = []
+    worker, mapper = Worker(tmp_path / "s", sent.append), Mapper(tmp_path / "s", lambda message: None)
+    worker.do_step(49)
+    note_cutoffs(worker.author, 1.0, 2.0)
+    worker.do_step()
+    learned(worker, sent, mapper)
+    worker.do_edit({"edit": "LockPoint", "channel": 0, "at": 2000.0})
+    worker.do_step(50)
+    note_cutoffs(worker.author, 30.0)
+    learned(worker, sent, mapper)
+    assert [event.time for event in mapper._run.events] == [1.0, 2.0, 30.0]
+    worker.do_undo()  # does the steps from 50 on again, without the one that was put in by hand
+    note_cutoffs(worker.author, 31.0)
+    learned(worker, sent, mapper)
+    told = json.loads(sent[-1][1 + REQUEST.size :])["news"]
+    assert [event["time"] for event in told["events"]] == [31.0]
+    assert [event.time for event in mapper._run.events] == [1.0, 2.0, 31.0]
+
+
+def test_the_figures_come_with_the_scene_and_outlive_the_process(tmp_path):
+    """So that plots are full on every page, after a reload, and after the process has died."""
+    begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 4.0, "cell": 80.0, "wandering": 3.0}))
+    sent = []
+
+    def series():
+        worker.tell_scene()
+        scenes = [message for message in sent if message.startswith(b'J{"type": "scene"')]
+        return json.loads(scenes[-1][1:])["series"]
+
+    worker = Worker(tmp_path / "s", sent.append)
+    worker.do_step(200)
+    told = series()
+    step = worker.author.simulation.params.time_step
+    assert [time for time, _ in told["sinuosity"]] == pytest.approx([k * 50 * step for k in range(5)])
+    # Mean of arc length over chord.
+    network = worker.author.simulation.network
+    line = network.polylines()[0]
+    length = np.hypot(*np.diff(line, axis=0).T).sum()
+    assert told["sinuosity"][-1][1] == pytest.approx(length / np.hypot(*(line[-1] - line[0])), rel=1e-9)
+    worker.do_save()
+    worker = Worker(tmp_path / "s", sent.append)
+    assert series() == told
+    worker.do_rewind(100)
+    assert series()["sinuosity"] == told["sinuosity"][:3]
+    (tmp_path / "s" / FIGURES).write_text("[[1, NaN, 2, 3, 4]]")  # of a session that was made up
+    assert Worker(tmp_path / "s", sent.append).author.simulation.step_count == 100
+
+
+def test_the_state_of_the_timeline_is_the_one_after_an_edit(tmp_path):
+    begin_folder(tmp_path / "s", generated({"generator": "plain", "length": 4.0, "cell": 80.0, "wandering": 3.0}))
+    worker = Worker(tmp_path / "s", lambda message: None)
+
+    def is_kept():
+        """The kept state of the present step is the present one."""
+        state = decode_state(worker._reel.frame(worker.author.simulation.step_count))
+        present = (worker.author.simulation.network.points() - worker._origin).astype(np.float32)
+        return np.array_equal(state.point_xy, present)
+
+    worker.do_step(3)
+    at = worker.author.simulation.network.polylines()[0][30]
+    edit = {"edit": "MovePoint", "channel": 0, "at": at.tolist(), "to": (at + [0, 90]).tolist(), "radius": 500.0}
+    worker.do_edit(edit)
+    assert is_kept()
+    worker.do_undo()
+    assert is_kept()
+    worker.do_redo()
+    assert is_kept()
+    edited = worker._reel.frame(3)
+    worker.do_step(4)
+    worker.do_undo()  # now it is done again from the beginning
+    worker.do_redo()
+    assert decode_state(worker._reel.frame(3)).point_xy.tobytes() == decode_state(edited).point_xy.tobytes()
+    worker.do_rewind(3)
+    assert is_kept() and worker.author.undoable == 1
+
+
+def test_of_the_ground_only_what_was_carved_is_sent(tmp_path, river):
+    begin_folder(tmp_path / "s", river)
+    sent = []
+    worker = Worker(tmp_path / "s", sent.append)
+    terrain = worker.author.simulation.terrain
+    heights = terrain.raster.cells((20, 30, 4, 5)) - 1.0
+    terrain.raster.put_cells((20, 30, 4, 5), heights)
+    sent.clear()
+    worker._send_carved()
+    (frame,) = sent
+    assert np.frombuffer(frame[1:25], "<u4")[2:].tolist() == [20, 30, 4, 5]
+    np.testing.assert_array_equal(np.frombuffer(frame[33:], "<f4").reshape(4, 5), heights.astype(np.float32))
+    worker._send_carved()
+    assert len(sent) == 1, "nothing has changed since"
 
 
 def test_states_that_are_given_up_meanwhile_are_passed_over(tmp_path, river):
@@ -81,7 +184,6 @@ def test_maps_begin_anew_after_an_edit_was_undone(tmp_path, river):
     at = line[len(line) // 2]
     edit = {"edit": "MovePoint", "channel": channel, "at": at.tolist(), "to": (at + [0, 500]).tolist(), "radius": 900.0}
     worker.do_edit(edit)
-    # The state kept at an edit is the one before it; within 10 steps the bend moves on by more than half its width.
     for count in (1, 9, *7 * [10]):
         worker.do_step(count)
     learned(worker, sent, mapper)

@@ -1,5 +1,6 @@
 """The server: who is let in, what is refused, and what a session outlives: bad messages, many pages, a dead process."""
 
+import contextlib
 import http.client
 import itertools
 import json
@@ -8,6 +9,7 @@ import random
 import signal
 import time
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +17,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import warpriver as wr
+from warpriver.studio.folder import begin_folder
 from warpriver.studio.generators import generated
 from warpriver.studio.opening import unpack_session
-from warpriver.studio.worker import begin_folder
 
 
 def get(served, path, method="GET", body=None, **headers):
@@ -215,6 +217,28 @@ def test_a_page_that_takes_nothing_holds_nobody_up(served, page):
     assert idle.frames <= 2
 
 
+def test_each_edit_is_seen_however_slow_pages_are(page):
+    """One page takes nothing, one leaves while states are on their way, and one takes its time: no edit is lost."""
+    idle, leaving, slow = page(), page(), page()
+    for talk in (leaving, slow):
+        talk.until(lambda t: t.state is not None and "scene" in t.told)
+    origin, channel = np.array(slow.told["scene"]["origin"]), int(slow.state.channel_id[0])
+    assert "error" not in slow.ask("play", rate=240)
+    for k in range(12):
+        if k == 4:
+            leaving.close()
+        place = slow.state.point_xy[20 + k] + origin
+        edit = {"edit": "MovePoint", "channel": channel, "at": place.tolist(), "to": (place + 5.0).tolist()}
+        answer = slow.ask("edit", edit=edit | {"radius": 300.0})
+        assert "error" not in answer
+        slow.until(lambda t, number=answer["command"]: t.state.edits >= number, 20.0)
+        time.sleep(0.02)
+    slow.ask("pause")
+    assert idle.frames == 0
+    for _ in range(12):
+        slow.ask("undo")
+
+
 def test_an_earlier_state_comes_while_the_run_plays(page):
     """No later one takes its place on the way."""
     talk = page()
@@ -354,7 +378,7 @@ def test_a_landscape_is_written_and_the_process_of_maps_may_die(served, page):
         assert any(name.endswith(".r16") for name in archive.namelist())
     number = next(talk.numbers)
     talk.socket.send(json.dumps({"number": number, "do": "export", "name": "run.gif"}))
-    os.kill(children(served)[-1], signal.SIGKILL)
+    os.kill(process_of(served, "wr-maps"), signal.SIGKILL)
     talk.until(lambda t: t.told.get("answer", {}).get("number") == number)
     assert "given up" in talk.told["answer"]["error"]
     assert "error" not in talk.ask("step")
@@ -383,7 +407,7 @@ def test_a_process_that_dies_is_told_and_the_session_goes_on(served, page):
     step = talk.state.step
     talk.ask("step", count=5)
     talk.until(lambda t: t.state.step == step + 5)
-    os.kill(children(served)[0], signal.SIGKILL)
+    os.kill(process_of(served, "wr-simulation"), signal.SIGKILL)
     talk.until(lambda t: "crashed" in t.told)
     assert "does not run" in talk.ask("step")["error"]
     assert "error" not in talk.ask("restart")
@@ -394,23 +418,21 @@ def test_a_process_that_dies_is_told_and_the_session_goes_on(served, page):
     talk.until(lambda t: t.state.step <= step + 6)
 
 
-def children(served):
-    """Processes of the session, the oldest first: that of the simulation, then that of maps."""
-    found = [int(pid) for pid in os.listdir("/proc") if pid.isdigit()]
-    return sorted(pid for pid in found if _parent(pid) == served.process.pid and "spawn_main" in _command(pid))
+def process_of(served, name):
+    """Number of a process of the session: "wr-simulation", or "wr-maps"."""
+    for pid in descendants(served.process.pid):
+        with contextlib.suppress(OSError):
+            if Path(f"/proc/{pid}/comm").read_text().strip() == name:
+                return pid
+    raise AssertionError(f"there is no process {name}")
 
 
-def _parent(pid):
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return int(file.read().rpartition(")")[2].split()[1])
-    except OSError:
-        return -1
-
-
-def _command(pid):
-    try:
-        with open(f"/proc/{pid}/cmdline") as file:
-            return file.read()
-    except OSError:
-        return ""
+def descendants(root):
+    parents = {}
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        with contextlib.suppress(OSError):
+            parents[int(name)] = int(Path(f"/proc/{name}/stat").read_text().rpartition(")")[2].split()[1])
+    found = {root}
+    for _ in range(4):
+        found |= {pid for pid, parent in parents.items() if parent in found}
+    return found

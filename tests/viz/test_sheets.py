@@ -96,8 +96,7 @@ def test_what_needs_several_axes(land):
 # ---- without a frame
 
 
-@pytest.mark.parametrize("name", DRAW)
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize(("suffix", "name"), [(".jpg", "network"), *((".png", name) for name in DRAW)])
 def test_a_map_without_a_frame_is_its_raster(land, tmp_path, name, suffix):
     """Large enough to look at, or of the size that was asked for."""
     rasterio = pytest.importorskip("rasterio")
@@ -121,7 +120,7 @@ def test_a_map_without_a_frame_is_its_raster(land, tmp_path, name, suffix):
 def test_every_cell_is_a_block_of_the_picture(tmp_path):
     height = np.add.outer(np.zeros(20), np.arange(30.0))
     height[7, 11] = 500.0
-    wr.viz.draw_elevation(wr.Terrain(height, 10.0), tmp_path / "a.png", frame=False, size=(300, 200))
+    wr.viz.draw_elevation(wr.Terrain(height, 10.0), tmp_path / "a.png", frame=False, size=(320, 400))
     blocks = read(tmp_path / "a.png").reshape(20, 10, 30, 10, 3)
     assert (np.ptp(blocks, axis=(1, 3)) == 0).all()
     peak = np.abs(blocks[:, 0, :, 0] - blocks[7, 0, 11, 0]).sum(axis=2)
@@ -192,3 +191,14 @@ def test_what_was_cut_off_is_not_swept():
     painter.advance(1)
     # Inside the loop.
     assert (painter.cover().kind[15:120, 50:70] == 0).mean() > 0.5
+
+
+@pytest.mark.parametrize(("cell", "unit"), [(2.0, "m"), (40.0, "km")])
+def test_maps_of_short_reaches_have_ticks_in_metres(cell, unit):
+    terrain = wr.Terrain(np.linspace(0.0, 9.0, 1200).reshape(30, 40), cell)
+    (axes, *_) = wr.viz.draw_elevation(terrain, size=(320, 400)).axes
+    assert axes.get_xlabel() == f"easting, {unit}" and axes.get_ylabel() == f"northing, {unit}"
+    axes.figure.canvas.draw()
+    assert max(float(tick.get_text()) for tick in axes.get_xticklabels()) == pytest.approx(
+        40 * cell / (1e3 if unit == "km" else 1), rel=0.3
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 import warnings
 from collections.abc import Sequence
@@ -86,7 +87,9 @@ def _text_of(error: Exception) -> str:
     return f"{type(error).__name__}: {text} (unforeseen; python -X dev -m warpriver ... shows where)"
 
 
+@functools.cache
 def _parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands: 400 flags take longer to set up than to read."""
     parser = Parser(
         prog="warpriver",
         description="Find the rivers of a terrain, let rivers meander on the GPU or the CPU, and draw them.",

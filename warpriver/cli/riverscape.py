@@ -22,6 +22,7 @@ from warpriver.cli.shared import (
     read_ground,
     results_in,
 )
+from warpriver.cli.words import naming
 from warpriver.errors import InputError
 
 if TYPE_CHECKING:
@@ -152,8 +153,13 @@ def _riverscape(options: argparse.Namespace) -> int:
     if window is not None:
         scene = Riverscape(terrain, network, types, detail=options.detail, seed=options.seed, flow=options.flow)
         if options.edits is not None:
+            # They may lie anywhere.
             scene = scene.replay(options.edits)
-        carved = scene.carved(options.detail, window)
+        with naming(bounds="--window"):
+            carved = scene.carved(options.detail, window)
+        if options.edits is None:
+            # The water of a whole network would take minutes.
+            scene = scene.within(_seen(window) if "movie" in wanted else window)
     told = [repr(network)]
     told += [f"type {name}: {km:.4g} km" for name, km in types.lengths(network).items()]
     try:
@@ -232,6 +238,13 @@ def _window(text: str) -> tuple[float, float, float, float]:
     if not (west < east and south < north):
         raise InputError(f"--window {text}: west must be below east, and south below north")
     return west, south, east, north
+
+
+def _seen(window: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """What the camera of a movie sees: beyond the window what lies behind it."""
+    west, south, east, north = window
+    far = 2.5 * max(east - west, 1.8 * (north - south))
+    return west - far, south - far, east + far, north + far
 
 
 def _write_types(types: RiverTypes, network: RiverNetwork, terrain: Terrain, folder: Path) -> list[str]:

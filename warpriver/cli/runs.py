@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import functools
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ from warpriver.cli.parser import Interval, interval, number, whole_number
 from warpriver.cli.shared import INTERRUPTED, OK, STOPPED_EARLY, can_draw
 from warpriver.cli.words import in_flags, naming
 from warpriver.errors import InputError, WarpriverError
+from warpriver.parameter import Params
 from warpriver.params import DAYS_PER_YEAR, SOLVER_PARAMS, MeanderParams, PathMeander
 
 if TYPE_CHECKING:
@@ -89,6 +92,13 @@ def add_run_options(
     for field in dataclasses.fields(MeanderParams):
         if field.name != "time_step":
             _add_model_flag(model, field)
+    model.add_argument(
+        "--set",
+        action="append",
+        metavar="PART.NAME=VALUE",
+        help="a constant of a part of the model that has no flag of its own, which is thereby asked for, as "
+        f"chutes.rate=0.001; may be given again. Parts and constants: {_told_parts()}",
+    )
     path = parser.add_argument_group(
         "model of --solver path", "It shares the flags above, except those of rate, width, friction and weights."
     )
@@ -119,6 +129,17 @@ def _add_model_flag(group: Any, field: dataclasses.Field[Any]) -> None:
     )
 
 
+def _parts(kind: type[MeanderParams] | type[PathMeander]) -> dict[str, type[Params]]:
+    """Return the parts of a solver's constants that may be left out, by name."""
+    return {f.name: f.metadata["kind"] for f in dataclasses.fields(kind) if "kind" in f.metadata}
+
+
+def _told_parts() -> str:
+    """What --set knows, for its help."""
+    rows = ((name, [f.name for f in dataclasses.fields(part)]) for name, part in _parts(MeanderParams).items())
+    return "; ".join(f"{name} ({', '.join(names)})" for name, names in rows)
+
+
 def _flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
@@ -144,10 +165,51 @@ def make_params(
             raise InputError(f"--solver {options.solver}: the run goes on by the one that it began with; leave it out")
     solver = next(name for name, params in SOLVER_PARAMS.items() if params is kind)
     given = given_params(options)
+    if options.set:
+        given |= _set_parts(options.set, kind, solver, given, before)
     strange = sorted(set(given) - set(kind.__dataclass_fields__))
     if strange:
         raise InputError(f"{_flag(strange[0])} means nothing to --solver {solver}; leave it out")
     return kind(**given) if before is None else before.replace(**given)
+
+
+def _set_parts(
+    texts: Sequence[str],
+    kind: type[MeanderParams] | type[PathMeander],
+    solver: str,
+    given: Mapping[str, Any],
+    before: MeanderParams | PathMeander | None,
+) -> dict[str, Params]:
+    """Return the parts of the constants that PART.NAME=VALUE change: of those that there are, or of the defaults."""
+    from warpriver.io.tables import nearest, raising
+
+    parts = _parts(kind)
+    changes: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        key, sign, word = (piece.strip() for piece in text.partition("="))
+        name, dot, constant = key.partition(".")
+        if not (sign and dot and word):
+            own = f"; {name} has a flag, {_flag(name)}" if name in kind.__dataclass_fields__ else ""
+            raise InputError(f"--set {text}: give PART.NAME=VALUE, as chutes.rate=0.001{own}")
+        if name not in parts:
+            raise InputError(f"--set {text}: --solver {solver} has no part {name}; {nearest(name, parts)}")
+        known = {field.name: field for field in dataclasses.fields(parts[name])}
+        if constant not in known:
+            raise InputError(f"--set {text}: {name} has no {constant}; {nearest(constant, known)}")
+        if given.get(name, True) is False:
+            raise InputError(f"--set {text}: --no-{name} leaves that out; give one of the two")
+        value: Any = word
+        if not known[constant].metadata["choices"]:
+            with contextlib.suppress(ValueError):
+                value = float(word)
+        changes.setdefault(name, {})[constant] = value
+    found: dict[str, Params] = {}
+    for name, values in changes.items():
+        begin = getattr(before, name, None) or parts[name]()
+        make = functools.partial(begin.replace, **values)
+        # All at once: limits may hold of one another.
+        found[name] = raising("--set", make, {f"{parts[name].__name__}.": f" {name}."})
+    return found
 
 
 def schedule_of(every: Interval) -> Every:

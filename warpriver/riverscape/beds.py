@@ -15,8 +15,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpriver.arrays import DeviceArray, FloatArray, IndexArray
-from warpriver.device import PRECISIONS, launch_kernel, require_memory
+from warpriver.device import PRECISIONS, launch_kernel, put_on_device, require_memory
 from warpriver.kernels import beds as kernels
+from warpriver.riverscape.sorting import boxes, stable_order
 from warpriver.riverscape.stations import TYPES, Stations
 from warpriver.riverscape.templates import BEND_TABLE, LANES, section_depth, spread_factor
 from warpriver.terrain import Terrain
@@ -98,7 +99,7 @@ def ground_of(terrain: Terrain) -> Any:
 
     def ground(xy: FloatArray) -> FloatArray:
         origin = _origin(terrain)
-        place: DeviceArray = wp.array(np.ascontiguousarray(xy - origin), dtype=wp.vec2d, device=terrain.device)
+        place = put_on_device(xy - origin, wp.vec2d, terrain.device)
         out = wp.empty(len(place), dtype=wp.float64, device=terrain.device)
         grid = terrain.grid("float64", origin)
         kernel = kernels.build(wp.float64).sample_ground
@@ -138,12 +139,11 @@ class Beds:
         self._marks = self._of_marks(rocks=True)
         self._index = self._of_index(built, self.limits)
         wet = courses.wet[courses.station_course].astype(np.uint8)
-        self._wet: DeviceArray = wp.array(wet, dtype=wp.uint8, device=terrain.device)
+        self._wet = put_on_device(wet, wp.uint8, terrain.device)
         self._grid = terrain.grid(dtype, self._zero)
 
     def _array(self, values: Any, dtype: Any) -> DeviceArray:
-        made: DeviceArray = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.terrain.device)
-        return made
+        return put_on_device(values, dtype, self.terrain.device)
 
     def _of_stations(self, built: Any) -> tuple[Any, FloatArray]:
         courses = self.courses
@@ -352,21 +352,12 @@ class Beds:
 def _cells_of_discs(xy: FloatArray, radius: FloatArray, size: float) -> tuple[IndexArray, IndexArray]:
     low = np.floor((xy - radius[:, None]) / size).astype(np.int64)
     high = np.floor((xy + radius[:, None]) / size).astype(np.int64)
-    return _boxes(low, high)
-
-
-def _boxes(low: IndexArray, high: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """All cells of boxes: the box's number, and (n, 2) column and row."""
-    extent = high - low + 1
-    count = extent[:, 0] * extent[:, 1]
-    pair = np.repeat(np.arange(len(low)), count)
-    rank = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
-    columns = extent[pair, 0]
-    return pair, np.column_stack([low[pair, 0] + rank % columns, low[pair, 1] + rank // columns])
+    disc, column, row = boxes(low, high)
+    return disc, np.column_stack([column, row])
 
 
 def _packed(cell: NDArray[np.int32], item: NDArray[np.integer], count: int) -> tuple[IndexArray, NDArray[np.integer]]:
     """Offsets of cells, and their items in the order in which they come."""
-    order = np.argsort(cell, kind="stable")
+    order = stable_order(cell)
     starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=count))])
     return starts, item[order]

@@ -12,10 +12,11 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from warpriver.arrays import DeviceArray, FlagArray, FloatArray, IndexArray
-from warpriver.device import launch_kernel, resolve_device
+from warpriver.device import launch_kernel, put_on_device, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import courses as kernels
 from warpriver.public import public
+from warpriver.riverscape.sorting import boxes, stable_order
 from warpriver.validate import checked_line, checked_points, floats
 
 __all__ = ["TYPES", "Course", "CourseFrame", "CourseMap", "Log", "Rock", "SurveyedPlaces", "checked_courses"]
@@ -295,39 +296,31 @@ class CourseMap:
         ):
             setattr(found, name, wp.empty(len(points), dtype=kind, device=self.device))
         if len(points):
-            at: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            at = put_on_device(points - self.origin, wp.vec2d, self.device)
             launch_kernel(self._kernels.survey_places, len(points), [self._courses, at], [found], device=self.device)
         names = [f.name for f in dataclasses.fields(SurveyedPlaces)]
         return SurveyedPlaces(*(getattr(found, name).numpy() for name in names))
 
     def _bucket(self, joined: dict[str, FloatArray], frame: CourseFrame | None) -> None:
         """Lay a grid over all water and list what reaches into each of its squares."""
-        xy, half = joined["xy"], 0.5 * joined["width"]
-        reach = half * (1.0 + REACH_IN_HALF_WIDTHS) + REACH_IN_DEPTHS * joined["depth"]
+        xy = joined["xy"]
+        reach = _reach(joined["width"], joined["depth"])
         inner = np.ones(len(xy), bool)
         inner[self.start[1:] - 1] = False
         segment = np.flatnonzero(inner)
         wide = np.maximum(reach[segment], reach[segment + 1])[:, None]
         low = np.minimum(xy[segment], xy[segment + 1]) - wide
         high = np.maximum(xy[segment], xy[segment + 1]) + wide
-        corner, far = low.min(axis=0), high.max(axis=0)
         if frame is None:
-            size = max(float(np.median(reach)) / 3.0, 1e-3)
-            # Where the water is sparse, larger squares.
-            size = max(size, float(np.sqrt(np.prod(far - corner) / MOST_BUCKETS)))
-            frame = CourseFrame((float(corner[0]), float(corner[1])), size)
+            frame = _frame(low.min(axis=0), high.max(axis=0), reach)
         self.frame, self.origin = frame, frame.origin
         first = np.floor((low - self.origin) / frame.size).astype(np.int64)
         last = np.floor((high - self.origin) / frame.size).astype(np.int64)
         self._corner = first.min(axis=0)
         self._shape = tuple(int(v) + 1 for v in last.max(axis=0) - self._corner)
-        across, up = (last - first + 1).T
-        count = across * up
-        box = np.repeat(np.arange(len(low)), count)
-        k = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-        column, row = first[box, 0] + k % across[box] - self._corner[0], first[box, 1] + k // across[box]
-        bucket = (row - self._corner[1]) * self._shape[0] + column
-        order = np.argsort(bucket, kind="stable")
+        box, column, row = boxes(first - self._corner, last - self._corner)
+        bucket = row * self._shape[0] + column
+        order = stable_order(bucket)
         counts = np.bincount(bucket, minlength=self._shape[0] * self._shape[1])
         self._bucket_start = np.concatenate([[0], np.cumsum(counts)])
         self._bucket_segment = segment[box[order]]
@@ -336,7 +329,7 @@ class CourseMap:
         made = self._kernels
 
         def put(values: ArrayLike, kind: Any, numpy_type: Any) -> DeviceArray:
-            return wp.array(np.ascontiguousarray(values, numpy_type), dtype=kind, device=self.device)
+            return put_on_device(np.asarray(values, numpy_type), kind, self.device)
 
         local = joined["xy"] - self.origin
         falls = np.zeros(len(local), np.int32)
@@ -357,6 +350,44 @@ class CourseMap:
         courses.west, courses.south = (int(v) for v in self._corner)
         courses.columns, courses.rows = self._shape
         self._courses = courses
+
+
+def frame_of(courses: Sequence[Course]) -> CourseFrame:
+    """Return the frame that a map of courses would have, for maps of a part of them."""
+    xy, reach = np.concatenate([np.asarray(c.xy) for c in courses]), np.concatenate([_reach_of(c) for c in courses])
+    return _frame((xy - reach[:, None]).min(axis=0), (xy + reach[:, None]).max(axis=0), reach)
+
+
+def courses_near(courses: Sequence[Course], window: tuple[float, float, float, float]) -> list[Course]:
+    """Return the courses whose water or banks may reach into a window, whole.
+
+    Args:
+        courses: All courses.
+        window: (west, south, east, north) in m.
+    """
+    low, high = np.array(window[:2]), np.array(window[2:])
+
+    def near(course: Course) -> bool:
+        xy, reach = np.asarray(course.xy), float(_reach_of(course).max())
+        return bool((xy.min(axis=0) - reach < high).all() and (xy.max(axis=0) + reach > low).all())
+
+    return [course for course in courses if near(course)]
+
+
+def _reach_of(course: Course) -> FloatArray:
+    return _reach(np.asarray(course.width), np.asarray(course.depth))
+
+
+def _reach(width: FloatArray, depth: FloatArray) -> FloatArray:
+    """How far from its points a course is known, m."""
+    return np.asarray(0.5 * width * (1.0 + REACH_IN_HALF_WIDTHS) + REACH_IN_DEPTHS * depth)
+
+
+def _frame(low: FloatArray, high: FloatArray, reach: FloatArray) -> CourseFrame:
+    """Squares from the corner of all water; where it is sparse, larger ones."""
+    size = max(float(np.median(reach)) / 3.0, 1e-3)
+    size = max(size, float(np.sqrt(np.prod(high - low) / MOST_BUCKETS)))
+    return CourseFrame((float(low[0]), float(low[1])), size)
 
 
 def checked_courses(courses: Sequence[Course]) -> list[Course]:

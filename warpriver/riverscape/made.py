@@ -16,11 +16,11 @@ from warpriver.errors import InputError
 from warpriver.network import RiverNetwork
 from warpriver.riverscape import edits
 from warpriver.riverscape.beds import ground_of
-from warpriver.riverscape.courses import TYPES, Course, CourseFrame, CourseMap, Log, Rock
+from warpriver.riverscape.courses import TYPES, Course, CourseFrame, CourseMap, Log, Rock, courses_near, frame_of
 from warpriver.riverscape.primitives import KINDS, Merge, Node, Primitives, Replace, check_primitives
 from warpriver.riverscape.programs import TileFrame
 from warpriver.riverscape.rivers import Rivers
-from warpriver.riverscape.seeding import SeedingParams, seed_layers
+from warpriver.riverscape.seeding import SeedingParams, Window, frame_of_water, margin_of, seed_layers
 from warpriver.riverscape.templates import type_index
 from warpriver.riverscape.water import Water
 from warpriver.terrain import Terrain
@@ -60,6 +60,7 @@ class Made:
         tree: The water as a tree of a user's own, or None.
         water_edits: Edits of the water, in order; they are done again where it is seeded anew.
         frames: What the bits of courses and water are relative to: those of what was made first.
+        window: (west, south, east, north) in m that water is needed in; by default everywhere.
     """
 
     terrain: Terrain
@@ -70,17 +71,37 @@ class Made:
     tree: Node | None = None
     water_edits: tuple[Edit, ...] = ()
     frames: tuple[CourseFrame, TileFrame] | None = None
+    window: Window | None = None
 
     @functools.cached_property
     def courses(self) -> CourseMap:
-        """The courses, to be asked at any place."""
-        return CourseMap(
-            self.rivers.courses(),
-            rocks=self.rivers.rocks(),
-            logs=self.rivers.logs(),
-            frame=None if self.frames is None else self.frames[0],
-            device=self.terrain.device,
-        )
+        """The courses, to be asked at any place; with a window those that come near it."""
+        courses, rocks, logs = self._all_courses, self.rivers.rocks(self._reached), self.rivers.logs()
+        frame = None if self.frames is None else self.frames[0]
+        if self._reached is not None:
+            frame = frame_of(courses) if frame is None else frame
+            courses = courses_near(courses, self._reached)
+        return CourseMap(courses, rocks=rocks, logs=logs, frame=frame, device=self.terrain.device)
+
+    @functools.cached_property
+    def _all_courses(self) -> list[Course]:
+        return self.rivers.courses()
+
+    @functools.cached_property
+    def _frame(self) -> TileFrame | None:
+        """What the bits of the water are relative to; None for a tree of a user's."""
+        if self.frames is not None:
+            return self.frames[1]
+        return frame_of_water(self._all_courses, self.detail) if self.tree is None else None
+
+    @functools.cached_property
+    def _reached(self) -> Window | None:
+        """The window with what has to be made around it."""
+        if self.window is None or self._frame is None:
+            return None
+        west, south, east, north = self.window
+        wide = margin_of(self._frame, self.detail)
+        return west - wide, south - wide, east + wide, north + wide
 
     @functools.cached_property
     def layers(self) -> tuple[Layer, ...]:
@@ -88,7 +109,7 @@ class Made:
         if self.tree is not None:
             found: tuple[Layer, ...] = (Layer("body", self.tree),)
         else:
-            made = seed_layers(self.courses, self.detail, self.seed, self.params)
+            made = seed_layers(self.courses, self.detail, self.seed, self.params, self._reached)
             found = tuple(Layer(name, node) for name, node in made.items())
         for edit in self.water_edits:
             found = _edit_layers(edit, found, self, anew=True)
@@ -97,8 +118,7 @@ class Made:
     @functools.cached_property
     def surface(self) -> Water:
         """The blend-flow tree of the water."""
-        frame = None if self.frames is None else self.frames[1]
-        return Water(tree_of(self.layers), frame=frame, device=self.terrain.device)
+        return Water(tree_of(self.layers), frame=self._frame, device=self.terrain.device)
 
     def with_edit(self, edit: Edit) -> Made:
         """Return what an edit makes of this.

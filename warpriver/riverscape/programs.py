@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,15 @@ from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
 from warpriver.kernels import flow_tree as kernels
 from warpriver.riverscape.primitives import Merge, Node, Primitives, Replace
+from warpriver.riverscape.sorting import boxes, grouped, stable_order
 
 __all__ = ["CELLS_ACROSS", "Programs", "TileFrame", "write_programs"]
 
+Codes: TypeAlias = NDArray[np.int32]
 # Cells along the side of a tile, places in which are relative to its corner.
 CELLS_ACROSS = 64
+# Leaves whose cells are found at once.
+ROWS_AT_ONCE = 2**14
 # Cells of all wet tiles at most.
 MOST_CELLS = 2**27
 
@@ -28,7 +33,7 @@ class TileFrame:
     Attributes:
         cell_size: m.
         origin: (x, y) of the corner that tiles are counted from, in tiles.
-        tile: (n, 2) column and row of tiles whose datum is known.
+        tile: (n, 2) column and row of tiles whose datum is known; none: those of the water that the frame is given to.
         datum: (n,) m, whole numbers.
     """
 
@@ -71,8 +76,8 @@ class Programs:
     tile_first: IndexArray
     tile_datum: FloatArray
     row_tile: IndexArray
-    cell_start: IndexArray
-    code: IndexArray
+    cell_start: Codes
+    code: Codes
 
 
 @dataclasses.dataclass
@@ -139,11 +144,11 @@ def write_programs(tree: Node, cell_size: float | None = None, frame: TileFrame 
     cell = tile_first[tile] + line % CELLS_ACROSS * CELLS_ACROSS + column % CELLS_ACROSS
     known = np.column_stack([np.flatnonzero(wet) % columns + west, np.flatnonzero(wet) // columns + south])
     datum = np.zeros(len(wet))
-    if frame is None:
+    if frame is None or not len(frame.tile):
         weight = np.bincount(tile, minlength=len(wet))
         total = np.bincount(tile, rows.level[pair_row], len(wet))
         datum[wet] = np.round(total[wet] / weight[wet])
-        frame = TileFrame(size, (west, south), known, datum[wet])
+        frame = TileFrame(size, (west, south) if frame is None else frame.origin, known, datum[wet])
     else:
         datum[wet] = frame.datum_of(known)
     corner = (west - frame.origin[0], south - frame.origin[1])
@@ -200,29 +205,33 @@ def _reached_cells(rows: Primitives, size: float) -> tuple[IndexArray, IndexArra
     """Pairs of a leaf and a cell that its disc reaches: row, column and line of the cell, row by row."""
     low = np.floor((rows.center - rows.radius[:, None]) / size).astype(np.int64)
     high = np.floor((rows.center + rows.radius[:, None]) / size).astype(np.int64)
-    across, up = (high - low + 1).T
-    count = across * up
-    if int(count.sum()) > 2**30:
-        raise InputError(f"the water's primitives reach {count.sum():.3g} cells of {size:g} m; use larger cells")
-    row = np.repeat(np.arange(len(rows)), count)
-    k = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    k_line = k // across[row]
-    k -= k_line * across[row]
-    # Distance from the centre to the nearest place of the cell, by the distance from the corner of its box.
-    inside = rows.center - low * size
-    x, y = inside[row, 0] - k * size, inside[row, 1] - k_line * size
-    x -= np.clip(x, 0.0, size)
-    y -= np.clip(y, 0.0, size)
-    near = np.flatnonzero(x * x + y * y < rows.radius[row] ** 2)
-    row, column, line = row[near], k[near], k_line[near]
-    column += low[row, 0]
-    line += low[row, 1]
+    count = int((high - low + 1).prod(axis=1).sum())
+    if count > 2**30:
+        raise InputError(f"the water's primitives reach {count:.3g} cells of {size:g} m; use larger cells")
+    # A part at a time, which stays in the cache.
+    parts = [_reached(rows, low, high, size, k, k + ROWS_AT_ONCE) for k in range(0, len(rows), ROWS_AT_ONCE)]
+    row, column, line = (np.concatenate(part) for part in zip(*parts, strict=True))
     return row, column, line
 
 
-def _emit(
-    tree: _Tree, cell: IndexArray, node: IndexArray, row: IndexArray, cells: int
-) -> tuple[IndexArray, IndexArray]:
+def _reached(
+    rows: Primitives, low: IndexArray, high: IndexArray, size: float, first: int, stop: int
+) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """As ``_reached_cells``, of the rows from ``first`` to ``stop``."""
+    low, radius = low[first:stop], rows.radius[first:stop]
+    row, column, line = boxes(low, high[first:stop])
+    # Distance from the centre to the nearest place of the cell, by the distance from the corner of its box.
+    inside = rows.center[first:stop] - low * size
+    square = np.zeros(len(row))
+    for k, cell in enumerate((column, line)):
+        away = inside[:, k].copy()[row] - (cell - low[:, k].copy()[row]) * size
+        away -= np.clip(away, 0.0, size)
+        square += away * away
+    near = np.flatnonzero(square < (radius**2)[row])
+    return row[near] + first, column[near], line[near]
+
+
+def _emit(tree: _Tree, cell: IndexArray, node: IndexArray, row: IndexArray, cells: int) -> tuple[Codes, Codes]:
     """Write the programs: lengths from the leaves up, places from the root down, each depth of the tree at once.
 
     Returns:
@@ -230,7 +239,7 @@ def _emit(
     """
     nodes = len(tree.parent)
     key = cell * nodes + node
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     key, row = key[order], row[order]
     first = np.flatnonzero(np.diff(key, prepend=-1))
     count = np.diff(first, append=len(key))
@@ -243,13 +252,16 @@ def _emit(
         own = (blocks.cell[here], blocks.node[here], blocks.length[here])
         inner = _parents(tree, levels[depth + 1], nodes)
         joined = [np.concatenate(pair) for pair in zip(own, inner, strict=True)]
-        by = np.argsort(joined[0] * nodes + joined[1], kind="stable")
+        by = stable_order(joined[0] * nodes + joined[1])
         levels[depth] = _Entries(joined[0][by], joined[1][by], joined[2][by], np.full(len(by), -1))
     top = levels[0]
-    length = np.zeros(cells, np.int64)
-    length[top.cell] = top.length
-    cell_start = np.concatenate([[0], np.cumsum(length)])
-    code = np.zeros(int(cell_start[-1]), np.int64)
+    total = int(top.length.sum())
+    if total >= 2**31:
+        raise InputError(f"the programs of the water's cells are {total:.3g} numbers long, 2.1e9 at most; use a part")
+    cell_start = np.zeros(cells + 1, np.int32)
+    cell_start[1:][top.cell] = top.length
+    np.cumsum(cell_start, out=cell_start)
+    code = np.zeros(total, np.int32)
     top.start[:] = cell_start[top.cell]
     for depth in range(deepest):
         _place_children(tree, levels[depth], levels[depth + 1], nodes, code)
@@ -263,7 +275,7 @@ def _parents(tree: _Tree, children: _Entries, nodes: int) -> tuple[IndexArray, I
     if not len(children.cell):
         return children.cell, children.node, children.length
     key = children.cell * nodes + tree.parent[children.node]
-    keys, group = np.unique(key, return_inverse=True)
+    keys, group = grouped(key)
     cell, node = keys // nodes, keys % nodes
     replacing = tree.sort[node] == "r"
     under = np.zeros(len(keys), bool)
@@ -278,7 +290,7 @@ def _parents(tree: _Tree, children: _Entries, nodes: int) -> tuple[IndexArray, I
     return cell[kept], node[kept], length[kept]
 
 
-def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, code: IndexArray) -> None:
+def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, code: Codes) -> None:
     """Say where the programs of nodes begin, from where their parents' begin, and write the parents' codes."""
     parent_key = below.cell * nodes + tree.parent[below.node]
     above_key = above.cell * nodes + above.node
@@ -286,7 +298,8 @@ def _place_children(tree: _Tree, above: _Entries, below: _Entries, nodes: int, c
     at = np.minimum(at, len(above_key) - 1)
     alive = (above_key[at] == parent_key) & (above.start[at] >= 0)
     child = np.flatnonzero(alive)
-    child = child[np.lexsort((tree.place[below.node[child]], at[child]))]
+    places = int(tree.place.max()) + 1
+    child = child[stable_order(at[child] * places + tree.place[below.node[child]])]
     owner = at[child]
     length = below.length[child]
     before = np.cumsum(length) - length
@@ -309,7 +322,7 @@ def _write_leaves(
     depth_of: IndexArray,
     row: IndexArray,
     count: IndexArray,
-    code: IndexArray,
+    code: Codes,
     nodes: int,
 ) -> None:
     """Write the numbers of the leaves of each block, in the order of the rows."""
@@ -323,7 +336,7 @@ def _write_leaves(
     code[into[alive]] = row[alive]
 
 
-def _check_depth(code: IndexArray) -> None:
+def _check_depth(code: Codes) -> None:
     """No program may set more aside than the stack holds."""
     step = np.where(code == kernels.OPEN, 1, np.where((code == kernels.MERGE) | (code == kernels.REPLACE), -1, 0))
     # A program ends at the depth that it began at, so that one running sum serves all.

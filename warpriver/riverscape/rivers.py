@@ -215,13 +215,21 @@ class Rivers:
             )
         return made
 
-    def rocks(self) -> list[Rock]:
-        """Return the rocks, as water needs them: those of a user's behind those that follow from types."""
+    def rocks(self, window: tuple[float, float, float, float] | None = None) -> list[Rock]:
+        """Return the rocks, as water needs them: those of a user's behind those that follow from types.
+
+        Args:
+            window: (west, south, east, north) in m, beyond which the latter are left out.
+        """
         rocks = self.stations.rocks
-        top: FloatArray = self.beds.heights(rocks.xy)[0]
+        xy, radius = rocks.xy, rocks.radius
+        if window is not None:
+            inside = ((xy >= window[:2]) & (xy <= window[2:])).all(axis=1)
+            xy, radius = xy[inside], radius[inside]
+        top: FloatArray = self.beds.heights(xy)[0]
         own = [
             Rock((float(x), float(y)), float(2.0 * r), float(z))
-            for (x, y), r, z in zip(rocks.xy, rocks.radius, top, strict=True)
+            for (x, y), r, z in zip(xy, radius, top, strict=True)
             if np.isfinite(z)
         ]
         return own + [each for each in self.obstacles if isinstance(each, Rock)]

@@ -163,6 +163,23 @@ class Riverscape:
     # Edits that were done before the scene was read from a file.
     _before: tuple[Edit, ...] = ()
 
+    @public
+    def within(self, bounds: Sequence[float] | FloatArray) -> Riverscape:
+        """Return this scene with water in a window alone: there the same, to the bit, at its share of the cost.
+
+        Beyond the window there may be no water, and rocks and leaves have none to lie in. Undone edits are forgotten.
+
+        Args:
+            bounds: (west, south, east, north) in m.
+
+        Raises:
+            ValueError: Bounds without a river in them.
+        """
+        west, south, east, north = finite_numbers(bounds, 4, "bounds")
+        self._require_river(west, south, east, north)
+        made = dataclasses.replace(self._made, window=(west, south, east, north))
+        return Riverscape.of_made(made, self.edits)
+
     @property
     def made(self) -> Made:
         """What it is made of now."""
@@ -354,8 +371,8 @@ class Riverscape:
         low_x, low_y, high_x, high_y = (float(v) for v in (x.min(), y.min(), x.max(), y.max()))
         if not near:
             raise InputError(
-                f"bounds ({west:g}, {south:g}, {east:g}, {north:g}) hold no river; the courses lie within "
-                f"({low_x:.1f}, {low_y:.1f}, {high_x:.1f}, {high_y:.1f})"
+                f"bounds is ({west:.10g}, {south:.10g}, {east:.10g}, {north:.10g}), which holds no river; the courses "
+                f"lie within ({low_x:.1f}, {low_y:.1f}, {high_x:.1f}, {high_y:.1f})"
             )
 
     @public

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -10,8 +12,10 @@ from warpriver.arrays import FlagArray, FloatArray, IndexArray
 from warpriver.kernels import flow_tree as kernels
 from warpriver.parameter import Params, parameter
 from warpriver.public import public
-from warpriver.riverscape.courses import CourseMap, SurveyedPlaces
+from warpriver.riverscape.courses import Course, CourseMap, SurveyedPlaces
 from warpriver.riverscape.primitives import Node, Primitives, blend
+from warpriver.riverscape.programs import CELLS_ACROSS, TileFrame
+from warpriver.riverscape.sorting import boxes, distinct
 from warpriver.validate import positive, whole
 
 __all__ = ["SeedingParams", "seed_layers", "seed_water"]
@@ -22,6 +26,10 @@ GRAVITY = 9.81
 LEVELS = 4
 # Types whose water goes down steps, whose bends part deep from shallow water, and which lie in several threads.
 STEPPED, BENDING, THREADED = ("A+", "A", "B"), ("C", "E", "F", "G"), ("D", "DA")
+# Radius of the largest primitives, in details.
+FARTHEST = 4.0
+# (west, south, east, north) in m.
+Window: TypeAlias = tuple[float, float, float, float]
 # Where a bend begins: curvature times width.
 BEND = 0.15
 
@@ -88,15 +96,19 @@ def seed_water(courses: CourseMap, detail: float, seed: int, params: SeedingPara
     return blend(*seed_layers(courses, detail, seed, params).values())
 
 
-def seed_layers(courses: CourseMap, detail: float, seed: int, params: SeedingParams) -> dict[str, Primitives]:
+def seed_layers(
+    courses: CourseMap, detail: float, seed: int, params: SeedingParams, window: Window | None = None
+) -> dict[str, Primitives]:
     """Return what :func:`seed_water` makes a tree of, from the bottom up, by name; layers without leaves are left out.
+
+    With a window, (west, south, east, north) in m, the body of the water is left out that does not reach into it.
 
     "body": all of the water; "waves": standing waves; "wakes": rough water behind rocks and logs; "eddies": the pairs
     of vortices upon that.
     """
     known = _PointTable(courses)
     made = {
-        "body": _body(courses, known, detail, seed, params),
+        "body": _body(courses, known, detail, seed, params, window),
         "waves": _standing_waves(courses, known, detail, seed, params),
     }
     parts = [_wakes(courses, known, seed, params)]
@@ -181,12 +193,16 @@ def _share(bits: IndexArray, salt: int) -> FloatArray:
     return hashed(bits, np.zeros_like(bits), salt) / 2.0**32
 
 
-def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int) -> _Sites:
+def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int, window: Window | None) -> _Sites:
     """Corners of the squares that the water is divided into, a square by four where its water wants it finer."""
     finest = 0.5 * detail
     side = finest * 2.0 ** (LEVELS - 1)
     xy, half = courses.joined("xy"), 0.5 * known.width
     squares = _near_squares(xy, half, side)
+    if window is not None:
+        # The corners of a square reach into its neighbours.
+        low, high = np.floor(np.array(window[:2]) / side) - 2, np.floor(np.array(window[2:]) / side) + 2
+        squares = squares[((squares >= low) & (squares <= high)).all(axis=1)]
     corners: list[tuple[IndexArray, float]] = []
     for level in range(LEVELS - 1, -1, -1):
         side = finest * 2.0**level
@@ -197,9 +213,7 @@ def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int) -
         # A corner of a square in the water is another one's, too.
         wet = beyond < 0.5 * side
         squares, point = squares[wet], point[wet]
-        wanted = detail * np.sqrt(1.0 / known.speed[point])
-        wanted = np.minimum(wanted, 0.25 * known.width[point])
-        fits = np.log2(wanted / finest) >= level - 0.5 if level else np.ones(len(point), bool)
+        fits = _level(known.speed[point], known.width[point], detail) >= level
         kept = squares[fits]
         block = np.concatenate([kept + step for step in ((0, 0), (1, 0), (0, 1), (1, 1))])
         corners.append((_unique(block), side))
@@ -211,8 +225,40 @@ def _lattice(courses: CourseMap, known: _PointTable, detail: float, seed: int) -
     found = courses.survey(places)
     beyond = (np.abs(found.across) - 1.0) * half[np.maximum(found.point, 0)]
     # What only reaches the bank is left out.
-    kept = (found.point >= 0) & (beyond < 0.5 * spacing)
-    return _Sites(places, spacing, bits, found)[kept]
+    wet_places = (found.point >= 0) & (beyond < 0.5 * spacing)
+    return _Sites(places, spacing, bits, found)[wet_places]
+
+
+def _level(speed: FloatArray, width: FloatArray, detail: float) -> IndexArray:
+    """Level of the lattice that suits water: its spacing is half the detail, times 2 to the power of the level."""
+    wanted = np.minimum(detail * np.sqrt(1.0 / speed), 0.25 * width)
+    return np.clip(np.floor(np.log2(wanted / (0.5 * detail)) + 0.5), 0, LEVELS - 1).astype(np.int64)
+
+
+def frame_of_water(courses: Sequence[Course], detail: float) -> TileFrame:
+    """Return what the numbers of the water of courses are relative to, so that parts of it have the bits of the whole.
+
+    The cells are as large as the smallest tenth of the primitives.
+    """
+    speed, width, along, xy = (
+        np.concatenate([np.asarray(getattr(c, name)) for c in courses]) for name in ("speed", "width", "along", "xy")
+    )
+    spacing = 0.5 * detail * 2.0 ** _level(speed, width, detail)
+    count = width * np.maximum(np.diff(along, append=along[-1]), 0.0) / spacing**2
+    order = np.argsort(spacing, kind="stable")
+    total = np.cumsum(count[order])
+    size = float(spacing[order][np.searchsorted(total, 0.1 * total[-1])])
+    west, south = (int(v) for v in np.floor(xy.min(axis=0) / (CELLS_ACROSS * size)))
+    return TileFrame(size, (west, south), np.empty((0, 2), np.int64), np.empty(0))
+
+
+def margin_of(frame: TileFrame, detail: float) -> float:
+    """Return how far beyond a window water has to be made, m, so that in it every bit is that of the whole.
+
+    The datum of a tile follows from all that reaches into it, and what reaches into the window may begin in the tile
+    beside it.
+    """
+    return 2.0 * (CELLS_ACROSS * frame.cell_size + FARTHEST * detail)
 
 
 def _unique(pairs: IndexArray) -> IndexArray:
@@ -221,7 +267,7 @@ def _unique(pairs: IndexArray) -> IndexArray:
         return pairs
     low = pairs.min(axis=0)
     wide = int(pairs[:, 0].max() - low[0]) + 1
-    key = np.unique((pairs[:, 1] - low[1]) * wide + pairs[:, 0] - low[0])
+    key = distinct((pairs[:, 1] - low[1]) * wide + pairs[:, 0] - low[0])
     return np.asarray(np.column_stack([key % wide, key // wide]) + low)
 
 
@@ -229,16 +275,15 @@ def _near_squares(xy: FloatArray, half: FloatArray, side: float) -> IndexArray:
     """Squares of a side that the boxes around points of courses touch."""
     low = np.floor((xy - half[:, None]) / side).astype(np.int64) - 1
     high = np.floor((xy + half[:, None]) / side).astype(np.int64) + 1
-    across, up = (high - low + 1).T
-    count = across * up
-    box = np.repeat(np.arange(len(xy)), count)
-    k = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-    return _unique(np.column_stack([low[box, 0] + k % across[box], low[box, 1] + k // across[box]]))
+    _, column, row = boxes(low, high)
+    return _unique(np.column_stack([column, row]))
 
 
-def _body(courses: CourseMap, known: _PointTable, detail: float, seed: int, params: SeedingParams) -> Primitives:
+def _body(
+    courses: CourseMap, known: _PointTable, detail: float, seed: int, params: SeedingParams, window: Window | None
+) -> Primitives:
     """Calm, rippling and turbulent water, and echoes of calm water at banks."""
-    at = _lattice(courses, known, detail, seed)
+    at = _lattice(courses, known, detail, seed, window)
     here, point = at.survey, at.survey.point
     depth = np.maximum(here.depth, 0.1 * known.depth[point])
     speed = np.hypot(*here.velocity.T)

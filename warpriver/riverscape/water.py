@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from warpriver.arrays import DeviceArray, FloatArray
-from warpriver.device import PRECISIONS, launch_kernel, resolve_device
+from warpriver.device import PRECISIONS, launch_kernel, put_on_device, resolve_device
 from warpriver.errors import InputError
 from warpriver.kernels import flow_tree
 from warpriver.kernels import water as kernels
@@ -163,7 +163,7 @@ class Water:
         self._set_time(time)
         surface = self._surface(len(points))
         if len(points):
-            local: DeviceArray = wp.array(points - self.origin, dtype=wp.vec2d, device=self.device)
+            local = put_on_device(points - self.origin, wp.vec2d, self.device)
             inputs = [self._rows, self._noise, self._cells, self._kernels.Grid(), local]
             launch_kernel(self._evaluate, len(points), inputs, [surface], device=self.device)
         return WaterSample(
@@ -331,7 +331,7 @@ class Water:
         rows = made.Primitives()
 
         def put(values: ArrayLike, kind: Any, real_type: Any) -> DeviceArray:
-            return wp.array(np.ascontiguousarray(values, real_type), dtype=kind, device=self.device)
+            return put_on_device(np.asarray(values, real_type), kind, self.device)
 
         rows.place = put(place, made.vec4, self._real)
         rows.flow = put(np.column_stack([p.gradient, p.velocity]), made.vec4, self._real)
@@ -354,8 +354,8 @@ class Water:
             ("cell_start", programs.cell_start),
             ("code", programs.code),
         ):
-            setattr(cells, name, wp.array(values.astype(np.int32), dtype=wp.int32, device=self.device))
-        cells.tile_datum = wp.array(programs.tile_datum.astype(self._real), device=self.device)
+            setattr(cells, name, put_on_device(values.astype(np.int32, copy=False), wp.int32, self.device))
+        cells.tile_datum = put_on_device(programs.tile_datum.astype(self._real), PRECISIONS[self.dtype][0], self.device)
         cells.contrast = int(self.contrast)
         return cells
 

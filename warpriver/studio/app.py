@@ -6,9 +6,8 @@ import asyncio
 import contextlib
 import re
 import shutil
-import subprocess
-import sys
 import tempfile
+import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,11 @@ from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.scenes import Scene
 from warpriver.simulation import Simulation
+from warpriver.studio.folder import RUN, begin_folder
 from warpriver.studio.guard import LOOPBACK, Guard, new_token
 from warpriver.studio.live import LiveSession, Watcher
-from warpriver.studio.opening import RECIPE, basin
-from warpriver.studio.worker import RUN, begin_folder
+from warpriver.studio.opening import RECIPE, basin, open_apart
+from warpriver.studio.processes import run_apart, warm_up
 from warpriver.terrain import Terrain
 from warpriver.validate import shown
 
@@ -29,7 +29,9 @@ __all__ = ["make_app"]
 
 STATIC = Path(__file__).parent / "static"
 # Bytes of a file that a page may send, and seconds and bytes of memory that reading it may take.
-UPLOAD_BYTES, OPENING_SECONDS, OPENING_MEMORY = 256 * 2**20, 180, 6 * 2**30
+UPLOAD_BYTES, OPENING_SECONDS, OPENING_MEMORY = 256 * 2**20, 180.0, 6 * 2**30
+# Seconds between two looks whether the page still waits for it.
+LOOK = 0.25
 # Bytes of a message of a page, and of what a generator is asked for.
 MESSAGE_BYTES, RECIPE_BYTES = 2**20, 2**14
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,80}\.[A-Za-z0-9]{1,8}")
@@ -88,6 +90,7 @@ def make_app(
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
+        warm_up()
         yield
         await session.stop()
         if removed:
@@ -110,14 +113,19 @@ def make_app(
                     if size > UPLOAD_BYTES:
                         return PlainTextResponse(f"the file is larger than {UPLOAD_BYTES // 2**20} MiB", 413)
                     file.write(chunk)
-            return await opened(Path(box) / name)
+            return await opened(Path(box) / name, request)
 
-    async def opened(file: Path) -> Response:
-        """Begin anew with what a file holds."""
-        made = file.parent / "session"
-        error = await asyncio.to_thread(_open_apart, file, made)
+    async def opened(file: Path, request: Request) -> Response:
+        """Begin anew with what a file holds, unless the page gives it up meanwhile."""
+        made, given_up = file.parent / "session", threading.Event()
+        call = (open_apart, (str(file), str(made), OPENING_MEMORY), OPENING_SECONDS, given_up)
+        task = asyncio.create_task(asyncio.to_thread(run_apart, *call))
+        while not (await asyncio.wait({task}, timeout=LOOK))[0]:
+            if await request.is_disconnected():
+                given_up.set()
+        error = task.result()
         if error is not None:
-            return PlainTextResponse(error, 422)
+            return PlainTextResponse(error.replace(f"{file.parent}/", ""), 422)
         await session.replace(made)
         return JSONResponse({"opened": file.name})
 
@@ -130,7 +138,7 @@ def make_app(
         with tempfile.TemporaryDirectory(dir=place, prefix="new-") as box:
             file = Path(box) / f"new{RECIPE}"
             file.write_bytes(body)
-            return await opened(file)
+            return await opened(file, request)
 
     async def download(request: Request) -> Response:
         name = request.path_params["name"]
@@ -202,16 +210,3 @@ def _simulation_of(start: object, terrain: Terrain | None) -> Simulation:
     if isinstance(start, Scene):
         return start.simulation()
     return basin()
-
-
-def _open_apart(path: Path, folder: Path) -> str | None:
-    """Make a session of a file in a process of its own, with limits; return what went wrong."""
-    command = [sys.executable, "-m", "warpriver.studio.opening", str(path), str(folder), str(OPENING_MEMORY)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=OPENING_SECONDS, check=False)
-    except subprocess.TimeoutExpired:
-        return f"reading the file took longer than {OPENING_SECONDS} s"
-    if done.returncode == 0:
-        return None
-    said = done.stderr.strip().splitlines()
-    return said[-1].replace(str(path.parent) + "/", "") if said else f"reading the file failed ({done.returncode})"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from warpriver.edits import Edit, PaintControl, Session, write_edits
 from warpriver.errors import InputError
-from warpriver.history import Event, History
+from warpriver.history import Avulsion, Collision, Crevasse, Cutoff, Event, HeldLock, History, Split
 from warpriver.meander import Control, ControlField, SetControls
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
@@ -26,6 +26,12 @@ __all__ = ["Author", "Checkpoint", "brushed"]
 MARK_STEPS, MARKS = 50, 16
 # Cells of the painted control field along the longer side of the map.
 FIELD_CELLS = 512
+# Events of channels that are kept at least, the latest ones, so that memory does not grow however long a run plays.
+# What changes controls, constants or ground is kept always: a run is taken up with it.
+EVENTS_KEPT = 3000
+CHANNEL_EVENTS = (Cutoff, Collision, Avulsion, Crevasse, Split, HeldLock)
+# Rows of two grounds that are compared at a time.
+COMPARED_ROWS = 64
 
 
 @dataclasses.dataclass
@@ -38,12 +44,14 @@ class _Mark:
         state: What the run pickles as. Its events and records are those of the run, which never change, and its ground
             is that of the mark before where it is the same.
         ground: The ground, or None.
+        forgotten: Events that the run has forgotten, by kind.
     """
 
     step: int
     edits: int
     state: dict[str, Any]
     ground: Terrain | None
+    forgotten: dict[str, int]
 
     def simulation(self) -> Simulation:
         """Return the run as it was, to be gone on with."""
@@ -63,8 +71,9 @@ class Author:
     Attributes:
         simulation: The run as it is now; another object after an edit further back was undone or redone.
         entries: The edits, in order.
-        stepped: Called after steps, at least every 50, also when these are done again.
-        returned: Called before steps are done again, with the step up to which the run stays as it was.
+        forgotten: Numbers of events, by kind, that the run has had and that its history holds no longer.
+        stepped: Called after steps, at least every 50, and after edits, also when these are done again.
+        returned: Called before steps are done again, with the step before which the run stays as it was.
     """
 
     def __init__(self, simulation: Simulation):
@@ -73,6 +82,7 @@ class Author:
         self.entries: list[Entry] = []
         self.stepped: Callable[[], None] | None = None
         self.returned: Callable[[int], None] | None = None
+        self.forgotten: dict[str, int] = {}
         self._undone: list[list[Entry]] = []
         self._marks: list[_Mark] = []
         self._marks.append(self._mark())
@@ -81,20 +91,54 @@ class Author:
 
     def step(self, count: int = 1) -> list[Event]:
         """Advance by so many steps, and return the events of these."""
-        before = len(self.simulation.history.events)
+        found: list[Event] = []
         left = whole(count, "count", 1)
         while left:
             part = min(left, MARK_STEPS - self.simulation.step_count % MARK_STEPS)
+            before = len(self.simulation.history.events)
             self.simulation.step(part)
+            found += self.simulation.history.events[before:]
             left -= part
-            if self.stepped is not None:
-                self.stepped()
+            self._forget()
+            self._tell_stepped()
             if self.simulation.step_count % MARK_STEPS == 0:
                 self._marks.append(self._mark())
                 if len(self._marks) > MARKS:
                     # The first one is the beginning, the last one is now.
                     del self._marks[1:-1:2]
-        return list(self.simulation.history.events[before:])
+        return found
+
+    def count(self, kind: type[Event]) -> int:
+        """Return how many events of a kind the run has had."""
+        return len(self.simulation.history.events.of(kind)) + self.forgotten.get(kind.kind, 0)
+
+    @property
+    def events(self) -> int:
+        """Number of all events that the run has had."""
+        return len(self.simulation.history.events) + sum(self.forgotten.values())
+
+    def events_after(self, count: int) -> list[Event]:
+        """Return the events after the first ``count``, as far as they are remembered."""
+        return list(self.simulation.history.events[max(0, count - sum(self.forgotten.values())) :])
+
+    def _forget(self) -> None:
+        """Let the oldest events go, if there are too many."""
+        history = self.simulation.history
+        if len(history.events) <= 2 * EVENTS_KEPT:
+            return
+        held = list(history.events)
+        old = held[:-EVENTS_KEPT]
+        kept = [event for event in old if not isinstance(event, CHANNEL_EVENTS)]
+        for event in old:
+            if isinstance(event, CHANNEL_EVENTS):
+                self.forgotten[event.kind] = self.forgotten.get(event.kind, 0) + 1
+        # What the run began with stays in its place: the first record refers to it.
+        history.forget_events(0)
+        history.events.extend(kept + held[-EVENTS_KEPT:])
+
+    def _tell_stepped(self) -> None:
+        if self.stepped is not None:
+            self.stepped()
 
     def rewind(self, step: int) -> int:
         """Go back to the end of a step; edits after it are forgotten. Returns how many these are."""
@@ -153,6 +197,7 @@ class Author:
         taken = self.entries[first:]
         if taken[0].step == self.simulation.step_count and self._take_back(len(taken)):
             del self.entries[first:]
+            self._tell_stepped()
         else:
             self._again(self.entries[:first], self.simulation.step_count, first)
         self._undone.append(taken)
@@ -182,6 +227,7 @@ class Author:
             for entry in taken:
                 self.simulation.apply(entry.edit)
                 self.entries.append(entry)
+            self._tell_stepped()
         else:
             self._again([*self.entries, *taken], self.simulation.step_count, len(self.entries))
         self._undone.pop()
@@ -215,7 +261,7 @@ class Author:
             mark = self._marks[0]
             self.simulation = checkpoint.simulation(mark.simulation().terrain)
             same = checkpoint.edits
-            self.entries = list(entries[:same])
+            self.entries, self.forgotten = list(entries[:same]), dict(checkpoint.forgotten)
             self._marks.append(self._mark())
         self._again(entries, steps, same)
         self._undone.clear()
@@ -225,7 +271,8 @@ class Author:
         made = self._mark().simulation()
         made.run(steps=0)  # notes the state that the run stands at
         made.history.save(folder)
-        return {"edits": len(self.entries), "steps": made.step_count, "digest": digest(self.entries)}
+        told = {"edits": len(self.entries), "steps": made.step_count, "digest": digest(self.entries)}
+        return told | {"forgotten": self.forgotten}
 
     # ---- what needs more than one edit, or the state of the run
 
@@ -286,29 +333,37 @@ class Author:
         shared = _shared(state["history"])
         if terrain is not None:
             shared[id(terrain)] = ground
-        return _Mark(self.simulation.step_count, len(self.entries), copy.deepcopy(state, shared), ground)
+        made = copy.deepcopy(state, shared)
+        return _Mark(self.simulation.step_count, len(self.entries), made, ground, dict(self.forgotten))
 
     def _again(self, entries: list[Entry], steps: int, same: int) -> None:
         """Let the run have these edits and steps; the first ``same`` edits are those that it has."""
         first = entries[same].step if same < len(entries) else steps
         usable = [m for m in self._marks if m.step <= first and m.edits <= same]
         mark = usable[-1]
-        before = (self.simulation, self.entries, self._marks)
+        before = (self.simulation, self.entries, self._marks, self.forgotten)
         self._marks = usable
         self.simulation, self.entries = mark.simulation(), list(entries[: mark.edits])
+        self.forgotten = dict(mark.forgotten)
+        had = before[1]
+        differs = min(first, had[same].step if same < len(had) else before[0].step_count)
         if self.returned is not None:
-            had = before[1]
-            self.returned(min(first, had[same].step if same < len(had) else before[0].step_count))
+            self.returned(differs)
         try:
+            self._tell_stepped()
             for entry in entries[mark.edits :]:
                 if entry.step > self.simulation.step_count:
                     self.step(entry.step - self.simulation.step_count)
                 self.simulation.apply(entry.edit)
                 self.entries.append(entry)
+                self._tell_stepped()
             if steps > self.simulation.step_count:
                 self.step(steps - self.simulation.step_count)
         except BaseException:
-            self.simulation, self.entries, self._marks = before
+            self.simulation, self.entries, self._marks, self.forgotten = before
+            if self.returned is not None:
+                self.returned(differs)
+            self._tell_stepped()
             raise
 
 
@@ -321,12 +376,14 @@ class Checkpoint:
         edits: Edits that it has.
         steps: Steps that it has done.
         digest: Sum of these edits.
+        forgotten: Events that it has forgotten, by kind.
     """
 
     folder: Path
     edits: int
     steps: int
     digest: str
+    forgotten: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
     def fits(self, entries: list[Entry], steps: int) -> bool:
         """Tell whether a session goes on from here."""
@@ -353,7 +410,12 @@ def _shared(history: History) -> dict[int, Any]:
 
 
 def _same_bits(a: Terrain, b: Terrain) -> bool:
-    return bool(np.array_equal(a.to_numpy().view(np.uint64), b.to_numpy().view(np.uint64)))
+    # A few rows at a time: neither is copied as a whole, and the first difference ends it.
+    one, other = (each.raster.values.numpy() for each in (a, b))
+    return one.shape == other.shape and all(
+        np.array_equal(one[k : k + COMPARED_ROWS].view(np.uint64), other[k : k + COMPARED_ROWS].view(np.uint64))
+        for k in range(0, len(one), COMPARED_ROWS)
+    )
 
 
 def brushed(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import collections
 import json
-import multiprocessing
 import queue
 import threading
 from collections.abc import Callable
@@ -14,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from warpriver.errors import InputError
+from warpriver.studio.folder import SAVED, copy_session
 from warpriver.studio.frames import STATE
 from warpriver.studio.mapping import map_process
-from warpriver.studio.worker import SAVED, copy_session, work
+from warpriver.studio.news import REQUEST
+from warpriver.studio.processes import context
+from warpriver.studio.worker import work
 
 __all__ = ["LiveSession", "Watcher"]
 
@@ -87,11 +89,10 @@ class _Process:
     ):
         """Start it; ``received`` and ``ended`` are called on the present loop."""
         self._loop = asyncio.get_running_loop()
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=target, args=(theirs, str(folder)), daemon=True)
-        self._process.start()
-        theirs.close()
+        self._connection, self._theirs = context().Pipe()
+        arguments = (self._theirs, str(folder))
+        self._process = context().Process(target=target, args=arguments, daemon=True)  # type: ignore[attr-defined]
+        self._started = threading.Event()
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         # Bytes that were given to it, and that it has taken; each is counted by one thread alone.
         self._given = self._taken = 0
@@ -101,8 +102,8 @@ class _Process:
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
-        return self._process.is_alive()
+        """Whether it runs, or is about to."""
+        return not self._started.is_set() or bool(self._process.is_alive())
 
     def give(self, message: bytes) -> bool:
         """Send it a message; False where too much waits already, or it does not run."""
@@ -115,6 +116,7 @@ class _Process:
     def end(self) -> None:
         """Ask it to end, and kill it if it does not; takes up to two seconds, so no loop may do it."""
         self._queue.put(None)
+        self._started.wait()
         self._process.join(2.0)
         if self._process.is_alive():
             self._process.kill()
@@ -132,6 +134,10 @@ class _Process:
             self._taken += len(message)
 
     def _read(self) -> None:
+        # Here, since it may have to wait until there is a process to fork from.
+        self._process.start()
+        self._started.set()
+        self._theirs.close()
         while True:
             try:
                 message = self._connection.recv_bytes()
@@ -155,7 +161,7 @@ class LiveSession:
     """One session: a folder, a process that has its simulation, one that makes maps of it, and any number of pages."""
 
     def __init__(self, folder: Path):
-        """Take a folder that :func:`warpriver.studio.worker.begin_folder` has made."""
+        """Take a folder that :func:`warpriver.studio.folder.begin_folder` has made."""
         self.folder = folder
         self.watchers: set[Watcher] = set()
         self._worker: _Process | None = None
@@ -227,15 +233,16 @@ class LiveSession:
         """Hand on to the mapper what the simulation's process wants of it."""
         if self._mapper is None or not self._mapper.alive:
             self._mapper = _Process(map_process, self.folder, self._received, self._mapper_ended)
-        number = json.loads(message).get("number")
-        if number is not None:
+        (number,) = REQUEST.unpack_from(message)
+        if number >= 0:
             self._mapped.add(number)
-        if not self._mapper.give(message) and number is not None:
+        if not self._mapper.give(message[REQUEST.size :]) and number >= 0:
             self._fail([number], "too much waits to be made; ask again later")
 
     def _pay(self) -> None:
         """Let the process send further states, as soon as a page has taken the last one."""
-        if self._owed and any(watcher.latest is None or watcher.credits > 0 for watcher in self.watchers):
+        ready = any(watcher.latest is None or watcher.credits > 0 for watcher in self.watchers)
+        if self._owed and (ready or not self.watchers):
             for _ in range(self._owed):
                 self._give(b"A")
             self._owed = 0
@@ -286,6 +293,8 @@ class LiveSession:
         self.watchers.discard(watcher)
         for number in [k for k, (asker, _) in self._numbers.items() if asker is watcher]:
             del self._numbers[number]
+        # It may have been the one for which the process waits.
+        self._pay()
 
     def take(self, watcher: Watcher, text: str) -> None:
         """Do what a page asks for in a text."""

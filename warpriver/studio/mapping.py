@@ -24,11 +24,12 @@ from warpriver.raster import Raster
 from warpriver.riverscape import Riverscape, classify_rivers
 from warpriver.studio.frames import decode_state, encode_map
 from warpriver.studio.limits import limit_memory, release_memory
+from warpriver.studio.processes import name_process
 from warpriver.studio.reel import REEL, state_file
 from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers, positive
 
-__all__ = ["EXPORTS", "MAPS", "events_as_json", "map_process"]
+__all__ = ["EVENTS", "EXPORTS", "MAPS", "events_as_json", "map_process"]
 
 # Maps that a page can show: title, unit, and the range of values; None stands for what the map holds.
 MAPS: dict[str, tuple[str, str, float | None, float | None]] = {
@@ -132,9 +133,14 @@ class Mapper:
         self._epoch = -1
         self._run: StoredRun | None = None
         self._states: list[tuple[int, float]] = []
+        # Events that the run has had before those that are remembered.
+        self._dropped = 0
         self._ground: Terrain | None = None
         self._map: Landscape | None = None
         self._led: StoredRun | None = None
+        # What the run stands at, and the ground carved there, which every target can be written from.
+        self._stand: tuple[int, ...] = ()
+        self._carved: tuple[tuple[int, ...], tuple[Any, ...]] | None = None
 
     # ---- what has happened
 
@@ -144,19 +150,30 @@ class Mapper:
         if news["epoch"] != self._epoch or self._run is None:
             self._epoch = news["epoch"]
             origin = np.array(news["origin"])
-            self._run = StoredRun(History.load(self._folder / news["run"]), self._folder / REEL, origin)
+            fresh = StoredRun(History.load(self._folder / news["run"]), self._folder / REEL, origin)
+            if self._run is not None:
+                fresh.share_events(self._run)
+            self._run = fresh
             self._map = self._led = None
             self._ground = None
             if news["ground"] is not None:
                 height = np.load(news["ground"]["file"], allow_pickle=False)
                 self._ground = Terrain(height, news["ground"]["cell"], news["ground"]["origin"], self._run.crs)
+        # Those that it knows and that have been taken back since are forgotten.
+        known = int(news["known"])
+        self._run.forget_events(max(0, known - self._dropped))
+        self._dropped = known - len(self._run.events)
         self._run.events.extend(_event_of(told) for told in news["events"])
         if len(self._run.events) > 2 * EVENTS_KEPT:
+            self._dropped += len(self._run.events) - EVENTS_KEPT
             # Those before have been laid down on the maps long ago, and their lakes are full.
             latest = list(self._run.events[-EVENTS_KEPT:])
             self._run.forget_events(0)
             self._run.events.extend(latest)
         self._states = states
+        self._stand = (self._epoch, states[-1][0] if states else -1, int(news["edits"]))
+        if self._carved is not None and self._carved[0] != self._stand:
+            self._carved = None
 
     def _kept(self, most: int, after: int = -1) -> list[tuple[int, float]]:
         """Return states after a step that are on the disk, at most so many, the last one among them."""
@@ -264,17 +281,9 @@ class Mapper:
 
     def _write_landscape(self, path: Path, target: str) -> None:
         """Carve the ground and write it for another program, as one archive."""
-        run = self._present(EXPORT_STATES)
-        network = run.networks[-1]
-        maps, deposits = {}, None
-        ground = self._ground
-        if ground is None:
-            ground = plain_under(network, history=run)
-        else:
-            maps = landscape_maps(run, ground, ground.cell_size).rasters
-            change = maps["elevation_change"]
-            deposits = change.like(np.maximum(change.numpy(), 0.0), unit="m", name="deposits")
-        carved = carve(ground, network, CarveParams(), deposits=deposits, history=run)
+        if self._carved is None:
+            self._carved = (self._stand, self._carve())
+        carved, run, maps = self._carved[1]
         made = path.with_suffix(".files")
         shutil.rmtree(made, ignore_errors=True)
         try:
@@ -287,6 +296,20 @@ class Mapper:
             os.replace(fresh, path)
         finally:
             shutil.rmtree(made, ignore_errors=True)
+
+    def _carve(self) -> tuple[Any, StoredRun, dict[str, Raster]]:
+        """Return the carved ground, the run and its maps."""
+        run = self._present(EXPORT_STATES)
+        network = run.networks[-1]
+        maps, deposits = {}, None
+        ground = self._ground
+        if ground is None:
+            ground = plain_under(network, history=run)
+        else:
+            maps = landscape_maps(run, ground, ground.cell_size).rasters
+            change = maps["elevation_change"]
+            deposits = change.like(np.maximum(change.numpy(), 0.0), unit="m", name="deposits")
+        return carve(ground, network, CarveParams(), deposits=deposits, history=run), run, maps
 
     def _draw_water(self, path: Path, center: Sequence[float] | None, width: float) -> None:
         """Draw the water of the river at a place, as a riverscape shows it."""
@@ -358,6 +381,7 @@ def map_process(connection: Connection, folder: str) -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_process("wr-maps")
     os.nice(5)
     limit_memory(MEMORY)
     import warp as wp

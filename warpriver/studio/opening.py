@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-import sys
+import signal
 import zipfile
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from warpriver.errors import InputError, WarpriverError
@@ -15,8 +16,9 @@ from warpriver.io import read_network, read_terrain
 from warpriver.scenes import read_scene
 from warpriver.simulation import Simulation
 from warpriver.studio.limits import limit_memory
+from warpriver.studio.processes import name_process
 
-__all__ = ["RECIPE", "SESSION", "basin", "opened"]
+__all__ = ["RECIPE", "SESSION", "basin", "open_apart", "opened"]
 
 # Endings of a session as one file, and of what a generator is asked for.
 SESSION, RECIPE = ".zip", ".recipe"
@@ -79,8 +81,8 @@ def unpack_session(path: Path, folder: Path) -> None:
     Raises:
         ValueError: It is none, or holds what no session does.
     """
+    from warpriver.studio.folder import EDITS, KEPT, RUN, TERRAIN
     from warpriver.studio.journal import read_journal
-    from warpriver.studio.worker import EDITS, KEPT, RUN, TERRAIN
 
     try:
         with zipfile.ZipFile(path) as archive:
@@ -114,21 +116,23 @@ def _in_degrees(path: Path) -> bool:
     return False
 
 
-def _main(path: str, folder: str, memory: str) -> int:
-    """Make the folder of a session of a file; for a process of its own, which gets no more memory than that."""
-    from warpriver.studio.worker import begin_folder
+def open_apart(path: str, folder: str, memory: int, connection: Connection) -> None:
+    """Make the folder of a session of a file, in a process of its own, which gets no more memory than that.
 
-    limit_memory(int(memory))
+    What went wrong is sent in one line, "" for nothing.
+    """
+    from warpriver.studio.folder import begin_folder
+
+    name_process("wr-opening")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    limit_memory(memory)
+    said = ""
     try:
         if Path(path).suffix.lower() == SESSION:
             unpack_session(Path(path), Path(folder))
         else:
             begin_folder(Path(folder), opened(Path(path)))
     except (WarpriverError, OSError, ValueError, MemoryError) as error:
-        print(f"{error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(_main(*sys.argv[1:4]))
+        said = f"{error or type(error).__name__}".replace("\n", " ")
+    connection.send_bytes(said.encode())
+    connection.close()

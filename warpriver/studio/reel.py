@@ -64,7 +64,8 @@ class Reel:
         return step > self.last and step % self.every == 0
 
     def keep(self, step: int, time: float, frame: bytes) -> None:
-        """Keep a state."""
+        """Keep a state, in place of one of the same step."""
+        self.rewind(step - 1)
         state_file(self.folder, step).write_bytes(frame)
         self._held.append((step, time, len(frame)))
         self._bytes += len(frame)
@@ -77,7 +78,8 @@ class Reel:
 
     def rewind(self, step: int) -> None:
         """Forget what came after a step."""
-        self._leave([each for each in self._held if each[0] <= step])
+        if self.last > step:
+            self._leave([each for each in self._held if each[0] <= step])
 
     def shown(self) -> list[tuple[int, float]]:
         """Return step and time of the states of the timeline, evenly spread over all."""

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from warpriver.errors import InputError, MissingExtraError, MissingFileError
 from warpriver.studio.app import MESSAGE_BYTES, make_app
+from warpriver.studio.folder import RUN
 from warpriver.studio.guard import LOOPBACK
-from warpriver.studio.worker import RUN
 
 __all__ = ["serve"]
 

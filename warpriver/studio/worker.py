@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-import math
 import secrets
 import shutil
 import signal
@@ -22,36 +21,47 @@ from warpriver.edits import Edit
 from warpriver.edits.ground import edited_box
 from warpriver.edits.values import edit_of
 from warpriver.errors import InputError, WarpriverError
-from warpriver.history import Avulsion, Cutoff, Event
+from warpriver.history import Avulsion, Collision, Cutoff, Event
 from warpriver.hydrology import strahler_order
-from warpriver.io import read_terrain, write_network, write_terrain
+from warpriver.io import write_network, write_terrain
 from warpriver.meander import Attractor, Control, ControlField, DampingRegion, ErodibilityField, Guide, Repeller
-from warpriver.metrics import wavelength
 from warpriver.params import MeanderParams
 from warpriver.raster import Raster
 from warpriver.simulation import Simulation
-from warpriver.studio.author import Author, Checkpoint
+from warpriver.studio.author import Author
+from warpriver.studio.figures import FIGURES, Series, figures_of
+from warpriver.studio.folder import (
+    CHECKED,
+    CHECKPOINT,
+    EDITS,
+    KEPT,
+    RUN,
+    SAVED,
+    begin_folder,
+    copy_session,
+    read_checkpoint,
+    taken_up,
+)
 from warpriver.studio.frames import State, as_earlier, encode_loops, encode_patch, encode_state
 from warpriver.studio.generators import described
-from warpriver.studio.journal import Journal, read_journal
+from warpriver.studio.journal import Journal
 from warpriver.studio.limits import release_memory
-from warpriver.studio.mapping import EXPORTS, MAPS, TARGETS, events_as_json
+from warpriver.studio.mapping import EVENTS, EXPORTS, MAPS, TARGETS, events_as_json
+from warpriver.studio.news import REQUEST, News
 from warpriver.studio.presets import PRESETS, SHOWN, constants_shown
+from warpriver.studio.processes import name_process
 from warpriver.studio.reel import REEL, Reel
 
-__all__ = ["EDITS", "KEPT", "RUN", "SAVED", "TERRAIN", "begin_folder", "copy_session", "work"]
+__all__ = ["Worker", "work"]
 
-# What a session's folder holds: the run at its beginning, the ground that it began with, its edits, and the run at a
-# later time, from which it is taken up sooner, with the sum of the edits up to there.
-RUN, TERRAIN, EDITS, SAVED = "run", "terrain.npz", "edits.log", "saved"
-CHECKPOINT, CHECKED = "checkpoint", "checkpoint.json"
-KEPT = (RUN, TERRAIN, EDITS, CHECKPOINT, CHECKED)
 # The ground as it is now, for the process that makes maps.
 GROUND = "ground.npy"
 # Steps a second at most, and frames that may be on their way.
 RATE, WINDOW = 30.0, 2
-# Seconds between two sets of figures for the plots, two notes of how far a run has come, and two maps of it.
+# Seconds between two sets of figures for the plots, two notes of how far a run has come, and two maps of it; steps
+# between two sets of figures at most.
 STATS_SECONDS, KEEP_SECONDS, MAP_SECONDS = 0.5, 2.0, 2.0
+STATS_STEPS = 50
 # Seconds of play between two checkpoints, and how many times as long as one takes at least.
 CHECK_SECONDS, CHECK_SHARE = 60.0, 50.0
 # Lines left behind that a page is told when it begins: the latest ones.
@@ -62,80 +72,6 @@ CONTROLS: dict[str, Callable[..., Control]] = {
     "Attractor": Attractor, "Repeller": Repeller, "Guide": Guide,
     "DampingRegion": DampingRegion, "ErodibilityField": ErodibilityField,
 }  # fmt: skip
-
-
-def begin_folder(folder: Path, simulation: Simulation) -> None:
-    """Write what a session begins with: a run of one record, and its ground."""
-    folder.mkdir(parents=True, exist_ok=True)
-    if simulation.terrain is not None:
-        write_terrain(simulation.terrain, folder / TERRAIN)
-    simulation.history.save(folder / RUN)
-
-
-def copy_session(source: Path, target: Path) -> None:
-    """Put a session from one folder into another, in place of what that held."""
-    target.mkdir(parents=True, exist_ok=True)
-    for name in KEPT:
-        old, new = target / name, source / name
-        if old.is_dir():
-            shutil.rmtree(old)
-        else:
-            old.unlink(missing_ok=True)
-        if new.is_dir():
-            shutil.copytree(new, old)
-        elif new.exists():
-            shutil.copy2(new, old)
-
-
-def taken_up(folder: Path) -> tuple[Author, str | None]:
-    """Return the session of a folder, with the edits and steps that it has, and a word on what is missing of them."""
-    ground = folder / TERRAIN
-    terrain = read_terrain(ground) if ground.exists() else None
-    author = Author(Simulation.replay(folder / RUN, [], steps=0, terrain=terrain))
-    word = None
-    if (folder / EDITS).exists():
-        entries, seed, steps, word = read_journal(folder / EDITS)
-        author.take_up(entries, seed, steps, _checkpoint(folder))
-    return author, word
-
-
-def _checkpoint(folder: Path) -> Checkpoint | None:
-    """Return the checkpoint of a folder, None where there is none, or where it cannot be read."""
-    try:
-        told = json.loads((folder / CHECKED).read_text())
-        return Checkpoint(folder / CHECKPOINT, int(told["edits"]), int(told["steps"]), str(told["digest"]))
-    except (OSError, LookupError, TypeError, ValueError):
-        return None
-
-
-@dataclasses.dataclass
-class _News:
-    """What the process that makes maps has been told, and what it shall make.
-
-    Attributes:
-        epoch: Number of the run that it knows; another one after what it has was taken back.
-        events: Events that it was told.
-        ground: Where it finds the ground, None where that has changed since.
-        map: Map that is shown.
-        types: Whether types of channels are shown.
-        busy: Maps that it is at.
-        asked: When the last one was asked for.
-        made: What the last one is of.
-    """
-
-    epoch: int = 0
-    events: int = 0
-    ground: dict[str, Any] | None = None
-    map: str | None = None
-    types: bool = False
-    busy: int = 0
-    asked: float = -math.inf
-    made: tuple[object, ...] = ()
-
-    def begin(self) -> None:
-        """Let it learn all anew."""
-        self.epoch += 1
-        self.events, self.ground = 0, None
 
 
 # Answer of a command that another process will answer.
@@ -154,26 +90,44 @@ class Worker:
                 "M" and what the process that makes maps shall do.
         """
         self.folder, self._send = folder, send
-        self.author, word = taken_up(folder)
-        self.author.stepped, self.author.returned = self._keep_record, self._go_back
-        self._journal = self._open_journal()
         self.playing, self.rate = False, RATE
         self.credits = WINDOW
         self._sequence = self._command = 0
         self._step_ms = 0.0
         self._changed, self._due, self._told, self._kept = True, 0.0, 0.0, 0.0
         self._order: tuple[int, np.ndarray] = (-1, np.empty(0))
-        west, south, east, north = self._bounds()
-        self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
-        self._reel = Reel(folder / REEL)
-        # The frame of the present state, where the timeline has made it already.
+        self._origin = np.zeros(2)
+        self._reel, self._series, self._figured = Reel(folder / REEL), Series(), (-STATS_STEPS, 0.0)
+        self._news = News()
+        # The ground as pages show it.
+        self._shown = np.empty((0, 0), np.float32)
+        # The frame of the present state, where it has been made already.
         self._made: bytes | None = None
         self._checked, self._check_due = time.monotonic(), CHECK_SECONDS
-        self._news = _News()
+        word = self._take_up()
         self.tell_scene()
-        self._keep_record()
         if word is not None:
             self._tell(type="error", text=word)
+
+    def _take_up(self) -> str | None:
+        """Take up the session of the folder; returns a word on what is missing of it."""
+
+        def begin(author: Author) -> None:
+            self.author = author
+            west, south, east, north = self._bounds()
+            self._origin = np.array([0.5 * (west + east), 0.5 * (south + north)])
+            author.stepped, author.returned = self._keep_fresh, self._go_back
+            self._reel.clear()
+            self._series = Series()
+            self._keep_fresh()
+            # Those up to a checkpoint, from which it is taken up; others are noted as steps are done again.
+            checked = read_checkpoint(self.folder)
+            if checked is not None:
+                self._series.read(self.folder / FIGURES, checked.steps)
+
+        _, word = taken_up(self.folder, begin)
+        self._journal = self._open_journal()
+        return word
 
     # ---- the loop
 
@@ -188,15 +142,14 @@ class Worker:
 
     def turn(self) -> None:
         """Do a step if one is due, and send what has changed."""
+        # What was edited is shown before the next step.
+        self._show()
         now = time.monotonic()
         if self.playing and now >= self._due:
             # At most one period late, so that a slow step is not followed by a burst.
             self._due = max(self._due + 1.0 / self.rate, now)
             self._step()
-        if self._changed and self.credits > 0:
-            self.credits -= 1
-            self._changed = False
-            self._send(b"B" + (self._made or self._frame()))
+            self._show()
         if now - self._told >= STATS_SECONDS:
             self._tell_figures(now)
         if self.playing and now - self._kept >= KEEP_SECONDS:
@@ -204,6 +157,19 @@ class Worker:
         if self.playing and now - self._checked >= self._check_due:
             self._check()
         self._ask_for_map(now)
+
+    def _show(self) -> None:
+        """Send the present state, if it has changed and one may be on its way."""
+        if self._changed and self.credits > 0:
+            self.credits -= 1
+            self._changed = False
+            self._send(b"B" + self._present())
+
+    def _present(self) -> bytes:
+        """Return the frame of the present state."""
+        if self._made is None:
+            self._made = self._frame()
+        return self._made
 
     def _open_journal(self) -> Journal:
         simulation = self.author.simulation
@@ -223,6 +189,7 @@ class Worker:
         (self.folder / CHECKED).unlink(missing_ok=True)
         shutil.rmtree(self.folder / CHECKPOINT, ignore_errors=True)
         fresh.rename(self.folder / CHECKPOINT)
+        self._series.write(self.folder / FIGURES)
         (self.folder / CHECKED).write_text(json.dumps(told))
         release_memory()
         self._checked = time.monotonic()
@@ -237,9 +204,8 @@ class Worker:
             self._tell(type="error", text=f"the run has stopped: {error}")
             return
         self._step_ms = 1e3 * (time.perf_counter() - begin) / count
-        self._changed, self._made = True, None
+        self._changed = True
         self._tell_events(events)
-        self._keep_record()
 
     # ---- commands
 
@@ -332,7 +298,6 @@ class Worker:
     def do_rewind(self, step: Any) -> dict[str, Any]:
         """Go on from an earlier step; edits after it are forgotten."""
         lost = self.author.rewind(step)
-        self._made = None
         self._news.begin()
         self._tell_all_again()
         return {"forgotten": lost}
@@ -427,13 +392,8 @@ class Worker:
         self._journal.close()
         copy_session(fresh, self.folder)
         shutil.rmtree(fresh, ignore_errors=True)
-        self.author, _ = taken_up(self.folder)
-        self.author.stepped, self.author.returned = self._keep_record, self._go_back
-        self._journal = self._open_journal()
-        self._reel.clear()
-        self._news.begin()
-        self._made = None
-        self._keep_record()
+        self._take_up()
+        self._news.forget()
         self._tell_all_again()
 
     def _write_terrain(self, path: Path) -> None:
@@ -445,10 +405,9 @@ class Worker:
         """Undo or redo, which may change everything."""
         ground, field = self._ground_sum(), self._field_sum()
         way()
-        # Steps that were done again have left the frame of the last state on the reel.
-        self._made = None
+        self._news.take_back(*self._happened())
         if self._ground_sum() != ground:
-            self._send_raster("height")
+            self._send_carved()
         painted = self._field_sum()
         if (painted is None) != (field is None):
             self.tell_scene()
@@ -461,12 +420,14 @@ class Worker:
         self._tell_session()
 
     def _after_edit(self, edit: Edit, ground: int | None) -> None:
-        self._changed = True
+        self._changed, self._made = True, None
+        self._show()
+        self._keep_record()
         box = _touched(edit)
         if edit.name == "EditTerrain":
             self._send_raster("height", box)
         elif edit.name in CARVING and ground != self._ground_sum():
-            self._send_raster("height")
+            self._send_carved()
         elif edit.name == "PaintControl":
             self._send_raster("control", window=edit.window)  # type: ignore[attr-defined]
         if edit.name == "EditTerrain" or edit.name in CARVING:
@@ -495,6 +456,7 @@ class Worker:
             maps=[[name, title] for name, (title, *_) in MAPS.items()],
             targets=[[f"landscape-{name}.zip", word] for name, word in TARGETS.items()],
             generators=described(),
+            series=self._series.told(),
             time_step=simulation.params.time_step,
         )
         self._send_raster("height")
@@ -517,30 +479,33 @@ class Worker:
             records=self._reel.shown(), map=self._news.map, types=self._news.types,
         )  # fmt: skip
 
+    def _note_figures(self) -> None:
+        """Note the figures of the present state."""
+        network, author = self.author.simulation.network, self.author
+        step = author.simulation.step_count
+        self._figured = (step, time.monotonic())
+        sinuosity, wave = figures_of(network)
+        self._series.note(step, author.simulation.time, sinuosity, author.count(Cutoff), wave)
+
     def _tell_figures(self, now: float) -> None:
         self._told = now
-        network, history = self.author.simulation.network, self.author.simulation.history
+        author, network = self.author, self.author.simulation.network
         if not network.channel_count:
             return
-        start, xy, lengths = network.starts(), network.points(), network.channel_lengths()
-        longest = int(np.argmax(lengths))
-        line = xy[start[longest] : start[longest + 1]]
-        wave = wavelength(line, float(network.channel_width[longest])) if len(line) > 8 else math.nan
-        chord = np.hypot(*(xy[start[1:] - 1] - xy[start[:-1]]).T)
-        winding = (lengths / np.maximum(chord, 1e-300))[~network.channel_closed & (chord > 0.0)]
+        if self._figured[0] != author.simulation.step_count or not self._series.rows:
+            self._note_figures()
+        _, at, sinuosity, cutoffs, wave = self._series.rows[-1]
         self._tell(
-            type="figures", time=self.author.simulation.time, sinuosity=float(winding.mean()) if len(winding) else None,
-            wavelength=wave if math.isfinite(wave) else None, cutoffs=len(history.cutoffs),
-            collisions=len(history.collisions), avulsions=len(history.avulsions), points=network.point_count,
-            channels=network.channel_count, step_ms=self._step_ms,
-            records=self._reel.shown(),
+            type="figures", time=at, sinuosity=sinuosity, wavelength=wave, cutoffs=cutoffs,
+            collisions=author.count(Collision), avulsions=author.count(Avulsion), points=network.point_count,
+            channels=network.channel_count, step_ms=self._step_ms, records=self._reel.shown(),
         )  # fmt: skip
 
     def _tell_loops(self) -> None:
         history = self.author.simulation.history
-        cutoffs = list(history.cutoffs)[-LOOPS_TOLD:]
+        cutoffs = list(history.cutoffs[-LOOPS_TOLD:])
         self._send(b"B" + self._loops(cutoffs, 2))
-        courses = list(history.avulsions)[-LOOPS_TOLD:]
+        courses = list(history.avulsions[-LOOPS_TOLD:])
         self._send(b"B" + self._loops(courses, 3))
 
     def _loops(self, left: Sequence[Cutoff | Avulsion], kind: int) -> bytes:
@@ -555,7 +520,7 @@ class Worker:
             self._send(b"B" + self._loops(cutoffs, 0))
         if avulsions:
             self._send(b"B" + self._loops(avulsions, 1))
-            self._send_raster("height")
+            self._send_carved()
         told = [[event.kind, event.time] for event in events if event.kind in ("cutoff", "collision", "avulsion")]
         if told:
             self._tell(type="events", events=told)
@@ -590,16 +555,29 @@ class Worker:
             self._order = (key, strahler_order(network.channel_from, network.channel_to))
         return self._order[1]
 
+    def _keep_fresh(self) -> None:
+        """Keep the state that the run has come to."""
+        self._made = None
+        self._keep_record()
+
     def _keep_record(self, always: bool = False) -> None:
-        """Put the present state on the reel, if it is one of those that are kept; always where that is asked for."""
+        """Put the present state on the reel, if it is one of those that are kept; always where that is asked for.
+
+        After an edit it takes the place of the one before it.
+        """
         step = self.author.simulation.step_count
-        if step > self._reel.last and (always or self._reel.wants(step)):
-            self._made = self._frame()
-            self._reel.keep(step, self.author.simulation.time, self._made)
+        if step == self._reel.last or (step > self._reel.last and (always or self._reel.wants(step))):
+            self._reel.keep(step, self.author.simulation.time, self._present())
+        since, at = step - self._figured[0], time.monotonic() - self._figured[1]
+        if not 0 <= since < STATS_STEPS or (since and at >= STATS_SECONDS):
+            self._note_figures()
 
     def _go_back(self, step: int) -> None:
-        """Forget the states after a step, from which the run is done again."""
-        self._reel.rewind(step)
+        """Forget the states from a step on, from which the run is done again."""
+        self._reel.rewind(step - 1)
+        self._series.rewind(step - 1)
+        self._figured = (self._series.rows[-1][0] if self._series.rows else -STATS_STEPS, 0.0)
+        self._news.take_back(*self._happened())
 
     # ---- maps
 
@@ -632,20 +610,25 @@ class Worker:
             raster = terrain.raster
             file = str(self.folder / GROUND)
             news.ground = {"file": file, "cell": raster.cell_size, "origin": list(raster.origin)}
-        events = simulation.history.events
         told = {
-            "epoch": news.epoch, "run": RUN, "origin": self._origin.tolist(), "ground": news.ground,
-            "states": self._reel.states, "events": events_as_json(events[news.events :]),
+            "epoch": news.epoch, "run": RUN, "edits": len(self.author.entries), "origin": self._origin.tolist(),
+            "ground": news.ground, "states": self._reel.states, "known": news.known,
+            "events": events_as_json(self.author.events_after(news.events)),
         }  # fmt: skip
-        news.events = len(events)
-        self._send(b"M" + json.dumps({"do": what, "with": arguments, "number": number, "news": told}).encode())
+        news.events, news.known = self._happened()
+        request = json.dumps({"do": what, "with": arguments, "number": number, "news": told})
+        self._send(b"M" + REQUEST.pack(-1 if number is None else number) + request.encode())
+
+    def _happened(self) -> tuple[int, int]:
+        """Return how many events the run has had, and how many of them maps take."""
+        return self.author.events, sum(self.author.count(kind) for kind in EVENTS.values())
 
     def mapped(self, lost: bool = False) -> None:
         """Note that the mapper has made something, or that its process is gone."""
         news = self._news
         news.busy = 0 if lost else max(0, news.busy - 1)
         if lost:
-            news.begin()
+            news.forget()
             if news.map is not None or news.types:
                 news.map, news.types = None, False
                 self._tell(type="error", text="the map was given up: its process ended")
@@ -658,8 +641,30 @@ class Worker:
             return
         if window is None:
             window = (0, 0, *raster.shape) if box is None else raster.window(*box)
-        if window is not None:
-            self._send(b"B" + encode_patch(name, window, raster.cells(window)))
+        if window is None:
+            return
+        values = raster.cells(window).astype(np.float32)
+        self._send(b"B" + encode_patch(name, window, values))
+        if name == "height":
+            row, column, rows, columns = window
+            if self._shown.shape != raster.shape:
+                self._shown = np.empty(raster.shape, np.float32)
+            self._shown[row : row + rows, column : column + columns] = values
+
+    def _send_carved(self) -> None:
+        """Send the part of the ground that is not as pages show it: a channel that was carved is a small part of it."""
+        terrain = self.author.simulation.terrain
+        if terrain is None:
+            return
+        now = terrain.raster.values.numpy().astype(np.float32)
+        if now.shape != self._shown.shape:
+            self._send_raster("height")
+            return
+        differs = now.view(np.uint32) != self._shown.view(np.uint32)
+        (rows,), (columns,) = differs.any(axis=1).nonzero(), differs.any(axis=0).nonzero()
+        if len(rows):
+            first, left = int(rows[0]), int(columns[0])
+            self._send_raster("height", window=(first, left, int(rows[-1]) + 1 - first, int(columns[-1]) + 1 - left))
 
     def _field(self) -> Raster | None:
         return next((c.raster for c in self.author.simulation.controls if isinstance(c, ControlField)), None)
@@ -751,6 +756,7 @@ def _locked(simulation: Simulation) -> list[np.ndarray]:
 def work(connection: Connection, folder: str) -> None:
     """Run a session until the other end closes: the target of its process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_process("wr-simulation")
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR

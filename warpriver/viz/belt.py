@@ -30,7 +30,7 @@ from warpriver.viz.maps import (
     value_norm,
 )
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, color_ramp, make_sheet, need_matplotlib, style_bar
+from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, check_drawing, color_ramp, make_sheet, style_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,7 +124,7 @@ def draw_belt(
             suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     record = checked_record(history, until)
     if age_span is not None and not age_span > 0.0:
         raise InputError(f"age_span is {age_span:g} yr; it must be positive")
@@ -186,7 +186,7 @@ def draw_before_after(
         ValueError: As :func:`draw_belt`.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     record = checked_record(history, until)
     page = BeltSheet(
         history,

@@ -17,7 +17,7 @@ from warpriver.metrics.lines import arc_length_of
 from warpriver.public import public
 from warpriver.validate import positive
 from warpriver.viz.bands import Window
-from warpriver.viz.sheet import FAINT, INK, PICTURES, grow_to_aspect, need_matplotlib, replacing, save_figure
+from warpriver.viz.sheet import FAINT, INK, PICTURES, check_drawing, grow_to_aspect, replacing, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ def draw_fit(fit: Fit, path: str | os.PathLike[str] | None = None, *, line: int 
         ValueError: There is no such river, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     from matplotlib.figure import Figure
 
     part = fit.part(line)
@@ -106,7 +106,7 @@ def draw_fit_map(fit: Fit, path: str | os.PathLike[str] | None = None, *, line: 
         ValueError: There is no such river, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap, Normalize
 
@@ -160,7 +160,7 @@ def draw_hindcast(past: Hindcast, path: str | os.PathLike[str] | None = None, *,
         ValueError: An unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 4.0), dpi=positive(dpi, "dpi"), facecolor="white")

@@ -26,7 +26,7 @@ from warpriver.validate import positive
 from warpriver.viz.maps import add_value_bar, draw_network, finished
 from warpriver.viz.movie import write_frames
 from warpriver.viz.relief import hillshade
-from warpriver.viz.sheet import GROUND, INK, Sheet, color_ramp, make_sheet, need_matplotlib
+from warpriver.viz.sheet import GROUND, INK, Sheet, check_drawing, color_ramp, make_sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,6 +84,7 @@ def draw_elevation(
         ValueError: A file name with an unknown suffix.
         OSError: The file cannot be written.
     """
+    check_drawing(path)
     from matplotlib.colors import Normalize
 
     terrain = surface_of(terrain)
@@ -127,6 +128,7 @@ def draw_drainage(
         ValueError: A threshold that is not positive or leaves no cell, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
+    check_drawing(path)
     from matplotlib.colors import LogNorm
 
     area, minimum = _areas(flow, min_drainage_area)
@@ -172,6 +174,7 @@ def draw_ordered_network(
         ValueError: A file name with an unknown suffix.
         OSError: The file cannot be written.
     """
+    check_drawing(path)
     order = strahler_order(network.channel_from, network.channel_to)
     picture = PALE + (1.0 - PALE) * _elevation_picture(terrain, *_height_span(terrain))
     return draw_network(
@@ -222,7 +225,7 @@ def erosion_movie(
         ValueError: Less than two snapshots, a rate or size out of range, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing()
     if not 0.0 < fps <= 60.0:
         raise InputError(f"fps is {fps:g}; give more than 0 and at most 60 frames a second")
     if len(eroded.snapshots) < 2:
@@ -327,7 +330,6 @@ def _page(
     ax: Axes | None = None,
 ) -> Sheet:
     """Sheet for a map of the whole terrain."""
-    need_matplotlib()
     sheet = make_sheet(
         terrain.bounds,
         ax=ax,

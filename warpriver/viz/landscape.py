@@ -19,7 +19,7 @@ from warpriver.validate import shown
 from warpriver.viz.belt import checked_record, history_bounds
 from warpriver.viz.maps import map_window
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import INK, Sheet, color_ramp, make_sheet, need_matplotlib, style_bar
+from warpriver.viz.sheet import INK, Sheet, check_drawing, color_ramp, make_sheet, style_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +112,7 @@ def draw_landscape(
             elsewhere or in another CRS, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     if layer != "natural" and layer not in LANDSCAPE_LAYERS:
         raise InputError(f"layer is {shown(layer)}; use 'natural', {', '.join(map(repr, LANDSCAPE_LAYERS))}")
     record = checked_record(history, until)

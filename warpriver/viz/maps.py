@@ -28,10 +28,10 @@ from warpriver.viz.sheet import (
     INK,
     WATER,
     Sheet,
+    check_drawing,
     checked_window,
     color_ramp,
     make_sheet,
-    need_matplotlib,
     style_bar,
 )
 
@@ -113,7 +113,7 @@ def draw_network(
             no extent, a terrain or raster elsewhere or in another CRS, or a file name with an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     values = channel_values(network, color, order)
     cell = None if terrain is None else terrain.cell_size
     if isinstance(background, Raster):
@@ -156,7 +156,7 @@ def draw_network(
 
 def finished(sheet: Sheet, path: str | os.PathLike[str] | None, ax: Axes | None) -> Figure | Axes:
     """Add ticks and scale to a page, write the file, and return the axes that were given, else the figure."""
-    sheet.add_km_ticks()
+    sheet.add_ticks()
     sheet.add_scale_bar()
     if path is not None:
         sheet.save(path)

@@ -20,7 +20,7 @@ from warpriver.terrain import Terrain
 from warpriver.validate import one_of
 from warpriver.viz.belt import BeltSheet, belt_ramps, checked_record, history_bounds
 from warpriver.viz.landscape import LandscapeSheet
-from warpriver.viz.sheet import color_ramp, need_matplotlib, replacing
+from warpriver.viz.sheet import check_drawing, color_ramp, replacing
 
 __all__ = ["movie"]
 
@@ -65,7 +65,7 @@ def movie(
         ValueError: No record, a rate, size, step or window out of range, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing()
     last = checked_record(history, None)
     suffix = pathlib.Path(path).suffix.lower()
     if not 0.0 < fps <= 60.0:

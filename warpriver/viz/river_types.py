@@ -22,7 +22,7 @@ from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers
 from warpriver.viz.maps import add_channels, finished, map_window
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import GROUND, INK, Sheet, make_sheet, need_matplotlib
+from warpriver.viz.sheet import GROUND, INK, Sheet, check_drawing, make_sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +80,7 @@ def draw_river_types(
         ValueError: Types of other rivers, an unknown suffix, or a window without a river or terrain.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     if len(types) != network.channel_count:
         raise InputError(f"types are those of {len(types)} channels; the network has {network.channel_count}")
     view = map_window(window, network.bounds(), 0.05, terrain, network.crs)
@@ -155,7 +155,7 @@ def draw_bed(
         ValueError: A window that is none, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     if bounds is None:
         low, high = scene.stations.xy.min(axis=0), scene.stations.xy.max(axis=0)
         margin = 2.0 * float(scene.stations.width.max())

@@ -16,7 +16,7 @@ from warpriver.riverscape.scene import Riverscape
 from warpriver.validate import not_negative, positive
 from warpriver.viz.riverscapes import top_view
 from warpriver.viz.scene import add_block, aim, new_plotter
-from warpriver.viz.sheet import replacing
+from warpriver.viz.sheet import check_picture, replacing
 
 __all__ = ["render_riverscape"]
 
@@ -79,6 +79,7 @@ def render_riverscape(
         ValueError: No such grid, or a size, exaggeration or camera that makes no sense.
         OSError: The file cannot be written.
     """
+    check_picture(path, (".png", ".jpg"))
     if min(size) < 16:
         raise InputError(f"size is {tuple(size)} pixels; give at least (16, 16)")
     factor = not_negative(exaggeration, "exaggeration")

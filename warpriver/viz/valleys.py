@@ -17,7 +17,7 @@ from warpriver.terrain import Terrain
 from warpriver.validate import positive
 from warpriver.valley.valley import Valley
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import BANK, FAINT, INK, PICTURES, WATER, checked_axes, need_matplotlib, replacing, save_figure
+from warpriver.viz.sheet import BANK, FAINT, INK, PICTURES, WATER, check_drawing, checked_axes, replacing, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +66,7 @@ def draw_valley(
         ValueError: An interval that is not positive, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     from matplotlib.figure import Figure
 
     west, south, east, north = valley.bounds
@@ -126,7 +126,7 @@ def draw_valley_sections(
         ValueError: A position outside 0 to 1, or an unknown suffix.
         OSError: The file cannot be written.
     """
-    need_matplotlib()
+    check_drawing(path)
     from matplotlib.figure import Figure
 
     places = _section_places(valley) if positions is None else {f"at {v:g} of the reach": float(v) for v in positions}

@@ -5,7 +5,7 @@ import { Grid, Ground } from "./ground.js";
 import { Link } from "./link.js";
 import { Overlay } from "./overlay.js";
 import { drawRamp, kindOf, rampOf, TYPES } from "./layers.js";
-import { $, makeLayers, number, Plots, showChannel, showChoices, showConstants, showGenerators, showScale, showSession, showTimeline } from "./panels.js";
+import { $, inWords, makeLayers, number, Plots, put, showChannel, showChoices, showConstants, showEdits, showGenerators, showScale, showSession, showTimeline } from "./panels.js";
 import { facts, nearest } from "./rivers.js";
 import { MapScene } from "./scene.js";
 import { makeTools, OPTIONS, optionValues } from "./tools.js";
@@ -15,9 +15,9 @@ const ground = new Ground(), view = new MapCamera(ground), scene = new MapScene(
 const overlay = new Overlay(holder, view), plots = new Plots(), link = new Link();
 
 const studio = {
-  link, view, scene, ground, overlay,
+  plots, link, view, scene, ground, overlay,
   origin: [0, 0], state: null, live: null, chosen: null, controls: [], locks: [], records: [], events: [], shown: null,
-  layers: {}, tool: null, latency: [], seen: 0, types: null, map: null,
+  layers: {}, tool: null, latency: [], files: [], seen: 0, types: null, map: null,
 
   async ask(what, rest) {
     try {
@@ -36,13 +36,13 @@ const studio = {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => { box.hidden = true; }, 6000);
   },
-  choose(id) { this.chosen = id; this.mark(); showChannel(this); },
+  choose(id) { this.chosen = id; this.mark(); this.redraw(); showChannel(this); },
   mark() {
     const state = this.state;
     scene.rivers.uniforms.chosen.value = state && this.chosen !== null ? state.id.indexOf(this.chosen) : -1;
-    this.redraw();
+    scene.flow();
   },
-  redraw() { scene.dirty = true; },
+  redraw() { scene.urgent = scene.dirty = true; },
   showLayer(id, on) {
     this.layers[id] = on;
     if (id === "rivers") scene.rivers.mesh.material.visible = on;
@@ -119,7 +119,7 @@ link.addEventListener("scene", ({ detail }) => {
   scene.setHeights();
   scene.setField(studio.layers.field !== false);
   scene.oxbows.clear(); scene.old.clear();
-  plots.clear();
+  plots.take(detail.series);
   Object.assign(studio, { events: [], shown: null, bounds: [west, south, east, north] });
   showConstants(studio, detail);
   showChoices(detail);
@@ -137,16 +137,19 @@ link.addEventListener("scene", ({ detail }) => {
 
 link.addEventListener("session", ({ detail }) => {
   Object.assign(studio, { controls: detail.controls, locks: detail.locks, records: detail.records, playing: detail.playing, edits: detail.edits, undo: detail.undo, redo: detail.redo });
+  const drawn = JSON.stringify([detail.controls, detail.locks]);
+  if (drawn !== studio.drawn) scene.flow();
+  studio.drawn = drawn;
   overlay.controls = detail.controls; overlay.locks = detail.locks;
-  $("map").value = detail.map ?? "";
-  if (!detail.map) showMap(null);
-  $("types").checked = detail.types;
+  put($("map"), "value", detail.map ?? "");
+  if (!detail.map && studio.map) showMap(null);
+  put($("types"), "checked", detail.types);
   if (!detail.types && studio.types) { studio.types = null; $("types-legend").hidden = true; if (studio.state) show(studio.state); }
-  $("rate").value = detail.rate; $("rate-value").textContent = `${number(detail.rate)}/s`;
+  put($("rate"), "value", String(detail.rate)); put($("rate-value"), "textContent", `${number(detail.rate)}/s`);
   showSession(studio, detail);
   showTimeline(studio);
-  studio.redraw();
 });
+$("edits").parentElement.addEventListener("toggle", () => showEdits(studio));
 
 link.addEventListener("state", ({ detail }) => {
   studio.live = detail;
@@ -159,10 +162,7 @@ link.addEventListener("earlier", ({ detail }) => { if (studio.shown !== null && 
 function show(state) {
   studio.state = state;
   scene.setState(state, studio.types && ((c) => kindOf(studio.types[state.id[c]]?.[0])));
-  $("years").textContent = state.time.toFixed(1);
-  $("step-time").textContent = `${number(state.stepMs)} ms a step`;
   studio.mark();
-  showChannel(studio);
 }
 
 link.addEventListener("patch", ({ detail }) => {
@@ -181,7 +181,7 @@ link.addEventListener("loops", ({ detail }) => {
   const ribbon = detail.mode % 2 ? scene.old : scene.oxbows;
   if (detail.mode > 1) ribbon.clear();
   ribbon.add(detail.start, detail.xy, (c) => 0.5 * detail.width[c], (c) => detail.time[c]);
-  studio.redraw();
+  scene.flow();
 });
 
 // ---- maps on the ground
@@ -258,12 +258,30 @@ $("rewind").addEventListener("click", async () => {
 
 // ---- files
 
-async function openFile(file) {
-  studio.say(`Opening ${file.name} …`, true);
-  const answer = await fetch(`open/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
-  if (!answer.ok) studio.say((await answer.text()).trim());
-  $("hint").textContent = studio.tool?.title ?? "";
+/** Ask the server to begin anew with something; the page tells how long that takes, and may give it up. */
+async function beginWith(words, address, request, expected = null) {
+  studio.begun?.abort();
+  const control = new AbortController(), began = performance.now();
+  const tell = () => {
+    const s = (performance.now() - began) / 1000;
+    $("busy-text").textContent = `${words} … ${s < 1 ? "" : `${s.toFixed(0)} s`}${expected ? ` of about ${inWords(expected)}` : ""}`;
+  };
+  studio.begun = control;
+  tell();
+  $("busy").hidden = false;
+  const timer = setInterval(tell, 1000);
+  try {
+    const answer = await fetch(address, { ...request, signal: control.signal });
+    if (!answer.ok) studio.say((await answer.text()).trim());
+  } catch (error) {
+    studio.say(control.signal.aborted ? "Given up; the session is as it was" : error.message);
+  } finally {
+    clearInterval(timer);
+    if (studio.begun === control) { studio.begun = null; $("busy").hidden = true; }
+  }
 }
+$("busy-cancel").addEventListener("click", () => studio.begun?.abort());
+const openFile = (file) => beginWith(`Opening ${file.name}`, `open/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
 $("open").addEventListener("change", () => { if ($("open").files[0]) openFile($("open").files[0]); $("open").value = ""; });
 window.addEventListener("dragover", (event) => { event.preventDefault(); $("drop").hidden = false; });
 window.addEventListener("dragleave", (event) => { if (!event.relatedTarget) $("drop").hidden = true; });
@@ -283,13 +301,10 @@ studio.showWater = async (center, width) => {
   $("water").showModal();
   $("hint").textContent = studio.tool?.title ?? "";
 };
-$("new").addEventListener("click", () => showGenerators(studio.generators ?? [], async (recipe) => {
-  studio.say("Making the terrain and its rivers …", true);
-  const answer = await fetch("new", { method: "POST", body: JSON.stringify(recipe) });
-  if (!answer.ok) studio.say((await answer.text()).trim());
-  $("hint").textContent = studio.tool?.title ?? "";
-}));
+$("new").addEventListener("click", () => showGenerators(studio.generators ?? [], (recipe, seconds) =>
+  beginWith("Making the terrain and its rivers", "new", { method: "POST", body: JSON.stringify(recipe) }, seconds)));
 function fetchFile(address, name) {
+  studio.files.push(name);
   const a = document.createElement("a");
   a.href = address; a.download = name;
   document.body.append(a); a.click(); a.remove();
@@ -420,9 +435,27 @@ new ResizeObserver(() => {
   if (first && studio.bounds) view.fit(...studio.bounds);
 }).observe(holder);
 
-function frame() {
-  if (scene.draw()) { overlay.draw(); showScale(view.metres); }
-  requestAnimationFrame(frame);
+let planned = null;
+/** Draw as soon as that can be, and only if there is something new; words beside the map change with it. */
+function plan() {
+  if (!scene.dirty || planned === "frame" || (planned !== null && !scene.urgent)) return;
+  clearTimeout(planned);
+  const wait = scene.wait();
+  if (wait > 0) planned = setTimeout(() => { planned = null; plan(); }, wait);
+  else { planned = "frame"; requestAnimationFrame(frame); }
 }
+function frame() {
+  planned = null;
+  if (!scene.draw()) return;
+  overlay.draw();
+  showScale(view.metres);
+  const state = studio.state;
+  if (state) {
+    put($("years"), "textContent", state.time.toFixed(1));
+    put($("step-time"), "textContent", `${number(state.stepMs)} ms a step`);
+    showChannel(studio);
+  }
+}
+scene.changed = plan;
 studio.use(tools.all[0]);
-frame();
+plan();

@@ -9,15 +9,20 @@ export class Overlay {
     this.view = view;
     this.path = null; this.ring = null; this.hover = null; this.locks = []; this.controls = []; this.origin = [0, 0];
     this.shown = { locks: true, controls: true };
+    this.blank = true;
   }
 
   resize(width, height) {
     const ratio = Math.min(2, window.devicePixelRatio || 1);
     Object.assign(this.canvas, { width: width * ratio, height: height * ratio });
     this.ratio = ratio;
+    this.blank = true;
   }
 
   draw() {
+    const blank = !(this.ring || this.hover || this.path || (this.shown.controls && this.controls.length) || (this.shown.locks && this.locks.length));
+    if (blank && this.blank) return;
+    this.blank = blank;
     // Kept by the CPU: without a GPU, Chromium may show an earlier picture again after all of one was cleared.
     const g = this.canvas.getContext("2d", { willReadFrequently: true });
     g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);

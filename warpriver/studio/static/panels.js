@@ -67,7 +67,10 @@ export class Plots {
     $("plots").append(element("p", { className: "quiet", id: "counts" }));
   }
 
-  clear() { for (const list of Object.values(this.series)) list.length = 0; }
+  /** Begin with what the session has noted so far. */
+  take(series) {
+    for (const [id] of PLOTS) { this.series[id] = series[id] ?? []; this.draw(id); }
+  }
 
   add(told) {
     for (const [id, , unit] of PLOTS) {
@@ -82,7 +85,7 @@ export class Plots {
   }
 
   draw(id) {
-    const canvas = $(`plot-${id}`).parentElement.nextElementSibling, g = canvas.getContext("2d"), list = this.series[id];
+    const canvas = $(`plot-${id}`).parentElement.nextElementSibling, g = canvas.getContext("2d", { willReadFrequently: true }), list = this.series[id];
     g.clearRect(0, 0, canvas.width, canvas.height);
     if (list.length < 2) return;
     const t0 = list[0][0], t1 = list[list.length - 1][0];
@@ -138,9 +141,18 @@ export function showChoices(scene) {
   tell();
 }
 
+export const inWords = (seconds) => (seconds < 2 ? "a second" : seconds < 90 ? `${number(seconds, seconds < 10 ? 1 : 2)} seconds` : `${number(seconds / 60, 2)} minutes`);
+
 /** The dialog that asks for a new terrain. */
 export function showGenerators(generators, make) {
-  const form = $("fresh-form"), choice = element("select", { title: "What kind of land" }), doc = element("p", { className: "quiet" }), fields = element("div");
+  const form = $("fresh-form"), choice = element("select", { title: "What kind of land" }), doc = element("p", { className: "quiet" }), fields = element("div"), takes = element("p", { className: "quiet", id: "fresh-takes" });
+  const given = () => Object.fromEntries([...new FormData(form)].map(([k, v]) => [k, Number.isNaN(Number(v)) ? v : Number(v)]));
+  /** Seconds that it takes, about: what it took with the values by default, by powers of the values. */
+  const seconds = () => {
+    const chosen = generators.find((g) => g.name === choice.value), values = given();
+    return Object.entries(chosen.powers).reduce((s, [name, power]) => s * (values[name] / chosen.fields.find((f) => f.name === name).value) ** power, chosen.seconds);
+  };
+  const estimate = () => { const s = seconds(); takes.textContent = Number.isFinite(s) ? `Takes about ${inWords(s)}.` : ""; };
   choice.append(...generators.map((g) => element("option", { value: g.name, textContent: g.title })));
   const show = () => {
     const chosen = generators.find((g) => g.name === choice.value);
@@ -151,29 +163,38 @@ export function showGenerators(generators, make) {
         : element("input", { name: f.name, type: "number", step: f.whole ? "1" : "any", min: f.low, max: f.high, value: f.value, title: `${f.doc}: ${f.low} to ${f.high}`, required: true });
       return element("label", {}, `${f.label}${f.unit && f.unit !== "-" ? ` (${f.unit})` : ""}`, input);
     }));
+    estimate();
   };
   choice.addEventListener("change", show);
   form.replaceChildren(
-    element("label", { className: "wide" }, "Land", choice), doc, fields,
+    element("label", { className: "wide" }, "Land", choice), doc, fields, takes,
     element("button", { type: "submit", textContent: "Make", title: "Make it; the present session is replaced, so save it first" }), " ",
     element("button", { type: "button", textContent: "Cancel", title: "Keep the present one (Esc)", onclick: () => $("fresh").close() }));
   show();
+  form.oninput = estimate;
   form.onsubmit = (event) => {
     event.preventDefault();
-    const values = Object.fromEntries([...new FormData(form)].map(([k, v]) => [k, Number.isNaN(Number(v)) ? v : Number(v)]));
+    const values = given(), expected = seconds();
     $("fresh").close();
-    make({ generator: choice.value, ...values });
+    make({ generator: choice.value, ...values }, expected);
   };
   $("fresh").showModal();
 }
 
+/** Set a property where it differs: setting it again would have the page drawn again. */
+export function put(target, name, value) { if (target[name] !== value) target[name] = value; }
+
+let listed = ["", ""];
+
 export function showSession(studio, told) {
-  $("undo").disabled = !told.undo;
-  $("redo").disabled = !told.redo;
-  $("play").textContent = told.playing ? "Pause" : "Play";
-  $("play").setAttribute("aria-pressed", String(told.playing));
-  const names = told.edits.map(([step, name]) => element("li", { textContent: `${name.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase()} – step ${step}` }));
-  $("edits").replaceChildren(...names.reverse());
+  put($("undo"), "disabled", !told.undo);
+  put($("redo"), "disabled", !told.redo);
+  put($("play"), "textContent", told.playing ? "Pause" : "Play");
+  put($("play"), "ariaPressed", String(told.playing));
+  const before = listed;
+  listed = [JSON.stringify(told.edits), JSON.stringify(told.controls)];
+  if (listed[0] !== before[0]) showEdits(studio);
+  if (listed[1] === before[1]) return;
   const items = told.controls.map((c, k) => {
     const drop = element("button", { textContent: "Remove", title: `Remove this ${c.kind}` });
     drop.setAttribute("aria-label", `Remove ${c.kind} ${k + 1}`);
@@ -183,16 +204,29 @@ export function showSession(studio, told) {
   $("controls").replaceChildren(...items);
 }
 
+/** The last edits, where their list is open. */
+export function showEdits(studio) {
+  if (!$("edits").parentElement.open) return;
+  const names = studio.edits.map(([step, name]) => element("li", { textContent: `${name.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase()} – step ${step}` }));
+  $("edits").replaceChildren(...names.reverse());
+}
+
+let marked = "";
+
 export function showTimeline(studio) {
   const records = studio.records, slider = $("timeline");
   const live = studio.shown === null;
-  slider.max = String(Math.max(0, records.length));
-  if (live) slider.value = slider.max;
+  put(slider, "max", String(Math.max(0, records.length)));
+  if (live) put(slider, "value", slider.max);
   const at = live ? null : records[studio.shown];
-  $("timeline-text").textContent = live ? "now" : `${number(at ? at[1] : 0)} yr`;
-  slider.setAttribute("aria-valuetext", $("timeline-text").textContent);
-  $("rewind").disabled = live;
+  put($("timeline-text"), "textContent", live ? "now" : `${number(at ? at[1] : 0)} yr`);
+  put(slider, "ariaValueText", $("timeline-text").textContent);
+  put($("rewind"), "disabled", live);
   const last = records.length ? records[records.length - 1][1] : 0, first = records.length ? records[0][1] : 0;
+  // Only when they have changed: this is asked for with each edit and each set of figures.
+  const key = `${studio.events.length} ${studio.events.at(-1)?.[1]} ${first} ${last}`;
+  if (key === marked) return;
+  marked = key;
   const marks = studio.events.filter(([, t]) => t >= first && t <= last).slice(-400).map(([kind, t]) => {
     const mark = element("i", { className: kind });
     mark.style.left = `${100 * (t - first) / Math.max(1e-9, last - first)}%`;

@@ -108,6 +108,14 @@ void main() {
   colour = vec4(own == chosen ? light : mix(c, c * .7, edge), opacity * (1.0 - .6 * old));
 }`;
 
+// The ground as it was drawn last, seen from above.
+const BAKED_VERTEX = `
+void main() { gl_Position = vec4(position.xy, 1.0, 1.0); }`;
+const BAKED_FRAGMENT = `
+precision highp float;
+uniform sampler2D baked; out vec4 colour;
+void main() { colour = texelFetch(baked, ivec2(gl_FragCoord.xy), 0); }`;
+
 function material(vertex, fragment, uniforms, extra = {}) {
   return new THREE.ShaderMaterial({
     glslVersion: THREE.GLSL3, vertexShader: vertex, fragmentShader: fragment, side: THREE.DoubleSide, uniforms, ...extra,
@@ -201,10 +209,47 @@ export class MapScene {
     this.old = new Ribbon(this.shared, [.55, .53, .42], [.50, .50, .36], 0.6, { opacity: .8, aged: true });
     this.oxbows = new Ribbon(this.shared, [.30, .52, .58], [.42, .50, .36], 1.0, { aged: true });
     this.rivers = new Ribbon(this.shared, [.09, .40, .70], [.98, .72, .15], 1.6);
-    this.scene.add(this.terrain, this.old.mesh, this.oxbows.mesh, this.rivers.mesh);
+    // From above the ground is drawn once, and its picture is laid under the rivers until it changes.
+    this.baked = new THREE.WebGLRenderTarget(1, 1, { depthBuffer: false, minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter });
+    this.under = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), material(BAKED_VERTEX, BAKED_FRAGMENT, { baked: { value: this.baked.texture } }, { depthTest: false, depthWrite: false }));
+    this.under.frustumCulled = false;
+    this.under.renderOrder = -1;
+    this.ground3 = new THREE.Scene();
+    this.ground3.add(this.terrain);
+    this.scene.add(this.under, this.old.mesh, this.oxbows.mesh, this.rivers.mesh);
     this.box = [-1, -1, 1, 1];
+    this.fence = null; this.began = 0; this.rest = 0;
+    this.stale = true;
+    // Called when there is something to draw; whether it is by hand, and should be seen at once.
+    this.changed = null; this.urgent = false;
     this.dirty = true;
     this.frames = 0;
+  }
+
+  get dirty() { return this.isDirty; }
+  set dirty(on) { this.isDirty = on; if (on) { this.stale = true; this.changed?.(); } }
+
+  /** Whether all that there is has been drawn. */
+  get settled() { this.wait(); return !this.isDirty && !this.fence; }
+
+  /** Draw the rivers anew, over the ground as it was. */
+  flow() { this.isDirty = true; this.changed?.(); }
+
+  /**
+   * Milliseconds until another picture can be drawn. The last one has to be done, since the thread that would wait for
+   * it is the one on which states and answers come in. Without a graphics card the picture is made by the processor
+   * that runs the simulation, too; so for some time after one, only what is done by hand is drawn.
+   */
+  wait() {
+    const gl = this.renderer.getContext(), now = performance.now();
+    if (this.fence) {
+      const done = gl.getSyncParameter(this.fence, gl.SYNC_STATUS) === gl.SIGNALED || gl.isContextLost();
+      if (!done && now - this.began < 2000) return 4;
+      gl.deleteSync(this.fence);
+      this.fence = null;
+      this.rest = this.software ? now + Math.min(400, 3 * (now - this.began)) : 0;
+    }
+    return this.urgent ? 0 : Math.max(0, this.rest - now);
   }
 
   /** Colour around the map, that of the page. */
@@ -266,19 +311,21 @@ export class MapScene {
     this.rivers.count = 0;
     this.rivers.add(state.start, state.xy, (c, i) => 0.5 * state.width(c, i), kind ? (c) => (c & 65535) + 65536 * kind(c) : undefined);
     this.shared.now.value = state.time;
-    this.dirty = true;
+    this.flow();
   }
 
   resize(width, height) {
     const ratio = Math.min(2, window.devicePixelRatio || 1);
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
+    this.baked.setSize(Math.floor(width * ratio), Math.floor(height * ratio));
     this.dirty = true;
   }
 
   draw() {
     if (!this.dirty) return false;
-    this.dirty = false;
+    this.isDirty = this.urgent = false;
+    this.began = performance.now();
     this.view.update();
     this.shared.lift.value = this.view.relief ? this.ground.exaggeration : 0;
     this.shared.pixel.value = this.view.metres;
@@ -286,7 +333,22 @@ export class MapScene {
     this.rivers.uniforms.rise.value = 3 + 3 * thick;
     this.oxbows.uniforms.rise.value = 2 + 2 * thick;
     this.old.uniforms.rise.value = 1 + thick;
+    const flat = !this.view.relief;
+    this.under.visible = flat;
+    if (flat) {
+      if (this.stale) {
+        this.ground3.add(this.terrain);
+        this.renderer.setRenderTarget(this.baked);
+        this.renderer.render(this.ground3, this.view.camera);
+        this.renderer.setRenderTarget(null);
+        this.stale = false;
+      }
+    } else this.scene.add(this.terrain);
     this.renderer.render(this.scene, this.view.camera);
+    const gl = this.renderer.getContext();
+    if (this.fence) gl.deleteSync(this.fence);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
     this.frames++;
     return true;
   }
