@@ -120,7 +120,7 @@ def test_a_map_without_a_frame_is_its_raster(land, tmp_path, name, suffix):
 def test_every_cell_is_a_block_of_the_picture(tmp_path):
     height = np.add.outer(np.zeros(20), np.arange(30.0))
     height[7, 11] = 500.0
-    wr.viz.draw_elevation(wr.Terrain(height, 10.0), tmp_path / "a.png", frame=False, size=(320, 400))
+    wr.viz.draw_elevation(wr.Terrain(height, 10.0), tmp_path / "a.png", frame=False, size=(300, 200))
     blocks = read(tmp_path / "a.png").reshape(20, 10, 30, 10, 3)
     assert (np.ptp(blocks, axis=(1, 3)) == 0).all()
     peak = np.abs(blocks[:, 0, :, 0] - blocks[7, 0, 11, 0]).sum(axis=2)
