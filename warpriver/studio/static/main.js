@@ -321,9 +321,10 @@ $("view").addEventListener("click", () => { view.relief = !view.relief; $("view"
 $("fit").addEventListener("click", () => { if (studio.bounds) view.fit(...studio.bounds); studio.redraw(); });
 const root = document.documentElement;
 const isDark = () => root.dataset.theme === "dark" || (root.dataset.theme === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
-$("theme").addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; scene.setBack(isDark()); });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => scene.setBack(isDark()));
-scene.setBack(isDark());
+$("theme").addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; showTheme(); });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => showTheme());
+function showTheme() { scene.setBack(isDark()); plots.redraw(); }
+showTheme();
 
 // ---- pointer and keys
 

@@ -72,6 +72,9 @@ export class Plots {
     for (const [id] of PLOTS) { this.series[id] = series[id] ?? []; this.draw(id); }
   }
 
+  /** Draw all anew, in the colours of the page. */
+  redraw() { for (const [id] of PLOTS) this.draw(id); }
+
   add(told) {
     for (const [id, , unit] of PLOTS) {
       const list = this.series[id], value = told[id];

@@ -114,7 +114,10 @@ void main() { gl_Position = vec4(position.xy, 1.0, 1.0); }`;
 const BAKED_FRAGMENT = `
 precision highp float;
 uniform sampler2D baked; out vec4 colour;
-void main() { colour = texelFetch(baked, ivec2(gl_FragCoord.xy), 0); }`;
+void main() {
+  colour = texelFetch(baked, ivec2(gl_FragCoord.xy), 0);
+  if (colour.a < .5) discard; // beside the map
+}`;
 
 function material(vertex, fragment, uniforms, extra = {}) {
   return new THREE.ShaderMaterial({
@@ -339,8 +342,10 @@ export class MapScene {
       if (this.stale) {
         this.ground3.add(this.terrain);
         this.renderer.setRenderTarget(this.baked);
+        this.renderer.setClearAlpha(0);
         this.renderer.render(this.ground3, this.view.camera);
         this.renderer.setRenderTarget(null);
+        this.renderer.setClearAlpha(1);
         this.stale = false;
       }
     } else this.scene.add(this.terrain);
