@@ -84,10 +84,14 @@ def draw_law(folder: Path) -> None:
 
 def draw_events(folder: Path) -> None:
     rows, told = [], {}
+    usual = simulate(wr.MeanderParams(), SHORT, FEWER_YEARS)
     for option, values in EVENTS.items():
         row = []
         for label, value in values:
-            history = simulate(wr.MeanderParams(**{FIELDS[type(value)]: value}), SHORT, FEWER_YEARS)
+            # The first of each are neutral, and bring the same river.
+            is_usual = value == ("edge" if option == "inlet" else values[0][1])
+            params = wr.MeanderParams(**{FIELDS[type(value)]: value})
+            history = usual if is_usual else simulate(params, SHORT, FEWER_YEARS)
             width = history.networks[-1].point_widths()[0]
             found = wr.metrics.statistics(history)
             told[option, label] = found, width
