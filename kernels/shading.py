@@ -35,7 +35,8 @@ def build(scalar):
     SUN, AMBIENT = vec3(1.16, 1.08, 0.94), vec3(0.34, 0.4, 0.48)
     ZENITH, HORIZON, TREES = vec3(0.2, 0.4, 0.72), vec3(0.74, 0.82, 0.88), vec3(0.05, 0.075, 0.045)
     GRASS, DRY_GRASS, GRAVEL = vec3(0.16, 0.24, 0.075), vec3(0.34, 0.31, 0.14), vec3(0.42, 0.38, 0.31)
-    PEBBLE, STONE, FOAM = vec3(0.25, 0.23, 0.2), vec3(0.4, 0.39, 0.37), vec3(0.93, 0.95, 0.96)
+    PEBBLE, STONE, WOOD = vec3(0.25, 0.23, 0.2), vec3(0.4, 0.39, 0.37), vec3(0.27, 0.19, 0.12)
+    FOAM = vec3(0.93, 0.95, 0.96)
     TREE_LINE, TREE_EDGE = scalar(0.28), scalar(0.12)
     FIFTH, TENTH, QUARTER, THREE_FIFTHS = (scalar(v) for v in (0.2, 0.1, 0.25, 0.6))
     GLINT, GLOW, GLINT_SIZE, GLOW_SIZE = scalar(6.0), scalar(0.25), scalar(900.0), scalar(40.0)
@@ -48,9 +49,9 @@ def build(scalar):
     class Scene:
         """Height fields from a datum, m: ``bed``, and ``water``, below the bed where it is dry.
 
-        ``rock``: 1 on rocks. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre. ``shore``:
-        depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north; the first
-        cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
+        ``rock``: 1 on rocks, -1 on logs. ``white``: foam, on a grid of ``white_scale`` times as many cells a metre.
+        ``shore``: depth of the bed below the water of the nearest course, below 0 on a bank, m. Row 0 is in the north;
+        the first cell's centre is at (0, 0), x east, y north. ``top``: the greatest height.
         """
 
         bed: wp.array2d[scalar]
@@ -161,7 +162,7 @@ def build(scalar):
 
     @wp.func(module=name)
     def ground_color(scene: Scene, x: scalar, y: scalar, column: scalar, row: scalar, normal: vec3) -> vec3:
-        """Colour of bed or bank: grass, gravel along the water, pebbles in it, rock."""
+        """Colour of bed or bank: grass, gravel along the water, pebbles in it, rock, wood."""
         shore = between(scene.shore, column, row)
         rock = between(scene.rock, column, row)
         place = vec2(x, y)
@@ -173,8 +174,11 @@ def build(scalar):
         bare = smooth(-scalar(0.21875), -scalar(0.015625), shore + scalar(0.078125) * coarse + scalar(0.046875) * fine)
         bare = wp.max(bare, smooth(scalar(0.75), scalar(0.5625), normal[2]))
         color = grass + bare * (gravel - grass)
-        stone = STONE * (scalar(0.875) + scalar(0.3125) * fine + scalar(0.1875) * grain)
-        return color + rock * (stone - color)
+        laid = STONE
+        if rock < ZERO:
+            laid = WOOD
+        laid = laid * (scalar(0.875) + scalar(0.3125) * fine + scalar(0.1875) * grain)
+        return color + wp.abs(rock) * (laid - color)
 
     @wp.func(module=name)
     def bed_light(scene: Scene, x: scalar, y: scalar, sun: vec3, wet: scalar) -> vec3:

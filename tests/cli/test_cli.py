@@ -491,7 +491,7 @@ def test_riverscape_writes_types_and_a_bed(tmp_path, capsys):
     network = extract_network(ground, min_drainage_area=2e5)
     x, y = network.polylines()[0][5]
     window = f"{x - 50:.0f},{y - 50:.0f},{x + 50:.0f},{y + 50:.0f}"
-    code, said, err = run(capsys, *arguments, "--window", window, "--detail", 2, "-o", tmp_path / "bed")
+    code, said, err = run(capsys, *arguments, "--window", window, "--detail", 2, "--bed", "-o", tmp_path / "bed")
     assert code == 0, err
     assert "Riverscape(" in said
     (carved,) = [p for p in (tmp_path / "bed").iterdir() if p.stem == "bed" and p.suffix in (".tif", ".npz")]

@@ -19,6 +19,7 @@ import warpriver as wr
 from warpriver.cli import main
 from warpriver.errors import MissingRecordError, RunLockedError, WarpriverError
 from warpriver.history import Every, History, StopReason
+from warpriver.history.journal import Journal
 from warpriver.history.segments import sealed
 
 LINE = wr.generate.noisy_line(4000.0, 50.0, 50.0, 5)
@@ -111,6 +112,36 @@ def test_runs_killed_at_any_moment_go_on_to_the_same_bits(tmp_path):
             np.testing.assert_array_equal(again.record(40).point_xy, whole.record(40).point_xy)
         assert {path.suffix for path in folder.iterdir()} == {".npz", ".json", ".jsonl"}, "nothing else is left"
     assert max(reached) > 0
+
+
+def test_a_killed_run_has_all_of_its_records(tmp_path):
+    """Killed as the 8th record has been made, or in the middle of writing it; no segment is written in between."""
+    whole = river().run(steps=100, record_every=10)
+    for name, cut in (("whole", 0), ("torn", 100)):
+        folder = tmp_path / name
+        script = RUN.replace("SEGMENT_SECONDS = 0.0", "SEGMENT_SECONDS = 1e9").replace(
+            "history = sim.run",
+            """import os, signal
+    append = wr.History.append
+    def killed(self, record):
+        append(self, record)
+        if len(self) == 8:
+            os.kill(os.getpid(), signal.SIGKILL)
+    wr.History.append = killed
+    history = sim.run""",
+        )
+        subprocess.run([sys.executable, "-c", textwrap.dedent(script), folder, "100"], stdout=subprocess.DEVNULL)
+        journal = folder / "journal.bin"
+        os.truncate(journal, journal.stat().st_size - cut)
+        history = History.load(folder)
+        assert len(history) == 8 - (cut > 0)
+        if cut:
+            assert len(History.load(folder, salvage=True)) == 7
+        with pytest.warns(UserWarning, match="ended without closing the run"):
+            sim = wr.Simulation.resume(folder, threads=1)
+            sim.run(steps=100 - sim.step_count, record_every=10)
+        assert_same(History.load(folder), whole)
+        assert not journal.exists()
 
 
 @pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
@@ -293,7 +324,14 @@ class Disk:
                 raise OSError(28, "No space left on device")
             self.room -= file.tell()
 
+        def cleared(journal):
+            if journal.path.exists():
+                self.room += journal.path.stat().st_size
+            clear(journal)
+
+        clear = Journal.clear
         monkeypatch.setattr(np, "savez", limited)
+        monkeypatch.setattr(Journal, "clear", cleared)
 
 
 def test_a_full_disk_loses_only_what_does_not_fit(tmp_path, monkeypatch):

@@ -8,13 +8,17 @@ from kernel_arrays import REALS, SCALARS, to_device
 from warpriver.kernels import shading
 
 
-def shade(bed, water, view, dtype, device, white=0.0, size=0.1):
+def shade(bed, water, view, dtype, device, white=0.0, size=0.1, rock=0.0):
     scalar, real = SCALARS[dtype], REALS[dtype]
     made = shading.build(scalar)
     scene = made.Scene()
     for name, values in (
-        ("bed", bed), ("water", water), ("shore", water - bed), ("rock", 0.0 * bed), ("white", 0.0 * bed + white),
-    ):  # fmt: skip
+        ("bed", bed),
+        ("water", water),
+        ("shore", water - bed),
+        ("rock", 0.0 * bed + rock),
+        ("white", 0.0 * bed + white),
+    ):
         setattr(scene, name, to_device(values.astype(real), scalar, device))
     scene.cell_size, scene.white_scale, scene.top = size, 1.0, float(max(bed.max(), water.max())) + 0.01
     camera = made.View()
@@ -76,3 +80,11 @@ def test_water_mirrors_more_the_flatter_it_is_looked_at(dtype, device):
         means.append(color.mean())
     assert means[0] < means[1]
     assert np.isfinite(means).all()
+
+
+def test_logs_are_browner_and_darker_than_rocks(dtype, device):
+    flat = np.zeros((81, 81))
+    stone, wood = (
+        shade(flat, flat - 1.0, from_above(), dtype, device, rock=r)[0].mean(axis=(0, 1)) for r in (1.0, -1.0)
+    )
+    assert wood[0] / wood[2] > 1.5 * stone[0] / stone[2] and wood.sum() < 0.7 * stone.sum()

@@ -1,5 +1,6 @@
 """The kernels of the water surface, ``evaluate_water`` and ``set_phases``, against the tree by recursion in float64."""
 
+import functools
 import math
 
 import numpy as np
@@ -44,10 +45,18 @@ def one(kind, rng, center, radius=None):
     )
 
 
+@functools.cache
+def leaves():
+    """Twenty of each kind, about the origin: to draw them takes most of the time of a tree."""
+    rng = np.random.default_rng(9)
+    return [one(kind, rng, (0.0, 0.0)) for kind in KINDS for _ in range(20)]
+
+
 def random_tree(rng, center, depth):
     """A tree about a centre: at each inner node a merge of two or three, or a replacement."""
     if depth == 0 or rng.random() < 0.15:
-        return one(KINDS[rng.integers(7)], rng, center + rng.uniform(-1.0, 1.0, 2))
+        leaf = leaves()[rng.integers(len(leaves()))]
+        return leaf.replace(center=np.array([center + rng.uniform(-1.0, 1.0, 2)]), level=rng.uniform(1.0, 2.0, 1))
     children = [random_tree(rng, center, depth - 1) for _ in range(rng.integers(2, 4))]
     return Replace(*children[:2]) if rng.random() < 0.5 else Merge(tuple(children))
 

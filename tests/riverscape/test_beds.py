@@ -274,6 +274,8 @@ DOWN, UP = ((60.0, 120.0), (300.0, 120.0)), ((300.0, 120.0), (60.0, 120.0))
     [
         (lambda: Riverscape(valley_floor(0.02), lines(UP), "C"), "channel 0 runs uphill"),
         (lambda: Riverscape(valley_floor(0.0), lines(DOWN), "C", flow=1.0), "the ground is level"),
+        (lambda: Riverscape(valley_floor(0.02, 3, 4, 150.0), lines(DOWN), "C"), "cells are 150 m wide and the longest"),
+        (lambda: wr.classify_rivers(lines(DOWN), valley_floor(0.02, 3, 4, 150.0)), "use a finer terrain"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), "H"), "type is 'H'"),
         (lambda: Riverscape(valley_floor(0.02), lines(DOWN), ["C", "C"]), "types are 2 for 1 channels"),
         (lambda: Riverscape(valley_floor(0.06), lines(DOWN), "D"), "type D and a slope of 0.06"),

@@ -45,7 +45,7 @@ class Browser:
 
         pages = json.load(urllib.request.urlopen(found[0].replace("ws", "http", 1) + "/json/list"))
         address = next(page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page")
-        self.socket = connect(address, max_size=None)
+        self.socket = connect(address, max_size=None, ping_interval=None)
         self.numbers, self.console = itertools.count(1), []
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
@@ -63,7 +63,7 @@ class Browser:
         number = next(self.numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": params}))
         while True:
-            told = json.loads(self.socket.recv(timeout=120))
+            told = json.loads(self.socket.recv(timeout=60))
             if told.get("id") == number:
                 if "error" in told:
                     raise RuntimeError(f"{method}: {told['error']['message']}")
@@ -88,7 +88,7 @@ class Browser:
             raise RuntimeError(done["exceptionDetails"].get("exception", {}).get("description", "an error of the page"))
         return done["result"].get("value")
 
-    def wait(self, script, seconds=60.0):
+    def wait(self, script, seconds=30.0):
         """Wait until an expression is true."""
         until = time.monotonic() + seconds
         while not self.run(f"Boolean({script})"):
@@ -125,13 +125,15 @@ class Browser:
             self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code or key, modifiers=modifiers)
 
     def screenshot(self, path=None):
-        """Return the page as (rows, columns, 3) numbers; also as a file."""
+        """Return the page as (rows, columns, 3) numbers, once all is drawn; also as a file."""
         import io
 
         import numpy as np
         from PIL import Image
 
-        data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        self.wait("!window.studio || studio.scene.settled")
+        self.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
+        data = base64.b64decode(self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)["data"])
         if path is not None:
             Path(path).write_bytes(data)
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))

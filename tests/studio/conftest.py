@@ -48,7 +48,7 @@ def send(studio, method, path, body):
     ours = {"Cookie": f"warpriver_studio={studio.token}", "Origin": f"http://127.0.0.1:{studio.port}"}
     connection.request(method, path, body, {"Host": f"127.0.0.1:{studio.port}"} | ours)
     answer = connection.getresponse()
-    return answer.status, answer.read().decode()
+    return answer.status, answer.read()
 
 
 @pytest.fixture(scope="module")

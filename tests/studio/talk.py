@@ -27,6 +27,8 @@ class Talk:
             max_size=None,
             compression=None,
             open_timeout=30,
+            close_timeout=1,
+            ping_interval=None,
         )
         self.socket = self._connection.__enter__()
         self.earlier, self.maps = [], []

@@ -1,13 +1,16 @@
 """The page in a headless Chromium: tools are used by pointer and keys; what the session holds and the pixels tell."""
 
+import base64
 import json
 import os
+import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
-from talk import serving
+from browser import CHROMIUM
+from conftest import send
 
 import warpriver as wr
 from warpriver import edits
@@ -30,14 +33,14 @@ WATER = np.array([23, 102, 178])  # of rivers, on a screen
 
 
 @pytest.fixture(scope="module")
-def browser(served):
+def browser(chromium, served):
     """The page of the session, open and drawn."""
-    browser = Browser()
-    browser.open(served.link)
-    browser.wait("window.studio?.state && studio.scene.frames > 1", 90)
-    yield browser
-    assert browser.console == []
-    browser.close()
+    chromium.console.clear()
+    chromium.open(served.link)
+    chromium.wait("window.studio?.state && studio.scene.frames > 1", 90)
+    yield chromium
+    assert chromium.console == []
+    chromium.open("about:blank")
 
 
 def said(served):
@@ -54,6 +57,109 @@ def pixels(browser, colour=WATER, within=40):
 def use(browser, tool):
     browser.press(f"[data-tool={tool}]")
     assert browser.run(f"studio.tool.id === {json.dumps(tool)}")
+
+
+@pytest.fixture
+def built_in(studio, chromium):
+    """The studio as it begins without a file, and its page; before other tests have put another session there."""
+    chromium.open(studio.link)
+    chromium.wait("window.studio?.state && studio.scene.frames > 1", 120)
+    if chromium.run("!studio.ground.height || studio.live.step > 0 || studio.undo > 0"):
+        status, told = send(studio, "POST", "/new", b'{"generator": "basin"}')
+        assert status == 200, told
+        chromium.wait("studio.live.step === 0 && studio.ground.height", 60)
+    yield chromium, studio
+    assert chromium.console == []
+
+
+def test_the_built_in_scene_is_shaped_from_beginning_to_end(built_in, tmp_path):
+    """All that an author does in an hour, each step told by what the session holds and by the pixels."""
+    browser, served = built_in
+
+    def changed(before, box=(110, 590, 190, 1010)):  # without words at its edges
+        browser.wait("!studio.scene.dirty")
+        top, bottom, left, right = box
+        last.append(browser.screenshot().astype(int))
+        differs = np.abs(last[-1][top:bottom, left:right] - before[top:bottom, left:right]).max(axis=2) > 25
+        return int(differs.sum())
+
+    last = [browser.screenshot().astype(int)]
+
+    def shot():
+        """The picture after one thing is the one before the next."""
+        return last[-1]
+
+    assert browser.run("studio.ground.height && studio.live.channels > 10")
+    seen = shot()
+    browser.run("studio.ask('rate', { rate: 120 })")
+    browser.key(" ", "Space")
+    browser.wait("studio.live.time >= 50", 120)
+    browser.key(" ", "Space")
+    browser.wait("!studio.playing && !studio.live.playing")
+    assert changed(seen) > 300, "the rivers have moved"
+
+    seen = shot()
+    x, y, channel = browser.run(PLACE + "(.6)")
+    use(browser, "drag")
+    browser.drag(x, y, x + 4, y - 30)
+    browser.wait("studio.undo === 1")
+    (edit,) = said(served)
+    assert isinstance(edit, edits.MovePoint) and edit.channel == channel
+    assert changed(seen) > 30
+
+    seen = shot()
+    use(browser, "repel")
+    browser.drag(520, 420, 600, 430)
+    browser.wait("studio.edits.some(([, name]) => name === 'PaintControl')")
+    assert any(isinstance(edit, edits.PaintControl) and min(edit.values) < 0.0 for edit in said(served))
+    assert changed(seen, (390, 460, 490, 640)) > 200
+
+    seen = shot()
+    use(browser, "ridge")
+    for k, (a, b) in enumerate(((300, 420), (420, 440)), 1):
+        browser.click(a, b)
+        browser.wait(f"studio.tool.points.length === {k}")
+    browser.key("Enter")
+    browser.wait("studio.edits.at(-1)[1] === 'EditTerrain'")
+    assert said(served)[-1].operation == "ridge"
+    assert changed(seen, (400, 470, 290, 440)) > 200
+
+    seen, count = shot(), browser.run("studio.live.channels")
+    use(browser, "draw")
+    for k, (dx, dy) in enumerate(((-60, 90), (-30, 50), (0, 0)), 1):
+        browser.click(x + 40 + dx, y + 60 + dy) if k < 3 else browser.click(*browser.run(PLACE + "(.7)")[:2])
+        browser.wait(f"studio.tool.points.length === {k}")
+    browser.key("Enter")
+    browser.wait(f"studio.live.channels > {count}")
+    assert isinstance(said(served)[-1], edits.AddChannel)
+    assert changed(seen) > 60
+
+    with_it, held = shot(), said(served)
+    browser.press("#undo")
+    browser.wait(f"studio.live.channels === {count}")
+    assert said(served) == held[:-1] and changed(with_it) > 60
+    browser.press("#redo")
+    browser.wait(f"studio.live.channels > {count}")
+    assert said(served) == held and changed(with_it) < 30
+
+    browser.run("(t => { t.value = 1; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
+    browser.wait("studio.state.step === studio.records[1][0] && studio.state !== studio.live")
+    assert changed(with_it) > 300, "an earlier state is shown"
+    browser.run("(t => { t.value = t.max; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
+    browser.wait("studio.shown === null && studio.state === studio.live")
+
+    browser.run("studio.ask('export', { name: 'terrain.png' })")
+    assert (served.folder / "exports" / "terrain.png").stat().st_size > 10_000
+    browser.run("studio.ask('export', { name: 'session.zip' })")
+    unpack_session(served.folder / "exports" / "session.zip", tmp_path / "again")
+    # The same bits from the file: the session is done again from its beginning, in another process and without a page.
+    again = wr.Simulation.replay(
+        tmp_path / "again" / "run", session_of(*read_journal(tmp_path / "again" / "edits.log")[:3]),
+        terrain=wr.read_terrain(tmp_path / "again" / "terrain.npz"),
+    )  # fmt: skip
+    live = np.array(browser.run("Array.from(studio.live.xy)"), np.float32).reshape(-1, 2)
+    origin = np.array(browser.run("[...studio.origin]"))
+    assert (again.network.points() - origin).astype(np.float32).tobytes() == live.tobytes()
 
 
 def test_the_map_is_drawn_by_webgl(browser):
@@ -219,12 +325,9 @@ def test_relief_theme_layers_and_keys(browser):
     browser.key("Home")
 
 
-def test_exports_are_files_that_read_back(browser, served):
-    pytest.importorskip("pyogrio", reason="a GeoPackage needs warpriver[gis]")
-    browser.run("studio.ask('export', {name: 'rivers.gpkg'})")
-    network = wr.read_network(served.folder / "exports" / "rivers.gpkg")
-    assert network.channel_count == browser.run("studio.live.channels")
-    assert "no terrain" in browser.run("studio.link.ask('export', {name: 'terrain.tif'}).catch((e) => e.message)")
+def test_an_export_that_cannot_be_is_told(browser):
+    browser.press("[data-export='terrain.tif']")
+    browser.wait("document.getElementById('message').textContent.includes('no terrain')")
 
 
 def test_maps_lie_on_the_ground_with_a_legend(browser):
@@ -260,14 +363,22 @@ def test_constants_have_symbols_and_presets(browser):
     browser.wait("studio.live.step === 0")  # its state comes after the constants
 
 
-def test_land_is_made_in_the_dialog(browser, served):
+def make_land(browser, kind, **values):
+    """Make land in the dialog."""
     browser.press("#new")
     browser.run(
-        "(s => { s.value = 'fan'; s.dispatchEvent(new Event('change')); })(document.querySelector('#fresh select'))"
+        "(s => { s.value = " + json.dumps(kind) + "; s.dispatchEvent(new Event('change')); })"
+        "(document.querySelector('#fresh select'))"
     )
     browser.run(
-        "[['size', 4], ['count', 5]].forEach(([k, v]) => { document.querySelector(`#fresh [name=${k}]`).value = v; })"
+        f"Object.entries({json.dumps(values)}).forEach(([k, v]) => {{"
+        " const e = document.querySelector(`#fresh [name=${k}]`);"
+        " e.value = v; e.dispatchEvent(new Event('input', { bubbles: true })); })"
     )
+
+
+def test_land_is_made_in_the_dialog(browser, served):
+    make_land(browser, "fan", size=4, count=5)
     browser.press("#fresh button[type=submit]")
     browser.wait("studio.live.channels === 5 && studio.ground.height", 120)
     use(browser, "ridge")
@@ -275,12 +386,180 @@ def test_land_is_made_in_the_dialog(browser, served):
     for k, (x, y) in enumerate(((500, 200), (700, 260)), 1):
         browser.click(x, y)
         browser.wait(f"studio.tool.points.length === {k}")
-    seen = browser.screenshot()[100:400, 400:800].astype(int)
     browser.key("Enter")
     browser.wait(f"studio.ground.height.values.reduce((a, v) => a + v, 0) > {before} + 1000")
     assert isinstance(said(served)[-1], edits.EditTerrain)
-    browser.wait("!studio.scene.dirty")
-    assert np.abs(browser.screenshot()[100:400, 400:800].astype(int) - seen).max() > 40
+
+
+def test_land_that_takes_long_tells_so_and_is_given_up(browser):
+    make_land(browser, "eroded", cells=300, rain=20)
+    assert "seconds" in browser.run("document.getElementById('fresh-takes').textContent")
+    points = browser.run("studio.live.points")
+    browser.press("#fresh button[type=submit]")
+    browser.wait("!document.getElementById('busy').hidden")
+    assert "of about" in browser.run("document.getElementById('busy-text').textContent")
+    browser.press("#busy-cancel")
+    browser.wait("document.getElementById('busy').hidden")
+    browser.wait("document.getElementById('message').textContent.startsWith('Given up')")
+    browser.run("studio.ask('step')")
+    assert browser.run("studio.live.points") == pytest.approx(points, rel=0.2), "the session goes on as it was"
+
+
+DROP = """((name, data) => {
+  const carried = new DataTransfer(), bytes = Uint8Array.from(atob(data), (c) => c.charCodeAt(0));
+  carried.items.add(new File([bytes], name));
+  const how = { dataTransfer: carried, bubbles: true, cancelable: true }, map = document.getElementById("view3d");
+  for (const kind of ["dragenter", "dragover", "drop"]) map.dispatchEvent(new DragEvent(kind, how));
+})"""
+
+
+def drop(browser, path):
+    """Drop a file on the map."""
+    given = (path.name, base64.b64encode(path.read_bytes()).decode())
+    browser.run(f"{DROP}(...{json.dumps(given)})")
+
+
+def test_files_are_dropped_on_the_map(browser, lines_file, tmp_path):
+    terrain = wr.generate.fluvial_terrain((60, 70), 50.0, 300.0, 1)
+    wr.write_terrain(terrain, tmp_path / "hills.asc")
+    drop(browser, tmp_path / "hills.asc")
+    browser.wait("studio.ground.height?.columns === 70 && studio.live.channels > 1")
+    heights = np.array(browser.run("Array.from(studio.ground.height.values.slice(0, 70))"))
+    np.testing.assert_allclose(heights, terrain.to_numpy()[0], atol=0.01, err_msg="of the file, with 2 decimals")
+    (tmp_path / "valley.toml").write_text(SCENE)
+    drop(browser, tmp_path / "valley.toml")
+    browser.wait("studio.live.channels === 1 && studio.ground.height.columns === 40")
+    (tmp_path / "broken.csv").write_text("x,y\n1,nonsense\n")
+    drop(browser, tmp_path / "broken.csv")
+    browser.wait("document.getElementById('message').textContent.startsWith('broken.csv')")
+    assert browser.run("studio.live.channels") == 1, "the session stays"
+    assert len([line for line in browser.console if "422" in line]) == len(browser.console) == 1
+    browser.console.clear()
+    drop(browser, lines_file)
+    browser.wait("studio.live.channels === 3 && !studio.ground.height")
+    assert browser.run("document.getElementById('drop').hidden")
+
+
+SCENE = """name = "valley"
+[terrain]
+generate = "tilted_plain"
+shape = [30, 40]
+cell_size = 50.0
+slope = 0.001
+
+[[network.channel]]
+points = [[100.0, 700.0], [700.0, 760.0], [1300.0, 700.0], [1900.0, 760.0]]
+width = 30.0
+
+[run]
+years = 10.0
+"""
+
+
+@pytest.fixture(scope="module")
+def small(browser):
+    """A small plain with a river that has gone 12 steps, on the page."""
+    make_land(browser, "plain", length=2, cell=20, width=40, wandering=3)
+    browser.press("#fresh button[type=submit]")
+    browser.wait("studio.live.channels === 1 && studio.ground.height?.columns === 100", 60)
+    browser.run("(async () => { for (let k = 0; k < 12; k++) await studio.ask('step'); })()")
+    return browser
+
+
+@pytest.fixture
+def downloads(small, served, tmp_path):
+    """Waits until the page downloads a file, and returns the file as the server gives it out."""
+    small.run("studio.files.length = 0; document.getElementById('message').hidden = true")
+
+    def get(name):
+        small.wait(f"studio.files.includes('{name}') || !document.getElementById('message').hidden", 60)
+        assert small.run(f"studio.files.includes('{name}')"), small.run(
+            "document.getElementById('message').textContent"
+        )
+        status, data = send(served, "GET", f"/exports/{name}", None)
+        assert status == 200
+        (tmp_path / name).write_bytes(data)
+        return tmp_path / name
+
+    return get
+
+
+def test_all_that_is_exported_opens_again(small, downloads, tmp_path):
+    pytest.importorskip("pyogrio", reason="a GeoPackage needs warpriver[gis]")
+    pytest.importorskip("rasterio", reason="a GeoTIFF needs warpriver[gis]")
+    from PIL import Image
+
+    points, height = small.run("studio.live.points"), np.array(small.run("Array.from(studio.ground.height.values)"))
+    for button in small.run("[...document.querySelectorAll('[data-export]')].map((e) => e.dataset.export)"):
+        small.press(f"[data-export='{button}']")
+    for name in ("rivers.gpkg", "rivers.geojson"):
+        assert wr.read_network(downloads(name)).point_count == points
+    np.testing.assert_allclose(wr.read_terrain(downloads("terrain.tif")).to_numpy().ravel(), height, atol=1e-4)
+    assert Image.open(downloads("terrain.png")).size == (100, 50)
+    assert json.loads(downloads("edits.json").read_text())
+    unpack_session(downloads("session.zip"), tmp_path / "again")
+    with Image.open(downloads("run.gif")) as movie:
+        assert movie.n_frames > 10 and movie.size == (1280, 720)
+    assert b"ftyp" in downloads("run.mp4").read_bytes()[:12]
+    small.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path / "browser"))
+    small.press("#picture")
+    until = time.monotonic() + 30.0
+    while not (tmp_path / "browser" / "rivers.png").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert len(np.unique(np.asarray(Image.open(tmp_path / "browser" / "rivers.png").convert("L")))) > 20
+
+
+def opened(target, name, data):
+    """Open a file of a landscape, and tell whether it holds one."""
+    import io
+
+    from PIL import Image
+
+    ending = name.rsplit(".", 1)[1]
+    if ending == "png":
+        return np.ptp(np.asarray(Image.open(io.BytesIO(data)), float)) >= 0.0
+    if ending == "r16":
+        return np.ptp(np.frombuffer(data, "<u2")) > 1000
+    if ending == "json":
+        return bool(json.loads(data))
+    if ending == "glb":
+        return data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data)
+    if ending in ("vtp", "pvd"):
+        return b"<VTKFile" in data[:100] and data.rstrip().endswith(b"</VTKFile>")
+    if ending == "usda":
+        return data.startswith(b"#usda") and data.count(b"{") == data.count(b"}")
+    if ending == "obj":
+        return sum(line.startswith(b"f ") for line in data.splitlines()) > 1000
+    return len(data) > 20
+
+
+def test_landscapes_are_written_for_every_program(small, downloads):
+    pytest.importorskip("rasterio", reason="a landscape for a GIS needs warpriver[gis]")
+    targets = small.run("[...document.getElementById('target').options].map((o) => o.value)")
+    assert len(targets) == 8
+    for target in targets:
+        small.run(f"document.getElementById('target').value = '{target}'")
+        small.press("#landscape")
+    for target in targets:
+        with zipfile.ZipFile(downloads(target)) as archive:
+            names = archive.namelist()
+            assert len(names) >= 3 and archive.testzip() is None, target
+            assert all(opened(target, name, archive.read(name)) for name in names), target
+            assert {name.split("/")[0] for name in names} == {target[len("landscape-") : -len(".zip")]}
+
+
+def test_plots_are_full_after_a_reload(small, served):
+    small.run("studio.ask('step', { count: 120 })")
+    small.wait("studio.plots.series.sinuosity.length > 2")
+    before = small.run("studio.plots.series.sinuosity")
+    small.open(served.link)
+    small.wait("window.studio?.state && studio.plots.series.sinuosity.length > 2")
+    after = small.run("studio.plots.series.sinuosity")
+    assert after[0] == before[0] and after[-1] == before[-1]
+    drawn = small.run("""(() => { const c = document.querySelector("#plots canvas");
+      const image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+      return image.data.filter((v, k) => k % 4 === 3 && v).length; })()""")
+    assert drawn > 300, "a line across the plot"
 
 
 def test_two_fingers_move_and_zoom_on_a_tablet(browser):
@@ -331,103 +610,3 @@ def test_axe_finds_no_serious_fault(browser):
         browser.run("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
         assert browser.run(AXE) == []
     browser.run("document.documentElement.dataset.theme = 'auto'")
-
-
-@pytest.fixture(scope="module")
-def built_in(tmp_path_factory):
-    """The studio as it begins without a file, and its page."""
-    folder = tmp_path_factory.mktemp("built-in") / "session"
-    with serving("--folder", str(folder), folder=folder) as served:
-        browser = Browser()
-        browser.open(served.link)
-        browser.wait("window.studio?.state && studio.scene.frames > 1", 120)
-        yield browser, served
-        assert browser.console == []
-        browser.close()
-
-
-def test_the_built_in_scene_is_shaped_from_beginning_to_end(built_in, tmp_path):
-    """All that an author does in an hour, each step told by what the session holds and by the pixels."""
-    browser, served = built_in
-
-    def changed(before, box=(110, 590, 190, 1010)):  # without words at its edges
-        browser.wait("!studio.scene.dirty")
-        top, bottom, left, right = box
-        after = browser.screenshot()[top:bottom, left:right].astype(int)
-        return int((np.abs(after - before[top:bottom, left:right]).max(axis=2) > 25).sum())
-
-    def shot():
-        browser.wait("!studio.scene.dirty")
-        return browser.screenshot().astype(int)
-
-    assert browser.run("studio.ground.height && studio.live.channels > 10")
-    seen = shot()
-    browser.run("studio.ask('rate', { rate: 120 })")
-    browser.key(" ", "Space")
-    browser.wait("studio.live.time >= 50", 120)
-    browser.key(" ", "Space")
-    browser.wait("!studio.playing && !studio.live.playing")
-    assert changed(seen) > 300, "the rivers have moved"
-
-    seen = shot()
-    x, y, channel = browser.run(PLACE + "(.6)")
-    use(browser, "drag")
-    browser.drag(x, y, x + 4, y - 30)
-    browser.wait("studio.undo === 1")
-    (edit,) = said(served)
-    assert isinstance(edit, edits.MovePoint) and edit.channel == channel
-    assert changed(seen) > 30
-
-    seen = shot()
-    use(browser, "repel")
-    browser.drag(520, 420, 600, 430)
-    browser.wait("studio.edits.some(([, name]) => name === 'PaintControl')")
-    assert any(isinstance(edit, edits.PaintControl) and min(edit.values) < 0.0 for edit in said(served))
-    assert changed(seen, (390, 460, 490, 640)) > 200
-
-    seen = shot()
-    use(browser, "ridge")
-    for k, (a, b) in enumerate(((300, 420), (420, 440)), 1):
-        browser.click(a, b)
-        browser.wait(f"studio.tool.points.length === {k}")
-    browser.key("Enter")
-    browser.wait("studio.edits.at(-1)[1] === 'EditTerrain'")
-    assert said(served)[-1].operation == "ridge"
-    assert changed(seen, (400, 470, 290, 440)) > 200
-
-    seen, count = shot(), browser.run("studio.live.channels")
-    use(browser, "draw")
-    for k, (dx, dy) in enumerate(((-60, 90), (-30, 50), (0, 0)), 1):
-        browser.click(x + 40 + dx, y + 60 + dy) if k < 3 else browser.click(*browser.run(PLACE + "(.7)")[:2])
-        browser.wait(f"studio.tool.points.length === {k}")
-    browser.key("Enter")
-    browser.wait(f"studio.live.channels > {count}")
-    assert isinstance(said(served)[-1], edits.AddChannel)
-    assert changed(seen) > 60
-
-    with_it, held = shot(), said(served)
-    browser.press("#undo")
-    browser.wait(f"studio.live.channels === {count}")
-    assert said(served) == held[:-1] and changed(with_it) > 60
-    browser.press("#redo")
-    browser.wait(f"studio.live.channels > {count}")
-    assert said(served) == held and changed(with_it) < 30
-
-    browser.run("(t => { t.value = 1; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
-    browser.wait("studio.state.step === studio.records[1][0] && studio.state !== studio.live")
-    assert changed(with_it) > 300, "an earlier state is shown"
-    browser.run("(t => { t.value = t.max; t.dispatchEvent(new Event('input')); })(document.getElementById('timeline'))")
-    browser.wait("studio.shown === null && studio.state === studio.live")
-
-    browser.run("studio.ask('export', { name: 'terrain.png' })")
-    assert (served.folder / "exports" / "terrain.png").stat().st_size > 10_000
-    browser.run("studio.ask('export', { name: 'session.zip' })")
-    unpack_session(served.folder / "exports" / "session.zip", tmp_path / "again")
-    # The same bits from the file: the session is done again from its beginning, in another process and without a page.
-    again = wr.Simulation.replay(
-        tmp_path / "again" / "run", session_of(*read_journal(tmp_path / "again" / "edits.log")[:3]),
-        terrain=wr.read_terrain(tmp_path / "again" / "terrain.npz"),
-    )  # fmt: skip
-    live = np.array(browser.run("Array.from(studio.live.xy)"), np.float32).reshape(-1, 2)
-    origin = np.array(browser.run("[...studio.origin]"))
-    assert (again.network.points() - origin).astype(np.float32).tobytes() == live.tobytes()

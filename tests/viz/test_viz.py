@@ -1,7 +1,6 @@
 import os
 import subprocess
 import sys
-import types
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +12,9 @@ pytest.importorskip("matplotlib")
 
 from scipy.spatial import cKDTree
 
+from warpriver.history import Cutoff
+from warpriver.kernels import covers
+from warpriver.landscape.maps import Landscape
 from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.viz import bands, belt, draw_belt, draw_network, gl, maps, movie, render_scene, scene, sheet
@@ -36,7 +38,7 @@ def make_history(records=8, offset=(0.0, 0.0)):
     times = 10.0 * np.arange(records)
     networks = [RiverNetwork.from_polylines([sine(30.0 * k, 12.0 * k) + offset], WIDTH) for k in range(records)]
     # In the north-east, away from all courses.
-    lake = types.SimpleNamespace(time=35.0, channel=0, width=WIDTH, xy=loop(3000.0, 700.0) + offset)
+    lake = Cutoff(35.0, 0, WIDTH, loop(3000.0, 700.0) + offset)
     return History(times=times, networks=networks, cutoffs=[lake], stop_reason=None)
 
 
@@ -117,9 +119,8 @@ def test_a_filled_band_is_the_buffer_of_its_line(line):
     one = History(times=np.zeros(1), networks=[network], cutoffs=[])
     painter = belt.BeltPainter(one, window, shape, supersample=1)
     painter.advance(0)
-    covered = painter.cover() > 0
-    (curve,), _ = bands.refine_lines([line], [np.full(len(line), width)], step=6.0 * cell)
-    dense = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(curve)])
+    covered = painter.cover().kind > 0
+    dense = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(line)])
     x = window[0] + cell * (np.arange(shape[1]) + 0.5)
     y = window[3] - cell * (np.arange(shape[0]) + 0.5)
     distance = cKDTree(dense).query(np.stack(np.meshgrid(x, y), axis=-1))[0]
@@ -154,22 +155,6 @@ def test_refined_lines_pass_through_their_points_and_follow_a_circle():
     np.testing.assert_allclose(np.hypot(*lines[0][parts:-parts].T), 500.0, rtol=1e-4)
     np.testing.assert_allclose(lines[1][:, 1], 9000.0)
     assert bands.refine_lines([circle], [np.full(40, 30.0)], step=1000.0)[0][0] is circle
-
-
-def test_event_numbers_survive_the_picture():
-    # More events than a byte holds: each straight course covers a strip of its own, further from the one before than
-    # anything is taken to have moved.
-    count, apart = 700, 13
-    lines = [np.array([[0.0, k], [5.0, k], [10.0, k]]) + 0.5 for k in range(0, apart * count, apart)]
-    networks = [RiverNetwork.from_polylines([xy], 1.0) for xy in lines]
-    strips = History(times=np.arange(float(count)), networks=networks, cutoffs=[])
-    high = apart * count
-    painter = belt.BeltPainter(strips, (2.0, 0.0, 8.0, float(high)), (2 * high, 12), supersample=1)
-    painter.advance(count - 1)
-    cover = painter.cover()
-    numbers = [painter.course_number(k) for k in range(count)]
-    assert set(np.unique(cover)) == {0, *numbers}
-    np.testing.assert_array_equal(cover[:: -2 * apart, 6], numbers)
 
 
 # ---- network map
@@ -331,30 +316,45 @@ def test_belt_at_an_earlier_record(history):
 
 def test_later_courses_erase_older_lakes():
     later = make_history()
-    later.cutoffs[0].xy = sine(120.0, 48.0)[60:140]
+    later.cutoffs = [Cutoff(35.0, 0, WIDTH, sine(120.0, 48.0)[60:140])]
     painter = belt.BeltPainter(later, (0.0, -500.0, 4000.0, 500.0), (250, 1000))
     painter.advance(4)
-    code = painter.oxbow_number(0)
-    first = (painter.cover() == code).sum()
+    first = (painter.cover().kind == covers.OXBOW).sum()
     assert [len(seen) for *_, seen in painter.lakes(4)] in ([], [80])
     painter.advance(7)
-    assert (painter.cover() == code).sum() <= first
+    assert (painter.cover().kind == covers.OXBOW).sum() <= first
 
 
 def test_painting_step_by_step_gives_the_same_picture_at_the_cost_of_one(history, monkeypatch):
     window, shape = (0.0, -600.0, 4000.0, 1200.0), (180, 400)
-    calls = []
-    fill = belt.BeltPainter._fill
-    monkeypatch.setattr(belt.BeltPainter, "_fill", lambda self, *args: (calls.append(args[2]), fill(self, *args)))
+    led = []
+    lead_to = Landscape.lead_to
+    monkeypatch.setattr(Landscape, "lead_to", lambda self, k: (led.append((self.record, k)), lead_to(self, k)))
     steps = belt.BeltPainter(history, window, shape)
     for k in range(8):
         steps.advance(k)
-    assert len(calls) == 8 + 1
-    courses = [steps.course_number(k) for k in range(5)]
-    assert calls[:6] == [*courses[:4], steps.oxbow_number(0), courses[4]], "the lake of year 35 is before year 40's"
+    assert led == [(k - 1, k) for k in range(8)]
     once = belt.BeltPainter(history, window, shape)
     once.advance(7)
     np.testing.assert_array_equal(steps.picture(7), once.picture(7))
+    # The lake of year 35 lies on the ground of the courses before, and shows.
+    cover = once.cover()
+    assert (cover.left[cover.kind == covers.OXBOW] == 35.0).all() and (cover.kind == covers.OXBOW).sum() > 100
+
+
+def test_pages_that_share_a_painter_show_what_they_show_alone(history):
+    alone, shared = (
+        [belt.BeltSheet(history, size=size, dpi=60.0) for size in ((700, 500), (420, 330))] for _ in range(2)
+    )
+    belt.share_painter(shared, history)
+    for one, other in zip(alone, shared, strict=True):
+        for page in (one, other):
+            page.turn_to(7)
+        assert shared[0].painter is other.painter
+        # The mottling of the ground is another one.
+        apart = one.pixels()[:330, :420].astype(float) - other.pixels()[:330, :420]
+        blocks = apart.reshape(33, 10, 42, 10, 3).mean(axis=(1, 3))
+        assert np.abs(blocks).mean() < 4.0 and np.abs(np.median(blocks)) < 0.5
 
 
 def test_belt_fits_long_rivers_and_crops(history):

@@ -5,6 +5,7 @@ from histories import History
 pytest.importorskip("matplotlib")
 
 from warpriver.history import Collision
+from warpriver.kernels import covers
 from warpriver.network import RiverNetwork
 from warpriver.terrain import Terrain
 from warpriver.viz import (
@@ -295,13 +296,12 @@ def test_the_gap_between_pieces_of_a_dry_course_stays_bare():
     subject.collisions = [Collision(5.0, "upstream", 0, 1, 60.0, course, np.array([0, 30, 60]))]
     painter = belt.BeltPainter(subject, (0.0, 0.0, 4500.0, 3000.0), (300, 450), supersample=1)
     painter.advance(1)
-    code = painter.bed_number(0)
     row, column = ((3000.0 - course[:, 1]) / 10.0).astype(int), (course[:, 0] / 10.0).astype(int)
-    cover = painter.cover()
-    hit = cover[row, column] == code
+    cover = painter.cover().kind
+    hit = cover[row, column] == covers.ABANDONED
     assert hit[1:29].all() and hit[40:59].any()
     middle = 0.5 * (course[29] + course[30])
-    assert cover[int((3000.0 - middle[1]) / 10.0), int(middle[0] / 10.0)] != code
+    assert cover[int((3000.0 - middle[1]) / 10.0), int(middle[0] / 10.0)] != covers.ABANDONED
 
 
 def test_movie_frames_carry_the_relief(tmp_path):

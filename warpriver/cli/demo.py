@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from warpriver.cli.runs import add_run_options, make_params, run_simulation, wri
 from warpriver.cli.shared import can_draw, command, fresh_folder, quiet_warp, results_in
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from warpriver.history import History
     from warpriver.network import RiverNetwork
     from warpriver.terrain import Terrain
@@ -21,6 +24,8 @@ __all__ = ["add"]
 
 # Frames of the demo's movie; more make the file larger, not the film better.
 DEMO_FRAMES = 40
+# Width and height of its frames in pixels.
+MOVIE_SIZE = (880, 680)
 # Width and height of the close-up in pixels, and half of its width as a part of the terrain's.
 LANDSCAPE_SIZE, CLOSEUP = (1400, 960), 0.2
 RESULTS = ("run", "terrain.npz", "network.csv", "channels.csv", "rivers.gpkg", "rivers.geojson")
@@ -118,6 +123,8 @@ def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool)
     if not can_draw():
         return []
     from warpriver import hydrology, viz
+    from warpriver.viz.belt import BeltSheet, belt_ramps, history_bounds, share_painter
+    from warpriver.viz.movie import write_frames
 
     found = history.networks[0]
     order = hydrology.strahler_order(found.channel_from, found.channel_to)
@@ -125,18 +132,39 @@ def _draw_demo(history: History, terrain: Terrain, folder: Path, *, movie: bool)
         found, folder / "network.png", terrain=terrain, color="order", order=order, title="Rivers of the terrain"
     )
     title = "Rivers of a basin"
-    viz.draw_belt(history, folder / "rivers.png", terrain=terrain, color="discharge", title=title)
-    viz.draw_before_after(history, folder / "before_after.png", terrain=terrain)
+    last = len(history) - 1
+    # The pages share the cells that are led from record to record, which takes longest.
+    layout: dict[str, Any] = {"terrain": terrain, "bounds": history_bounds(history, last)}
+    map_page = BeltSheet(history, color="discharge", title=title, **layout)
+    both = BeltSheet(history, title="Before and after", two=True, **layout)
+    pages = [map_page, both]
+    if movie:
+        pages.append(BeltSheet(history, title=title, size=MOVIE_SIZE, dpi=100.0, **layout))
+    share_painter(pages, history, terrain)
     told = [f"  picture  {folder / name}" for name in ("network.png", "rivers.png", "before_after.png")]
+
+    def frames() -> Iterator[np.ndarray]:
+        """Turn all pages; those of the movie are its frames."""
+        both.turn_to(0, panel=0)
+        for record in [*range(0, last, -(-len(history) // DEMO_FRAMES)), last]:
+            if movie:
+                pages[-1].turn_to(record)
+                yield pages[-1].pixels()
+        map_page.turn_to(last)
+        both.turn_to(last, panel=1)
+
+    if movie:
+        write_frames(folder / "rivers.gif", frames(), fps=8.0, hold=2.0, ramps=belt_ramps(history))
+        told.append(f"  movie    {folder / 'rivers.gif'}")
+    else:
+        list(frames())
+    map_page.sheet.save(folder / "rivers.png")
+    both.sheet.save(folder / "before_after.png")
     viz.draw_landscape(
         history, folder / "landscape.png", terrain=terrain, window=_closeup(history.networks[-1], terrain),
         size=LANDSCAPE_SIZE, dpi=110.0, title=title,
     )  # fmt: skip
     told.append(f"  picture  {folder / 'landscape.png'}")
-    if movie:
-        every = -(-len(history) // DEMO_FRAMES)
-        viz.movie(history, folder / "rivers.gif", terrain=terrain, every=every, size=(880, 680), fps=8.0, title=title)
-        told.append(f"  movie    {folder / 'rivers.gif'}")
     return told
 
 

@@ -35,6 +35,6 @@ __all__ = [
     "read_history",
 ]
 
-# A segment is written when it holds this much or when the last one is this old: a killed run loses no more than that.
+# A segment is written when it holds this much or when the last one is this old; until then the journal has its records.
 SEGMENT_BYTES = 16 * 2**20
 SEGMENT_SECONDS = 5.0

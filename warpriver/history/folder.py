@@ -1,7 +1,8 @@
 """RunFolder: a run on disk, ``run.json`` with its constants, numbered segments of records and events, and their index.
 
-A segment is brought to the disk under another name, renamed, and only then noted by a line of its own at the end of the
-index: what the index lists is there and whole, whenever a run is killed or runs out of disk space.
+Records since the last segment are in a journal. A segment is brought to the disk under another name, renamed, and only
+then noted by a line of its own at the end of the index: what the index lists is there and whole, whenever a run is
+killed or runs out of disk space.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from warpriver.errors import InputError, OutputExistsError, PathError
 from warpriver.files import STAGING, beside, sync_folder
 from warpriver.history.events import Event, EventLog
+from warpriver.history.journal import JOURNAL, Journal
 from warpriver.history.lock import LOCK, FolderLock
 from warpriver.history.record import Record
 from warpriver.history.segments import (
@@ -45,12 +47,14 @@ class RunFolder:
     Attributes:
         path: The folder.
         segments: Its segments, in order.
+        journal: What was recorded since the last of them.
     """
 
     def __init__(self, path: Path, index: SegmentIndex):
         """Take a folder with its index; see :meth:`create` and :meth:`open`."""
         self.path = path
         self._index = index
+        self.journal = Journal(path)
         self._lock = FolderLock(path)
         self._cache: tuple[int, list[Record]] | None = None
         self._events: tuple[int, dict[str, list[Event]]] | None = None
@@ -99,7 +103,7 @@ class RunFolder:
                 yield self
         except BaseException:
             if self is None or not (keep and self.segments):
-                names = [] if self is None else [HEADER, INDEX, *(segment.name for segment in self.segments)]
+                names = [] if self is None else [HEADER, INDEX, JOURNAL, *(segment.name for segment in self.segments)]
                 with contextlib.suppress(OSError):  # not if somebody else has written there
                     for name in names:
                         (path / name).unlink(missing_ok=True)
@@ -236,6 +240,8 @@ class RunFolder:
                 raise DamageError(f"{path / segment_name(number)} goes back in time")
             step = records[-1].step if records else step
             yield records, first, events
+        if listed == there:
+            yield from Journal(path).entries(listed)
         if listed < there:
             raise DamageError(f"{INDEX} lists {listed} of these segments, so that none can be told to be the last")
 

@@ -178,6 +178,9 @@ class History:
         self._pending: list[int] = []
         self._pending_bytes = 0
         self._flushed = time.monotonic()
+        # Events that segments or the journal hold.
+        self._events_noted = 0
+        self._journaling = True
 
     # ---- reading
 
@@ -410,7 +413,7 @@ class History:
     # ---- writing
 
     def append(self, record: Record) -> None:
-        """Add a record; it goes to disk with its segment when the history is stored.
+        """Add a record; when the history is stored it goes to the journal at once, and later to a segment.
 
         Raises:
             ValueError: It has other columns, or other arrays, than the records before.
@@ -426,9 +429,29 @@ class History:
             return
         self._pending.append(len(self._records) - 1)
         self._pending_bytes += record.nbytes
-        if time.monotonic() - self._flushed >= settings.SEGMENT_SECONDS:
+        late = time.monotonic() - self._flushed >= settings.SEGMENT_SECONDS
+        if late or self._pending_bytes + self._event_bytes() >= settings.SEGMENT_BYTES:
             self.flush()
-        self.relieve()
+        else:
+            self._note_down([record])
+
+    def _note_down(self, records: list[Record]) -> None:
+        """Write pending records to the journal, and the events since.
+
+        Where that fails they wait for their segment, which tells of it; no entry follows, so that none is missing.
+        """
+        assert self._folder is not None
+        if not self._journaling:
+            return
+        first = max(self._events_noted, self._events_stored)
+        events: Sequence[Event] = [] if self._events is None else self._events[first:]
+        try:
+            with self._folder.writing():
+                self._folder.journal.append(len(self._folder.segments), records, events, first)
+        except OSError:
+            self._journaling = False
+            return
+        self._events_noted = first + len(events)
 
     def relieve(self) -> None:
         """Store what is pending if it takes up much memory; events may do so that no record follows for long.
@@ -459,6 +482,7 @@ class History:
         """Keep the first ``count`` events only."""
         self.events.truncate(count)
         self._events_stored = min(self._events_stored, count)
+        self._events_noted = min(self._events_noted, count)
 
     def store_in(self, path: str | os.PathLike[str]) -> None:
         """Stream what is and will be recorded into a folder.
@@ -544,7 +568,13 @@ class History:
                 if not self._folder.path.is_dir():
                     self._lose_folder()
                     raise
-                if error.errno not in NO_ROOM or count <= 1:
+                if error.errno not in NO_ROOM:
+                    raise
+                if self._folder.journal.path.exists():
+                    # It takes up room itself.
+                    self._folder.journal.clear()
+                    continue
+                if count <= 1:
                     raise
                 count //= 2
 
@@ -563,6 +593,9 @@ class History:
         if self._events is not None and len(events):
             self._events.settle(first, len(events), SegmentEvents(self._folder, number), LASTING)
         self._events_stored += len(events)
+        self._folder.journal.clear()
+        self._events_noted = self._events_stored
+        self._journaling = not self._pending
 
     def _lose_folder(self) -> None:
         """Go on in memory, with what was not in the folder alone."""
@@ -573,7 +606,8 @@ class History:
         )
         for name in ("_records", "_steps", "_times"):
             setattr(self, name, [getattr(self, name)[k] for k in kept])
-        self._folder, self._pending, self._pending_bytes, self._events_stored = None, [], 0, 0
+        self._folder, self._pending, self._pending_bytes = None, [], 0
+        self._events_stored = self._events_noted = 0
         self._events, places = EventLog().in_memory() if self._events is None else self._events.in_memory()
         # Events are counted anew.
         for k, held in enumerate(self._records):
@@ -669,6 +703,17 @@ class History:
             for row, (step, at) in enumerate(zip(segment.steps, segment.times, strict=True)):
                 self._note((number, row), step, at)
             self._events_stored = segment.first_event + segment.events
+        self._events_noted = self._events_stored
+        # What a run that was killed had recorded since.
+        for records, first, events in self._folder.journal.entries(len(self._folder.segments)):
+            if len(events) or first < self._events_stored:
+                self.forget_events(first)
+                self.events.extend(events)
+            self._events_noted = first + len(events)
+            for record in records:
+                self._note(record, record.step, record.time)
+                self._pending.append(len(self._records) - 1)
+                self._pending_bytes += record.nbytes
 
     def _header(self) -> str:
         values = {
@@ -739,7 +784,7 @@ def read_history(path: str | os.PathLike[str], *, salvage: bool = False) -> Hist
 
 
 # What belongs to the folder of a history.
-_STORAGE = ("_folder", "_events_stored", "_pending", "_pending_bytes", "_flushed")
+_STORAGE = ("_folder", "_events_stored", "_events_noted", "_journaling", "_pending", "_pending_bytes", "_flushed")
 
 
 def _format_of(text: str | bytes) -> str | None:

@@ -27,7 +27,7 @@ from warpriver.raster import Raster
 from warpriver.terrain import Terrain
 from warpriver.validate import finite_numbers, positive, whole
 
-__all__ = ["GROUND", "PLANTS", "Landscape", "LandscapeMaps", "bounds_of", "landscape_maps"]
+__all__ = ["GROUND", "PLANTS", "Cover", "Landscape", "LandscapeMaps", "bounds_of", "landscape_maps"]
 
 FloatArray = NDArray[np.float64]
 
@@ -39,6 +39,8 @@ PLANTS = ("water", "bare sand", "pioneers", "willow", "swamp", "forest", "grassl
 POWER_PERCENTILE = 99.0
 # Widths around the outermost channels that a raster holds where no bounds are given.
 MARGIN = covers.FELT
+# Channels are followed up to so many widths off the raster.
+OFF_WIDTHS = 4.0 * covers.FELT
 # How far below its rim the water of an old course stands, in what is left of its depth; least depth of a lake, alike.
 RIM, LEAST_LAKE = 0.1, 0.08
 # Hollows deeper than this are wet, m.
@@ -156,6 +158,25 @@ def landscape_maps(
     return landscape.maps()
 
 
+@dataclasses.dataclass(frozen=True)
+class Cover:
+    """What has covered each cell last, (rows, columns) each.
+
+    Attributes:
+        kind: A number of ``kernels.covers``.
+        left: When water was there last, yr.
+        from_end: Of an old course the distance from its nearer end in widths.
+        across: Of an old course the distance from its middle in widths.
+        is_channel: Whether the cell is under a present channel.
+    """
+
+    kind: np.ndarray
+    left: np.ndarray
+    from_end: np.ndarray
+    across: np.ndarray
+    is_channel: np.ndarray
+
+
 class Landscape:
     """Cells that are led through a history, record by record, also while it grows; see :func:`landscape_maps`.
 
@@ -177,8 +198,14 @@ class Landscape:
         sediment_falloff: Callable[[np.ndarray], np.ndarray] = sediment_falloff,
         device: Any = "cpu",
         threads: int | None = None,
+        narrowest: float = 0.0,
+        counted: bool = True,
     ):
-        """Make empty cells; arguments as of :func:`landscape_maps`, ``last`` the record that ``window`` counts from."""
+        """Make empty cells; arguments as of :func:`landscape_maps`.
+
+        ``last`` is the record that ``window`` counts from, ``narrowest`` a width in m that narrower channels are taken
+        to have; without ``counted`` nothing is added up for moisture and sediment.
+        """
         size = self._cell_size = positive(cell_size, "cell_size", unit="m")
         self._history, self._params = history, params or LandscapeParams()
         window = None if window is None else whole(window, "window", 1, "records")
@@ -188,10 +215,10 @@ class Landscape:
             falloff_table(sediment_falloff, "sediment_falloff"),
         )
         shape, self._origin = _checked_place(history, terrain, size, bounds)
-        self._splat = Splat(shape, size, self._origin, tables, device=device, threads=threads)
+        self._splat = Splat(shape, size, self._origin, tables, device=device, threads=threads, narrowest=narrowest)
         self._power, self._scale = _stream_power(terrain, self._splat, size, self._origin)
         self._last, self._first = last, 0 if window is None or last is None else max(0, last + 1 - window)
-        self._alone = window == 1
+        self._alone, self._counted = window == 1, counted
         self._network: RiverNetwork | None = None
         self._segments: Segments | None = None
         self.record = -1
@@ -203,7 +230,9 @@ class Landscape:
         at = events.times
         for k in range(self.record + 1, record + 1):
             network, now = history.networks[k], float(times[k])
-            segments, counted, span = segments_of(network), k > self._first, 0.0
+            segments, counted, span = splat.widened(segments_of(network)), self._counted and k > self._first, 0.0
+            # What lies far off the raster is left out.
+            segments = segments.take(np.flatnonzero(splat.reaches(segments.line, OFF_WIDTHS * segments.section[:, 0])))
             met: list[Any] = []
             if self._network is not None and self._segments is not None:
                 met = [events[j] for j in np.flatnonzero((at > times[k - 1]) & (at <= now)).tolist()]
@@ -223,6 +252,13 @@ class Landscape:
     def touched(self) -> int:
         """Cells that were worked at so far, counted anew for each course."""
         return self._splat.touched
+
+    def cover(self) -> Cover:
+        """Return what has covered each cell last."""
+        cells = self._splat.cells
+        host = {name: getattr(cells, name).numpy() for name in ("kind", "left", "inner", "across", "offset")}
+        under = np.abs(host["offset"]) <= covers.BANK
+        return Cover(host["kind"], host["left"], host["inner"], host["across"], under)
 
     def maps(self) -> LandscapeMaps:
         """Return the maps at the present record."""

@@ -344,8 +344,8 @@ def lead_between(
         times: Of both records, yr.
         counted: Add the time up.
     """
-    old = old_courses_of(events)
-    bridges = bridges_of(events)
+    old = splat.widened(old_courses_of(events))
+    bridges = splat.widened(bridges_of(events))
     motion = traced(splat, before, after, old, bridges, times)
     if len(old.line):
         old = dataclasses.replace(old, moved=splat.trace(old.line.reshape(-1, 2))[1].reshape(-1, 2))
@@ -367,10 +367,14 @@ def lead_between(
     motion, reach = motion.take(near), reach[near]
     slack = 1e-9 * max(1.0, abs(first), abs(last))
     visits: list[Visit] = []
+    shared: dict[int, Motion] = {}
     stages = [(first + part * years, None, tiles) for part, tiles in stops]
     for time, some, tiles in sorted([*stages, *ends], key=lambda stop: stop[0]):
         part = (time - first) / years
-        there = motion.take(np.flatnonzero(splat.reaches(motion.segments.line, reach, tiles)))
+        # The stages of the same tiles share what they feel.
+        if id(tiles) not in shared:
+            shared[id(tiles)] = motion.take(np.flatnonzero(splat.reaches(motion.segments.line, reach, tiles)))
+        there = shared[id(tiles)]
         if some is not None:
             ending = functools.partial(_until, there, old, (part, time, slack))
             visits.append(Visit(time, tiles, ending))

@@ -1,4 +1,9 @@
-"""The water of channels along their lines: levels on the ground that never rise downstream, and smooth finer lines."""
+"""The water of channels along their lines: levels on the ground that never rise downstream, and smooth finer lines.
+
+The lines of any network, rings and channels that part among them, with a limit of cuts. ``riverscape.profiles`` has the
+levels of made-up courses in a tree of channels: with steps, a greatest slope, and nodes whose levels edits keep. Both
+take what they share from ``hydrology.drape``.
+"""
 
 from __future__ import annotations
 

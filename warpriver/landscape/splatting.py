@@ -22,6 +22,8 @@ __all__ = ["Frame", "Segments", "Splat", "Visit", "bend_of", "sections_of", "seg
 BLOCK, TILE = kernels.BLOCK, kernels.TILE
 # Memory of the state of a cell, and of the arrays of its maps while they are made.
 CELL_BYTES = 260
+# Tiles that are worth a thread.
+TILES_A_THREAD = 256
 # Reach upstream whose curvature makes a point move: how far its middle lies, and half of its length, widths.
 BEND_LAG, BEND_HALF = 3.0, 1.0
 # What ``Cells.left`` is where no channel has been, yr.
@@ -164,6 +166,7 @@ class Splat:
         device: Any = "cpu",
         dtype: str = "float64",
         threads: int | None = None,
+        narrowest: float = 0.0,
     ):
         """Make empty cells.
 
@@ -175,7 +178,9 @@ class Splat:
             device: Warp device.
             dtype: Precision of positions and distances.
             threads: Threads on the CPU, by default one for each core.
+            narrowest: Width in m that narrower channels are taken to have.
         """
+        self._narrowest = narrowest
         self.shape, self.cell_size, self.device = shape, cell_size, resolve_device(device)
         require_memory(shape, CELL_BYTES, self.device, "landscape maps")
         self._scalar, self._real = PRECISIONS[dtype][0], np.dtype(dtype)
@@ -211,6 +216,14 @@ class Splat:
         self._no_group: wp.array[Any] = wp.empty(0, dtype=wp.int32, device=self.device)
 
     # ---- frames
+
+    def widened(self, segments: Segments) -> Segments:
+        """Return segments that are as wide as the narrowest ones should be."""
+        if not self._narrowest or not len(segments.line):
+            return segments
+        section = segments.section.copy()
+        section[:, ::2] = np.maximum(section[:, ::2], self._narrowest)
+        return dataclasses.replace(segments, section=section)
 
     def frame(self, segments: Segments, group: np.ndarray | None = None, blocks: np.ndarray | None = None) -> Frame:
         """Bring segments to the device and list them by blocks.
@@ -319,11 +332,12 @@ class Splat:
     def _boxes(self, line: np.ndarray, reach: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return first and last + 1 row and column, (n, 2) each, of the tiles around segments, and which have any."""
         size = TILE * self._grid.cell_size
-        x, y = (np.sort(line[:, k::2] - self._zero[k], axis=1) for k in (0, 1))
+        near, far = np.minimum(line[:, :2], line[:, 2:]), np.maximum(line[:, :2], line[:, 2:])
+        (west, south), (east, north) = (near - self._zero).T, (far - self._zero).T
         # Rows go down from the first cell's centre, half a cell from the edge.
         edge = 0.5 * self._grid.cell_size
-        low = np.stack([edge - (y[:, 1] + reach), edge + x[:, 0] - reach], axis=1) / size
-        high = np.stack([edge - (y[:, 0] - reach), edge + x[:, 1] + reach], axis=1) / size
+        low = np.stack([edge - (north + reach), edge + west - reach], axis=1) / size
+        high = np.stack([edge - (south - reach), edge + east + reach], axis=1) / size
         most = -(-np.array(self.shape) // TILE)
         first = np.clip(np.floor(low), 0, most).astype(np.int64)
         last = np.clip(np.ceil(high), 0, most).astype(np.int64)
@@ -428,7 +442,9 @@ class Splat:
         self._widest = max(self._widest, frame.widest)
         self._take_tiles(frame, tiles)
         count = len(tiles)
-        bounds = np.linspace(0, count, self._threads + 1).astype(int).tolist()
+        # Threads take longer to start than a few tiles need.
+        threads = min(self._threads, max(1, count // TILES_A_THREAD))
+        bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         parts = [(a, b) for a, b in itertools.pairwise(bounds) if b > a]
 
         def work(part: tuple[int, int]) -> None:
@@ -452,7 +468,7 @@ class Splat:
         """
         if not len(segments.line):
             return
-        frame = self.frame(segments)
+        frame = self.frame(self.widened(segments))
         self._take_tiles(frame, self.tiles_of(frame.blocks))
         times: wp.array[Any] = wp.array(segments.time, dtype=wp.float64, device=self.device)
         inputs = [self._grid, kind, frame.course, times]

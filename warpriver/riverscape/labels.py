@@ -25,6 +25,10 @@ from warpriver.validate import floats, positive
 __all__ = ["ChannelLabels", "label_channels", "river_mask"]
 
 
+# Cells along the longest channel below which a terrain shows none.
+LEAST_CELLS = 2.0
+
+
 @dataclasses.dataclass(frozen=True)
 class ChannelLabels:
     """What a network's channels and nodes carry.
@@ -91,8 +95,10 @@ def label_channels(
         flow: (C,) discharges in m3/s to use instead.
 
     Raises:
-        ValueError: Channels that part or flow in a circle, lines off the ground, or a discharge that is not positive.
+        ValueError: Channels that part or flow in a circle, lines off the ground, cells too wide to show any of them, or
+            a discharge that is not positive.
     """
+    _require_shown(network, terrain)
     order = strahler_order(network.channel_from, network.channel_to)
     start, count = network.starts().astype(np.int64), network.channel_count
     channel = np.repeat(np.arange(count), np.diff(start))
@@ -124,6 +130,16 @@ def label_channels(
         point_z=z,
         source=source,
     )
+
+
+def _require_shown(network: RiverNetwork, terrain: Terrain | None) -> None:
+    """Raise ``ValueError`` where cells are so wide that no channel has a slope or a valley on the terrain."""
+    longest = float(network.channel_lengths().max())
+    if terrain is not None and longest < LEAST_CELLS * terrain.cell_size:
+        raise InputError(
+            f"the terrain's cells are {terrain.cell_size:g} m wide and the longest channel is {longest:.4g} m long, so "
+            "that neither its slope nor its valley can be seen; use a finer terrain"
+        )
 
 
 def _along(network: RiverNetwork, start: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,9 @@
 
 It starts from the lowest ground between the banks. Over the tree of channels that ground has a lower envelope, the
 least height upstream, and an upper one, the greatest downstream; any mixture of both falls everywhere [Peytavie2019].
+
+``landscape.profiles`` carves the lines of a network as they are: rings and channels that part as well, with a limit of
+cuts, without steps. Both take what they share from ``hydrology.drape``.
 """
 
 from __future__ import annotations

@@ -74,12 +74,16 @@ class Generator:
         doc: What it is.
         fields: What it asks for.
         make: Makes a simulation of it.
+        seconds: What that takes with the values by default, about.
+        powers: By which power of each value it grows.
     """
 
     title: str
     doc: str
     fields: Mapping[str, Field]
     make: Callable[..., Simulation]
+    seconds: float = 0.5
+    powers: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def _seed(value: int = 1) -> Field:
@@ -159,7 +163,7 @@ def _eroded(cells: int, cell: float, slope: float, rain: float, seed: int, area:
     start = erosion_plane((cells, cells), cell, slope=slope)
     terrain = erode(start, events=round(rain * cells * cells), seed=seed)
     network = extract_network(terrain, min_drainage_area=1e6 * area, edges=terrain.edges)
-    return Simulation(network, terrain=Terrain(terrain.to_numpy(), cell))
+    return Simulation(network, terrain=Terrain(terrain.to_numpy(), cell, terrain.origin))
 
 
 def _valley(example: str) -> Simulation:
@@ -177,27 +181,27 @@ GENERATORS = {
     "basin": Generator(
         "Basin among mountains", "Mountains on three sides of a plain of 40 x 26 km, with the rivers that drain them.",
         {"cell": _cell(100.0, 25.0, 400.0), "relief": _relief(1200.0), "area": _area(30.0, 1.0), "seed": _seed()},
-        _basin,
+        _basin, 1.0, {"cell": -2},
     ),
     "front": Generator(
         "Mountain front", "A river that leaves a valley through a canyon for a plain, 35 x 20 km.",
         {"cell": _cell(50.0, 25.0, 250.0), "width": Field("Width", 60.0, 10.0, 300.0, "m", "Width of the river"),
          "seed": _seed(0)},
-        _front,
+        _front, 2.0, {"cell": -2},
     ),
     "drained": Generator(
         "Mountains drained by rivers", "Uplift and erosion in balance: every cell drains to the edge.",
         {"size": _size(20.0, 2.0, 200.0), "cell": _cell(50.0, 10.0, 500.0), "relief": _relief(800.0),
          "concavity": Field("Concavity", 0.45, 0.3, 0.6, doc="Exponent of drainage area in the slope of rivers"),
          "area": _area(4.0), "seed": _seed()},
-        _drained,
+        _drained, 1.5, {"size": 2, "cell": -2},
     ),
     "fractal": Generator(
         "Fractal land", "Rough land that nothing has drained yet; its rivers cross lakes.",
         {"size": _size(20.0, 2.0, 200.0), "cell": _cell(50.0, 10.0, 500.0), "relief": _relief(200.0),
          "roughness": Field("Roughness", 0.4, 0.2, 0.8, doc="Height of an octave over that of the one before"),
          "area": _area(5.0), "seed": _seed()},
-        _fractal,
+        _fractal, 0.5, {"size": 2, "cell": -2},
     ),
     "plain": Generator(
         "One river on a plain", "A tilted plain with a river that has yet to bend.",
@@ -222,7 +226,7 @@ GENERATORS = {
          "slope": Field("Slope", 0.05, 0.005, 0.3, "m/m", "Of the plane, to the south"),
          "rain": Field("Rain", 3.0, 0.5, 20.0, "a cell", "Units of rain for each cell"),
          "area": _area(0.5, 0.01), "seed": _seed()},
-        _eroded,
+        _eroded, 0.5, {"cells": 3, "rain": 1},
     ),
     "valley": Generator(
         "Synthetic valley", "A river valley of prescribed form, after Brown, Pasternack and Wallender.",
@@ -230,7 +234,7 @@ GENERATORS = {
     ),
     "sample": Generator(
         "Mountains of Tennessee", "A real terrain, 30 x 32 km, from the SRTM.",
-        {"cell": _cell(75.0, 50.0, 300.0), "area": _area(8.0)}, _sample,
+        {"cell": _cell(75.0, 50.0, 300.0), "area": _area(8.0)}, _sample, 0.5, {"cell": -2},
     ),
 }  # fmt: skip
 
@@ -239,7 +243,7 @@ def described() -> list[dict[str, Any]]:
     """Return what a page needs to ask for each of them."""
     return [
         {
-            "name": name, "title": each.title, "doc": each.doc,
+            "name": name, "title": each.title, "doc": each.doc, "seconds": each.seconds, "powers": dict(each.powers),
             "fields": [
                 {
                     "name": key, "label": f.label, "unit": f.unit, "doc": f.doc, "value": f.value, "low": f.low,

@@ -1,4 +1,4 @@
-"""The channel belt: where the river has been, painted course by course and coloured by age."""
+"""The channel belt: where the river has been, coloured by what it left there and how long ago."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 
 from warpriver.errors import InputError
 from warpriver.extras import IMPORTING
-from warpriver.history import History
+from warpriver.history import Avulsion, Collision, Cutoff, History, Split
 from warpriver.hydrology.orders import strahler_order
+from warpriver.kernels import covers
+from warpriver.landscape.maps import Cover, Landscape
 from warpriver.network import RiverNetwork
 from warpriver.public import public
 from warpriver.terrain import Terrain
-from warpriver.viz.bands import Window, band_outlines, refine_lines, select_inside, taper_ends
+from warpriver.viz.bands import Window
 from warpriver.viz.maps import (
     FLOW_RAMP,
     RELIEF_RAMP,
@@ -28,8 +30,7 @@ from warpriver.viz.maps import (
     value_norm,
 )
 from warpriver.viz.relief import relief_picture
-from warpriver.viz.sheet import GROUND, INK, WATER, check_drawing, color_ramp, make_sheet, style_bar
-from warpriver.viz.sweeps import STAGES, courses_between
+from warpriver.viz.sheet import GROUND, INK, WATER, Sheet, check_drawing, color_ramp, make_sheet, style_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,15 +46,24 @@ OXBOW_RAMP = ((0.0, "#5c98b8"), (0.12, "#86aeae"), (0.3, "#85a08a"), (0.6, "#607
 DRY_RAMP = ((0.0, "#c99a72"), (0.15, "#b98a66"), (0.45, "#95805f"), (1.0, "#6f7356"))
 
 # Events that are counted at the upper right.
-COUNTED = ("cutoff", "collision", "split", "avulsion")
+COUNTED = (Cutoff, Collision, Split, Avulsion)
 
 RELIEF_WATER = RELIEF_RAMP[1][1]
 
 # Inches beside the bar of ages: for its labels; and for them, a scale bar and an arrow to the north.
 LEGEND_GAP, MIN_LEGEND = 1.15, 3.2
 
-# Fraction of the relief's shades that deposits carry; narrower courses are painted as wide as this many samples.
-DEPOSIT_SHADE, MIN_SAMPLES = 0.6, 1.5
+# Fraction of the relief's shades that deposits carry; narrower courses are painted as wide as this many cells.
+DEPOSIT_SHADE, MIN_CELLS = 0.6, 1.5
+
+# Pixels of a picture that has more than one cell in each.
+SMALL_PICTURE = 600_000
+
+# Weights of a cell and its neighbours where they are blended.
+SOFT_WEIGHTS = (0.2, 0.6, 0.2)
+
+# Oxbow lakes narrow over so many widths at their ends; steps of a ramp.
+TAPER_WIDTHS, RAMP_STEPS = 1.5, 1024
 
 # Strength of the faint banding in time that the shades of age carry, so that scroll bars read as arcs.
 SCROLL_STRENGTH = 0.075
@@ -78,12 +88,12 @@ def draw_belt(
 ) -> Figure | Axes:
     """Draw the channel belt: where the river has been, what it left there, and where it runs now.
 
-    Each recorded course is drawn at its true width, in the order of time, as a point-bar deposit whose shade
-    tells how long ago the channel left it: sand where it is fresh, closed forest where it is old. Loops that
-    were cut off lie among them as lakes that turn into swamp, and courses given up where two channels met, or where one
-    left for a new course, as dry beds that scrub covers. The present channel is on top. A faint banding in time is
-    added to the shades so that scroll bars read as arcs. Between two records the channel is taken to have moved in
-    straight lines, up to a dozen widths; where it moved further, or was cut off, bare ground shows.
+    Colours are those of landscape maps, see :func:`warpriver.landscape_maps`, with a cell a pixel: ground that the
+    channel moved over is a point-bar deposit whose shade tells how long ago the channel left it: sand where it is
+    fresh, closed forest where it is old. Loops that were cut off lie among them as lakes that turn into swamp, and
+    courses given up where two channels met, or where one left for a new course, as dry beds that scrub covers. The
+    present channel is on top. A faint banding in time is added to the shades so that scroll bars read as arcs. Between
+    two records a channel sweeps the ground, up to 6 widths; where it moved further, or was cut off, bare ground shows.
 
     Args:
         history: The run.
@@ -205,12 +215,12 @@ class BeltSheet:
         self,
         history: History,
         *,
-        window: Sequence[float] | None,
-        size: tuple[int, int] | None,
-        dpi: float,
-        title: str | None,
-        legend: bool,
-        age_span: float | None,
+        window: Sequence[float] | None = None,
+        size: tuple[int, int] | None = None,
+        dpi: float = 200.0,
+        title: str | None = None,
+        legend: bool = True,
+        age_span: float | None = None,
         bounds: Window | None = None,
         terrain: Terrain | None = None,
         color: str = "water",
@@ -238,7 +248,9 @@ class BeltSheet:
             cell=None if terrain is None else terrain.cell_size,
             crs=getattr(history, "crs", None),
         )
-        self.painter = BeltPainter(history, self.sheet.window, self.sheet.shape, age_span=age_span, terrain=terrain)
+        self.age_span = default_age_span(history) if age_span is None else float(age_span)
+        self._terrain = terrain
+        self._painter: BeltPainter | None = None
         self._water_color = WATER if terrain is None else RELIEF_WATER
         self._ramp = FLOW_RAMP if terrain is None else RELIEF_RAMP
         self._color, self._norm = color, None
@@ -259,14 +271,33 @@ class BeltSheet:
             self.sheet.add_scale_bar(flow=longest[-1] - longest[0] if alone else None)
             self._add_legend()
 
+    @property
+    def painter(self) -> BeltPainter:
+        """What colours the ground; set one to share it with other pages, on which it shows at least as much."""
+        if self._painter is None:
+            place = self.sheet.window, self.sheet.shape
+            self._painter = BeltPainter(self._history, *place, age_span=self.age_span, terrain=self._terrain)
+        return self._painter
+
+    @painter.setter
+    def painter(self, painter: BeltPainter) -> None:
+        self._painter = painter
+
+    def pixels(self) -> np.ndarray:
+        """Return the page as it is, (rows, columns, 3) uint8."""
+        self.sheet.canvas.draw()
+        return np.ascontiguousarray(np.asarray(self.sheet.canvas.buffer_rgba())[..., :3])
+
     def turn_to(self, record: int, panel: int = 0) -> None:
         """Show a record, the same one or a later one than before, in one of the maps."""
-        self.painter.advance(record)
-        self._images[panel].set_data(self.painter.picture(record))
+        painter = self.painter
+        painter.advance(record)
+        # Edges are soft where cells are pixels.
+        soft = painter.cell_size > 0.75 * self.sheet.metres_per_pixel
+        self._images[panel].set_data(_cut_out(painter.picture(record, soft), painter.window, self.sheet))
         for collection in self._water[panel]:
             collection.remove()
-        network = self.painter.network
-        assert network is not None
+        network = self._history.networks[record]
         values, bank = _values(network, self._color), 0.7
         colors: Any = self._water_color
         if values is not None:
@@ -276,10 +307,10 @@ class BeltSheet:
         note = self._notes[panel]
         if note is not None:
             time = float(self._history.times[record])
-            words = [f"year {time:,.{0 if self.painter.age_span >= 50.0 else 1}f}"]
-            for name in COUNTED:
-                count = sum(event.time <= time for event in getattr(self._history, f"{name}s", ()))
-                words += [f"{count:,} {name}{'s' if count > 1 else ''}"] if count else []
+            words = [f"year {time:,.{0 if self.age_span >= 50.0 else 1}f}"]
+            for kind in COUNTED:
+                count = int((self._history.events.of(kind).times <= time).sum())
+                words += [f"{count:,} {kind.kind}{'s' if count > 1 else ''}"] if count else []
             note.set_text(", ".join(words))
 
     def _add_note(self, axes: Any) -> Any:
@@ -300,7 +331,7 @@ class BeltSheet:
             ("oxbow lakes", OXBOW_RAMP),
             ("point bars", DEPOSIT_RAMP),
         ]
-        if abandoned_beds(self._history):
+        if DRY_RAMP in belt_ramps(self._history):
             rows.insert(0, ("dry courses", DRY_RAMP))
         ramp = np.linspace(0.0, 1.0, 256)
         image = np.stack([color_ramp(stops, ramp) for _, stops in rows])
@@ -308,7 +339,7 @@ class BeltSheet:
         box = self.sheet.strip(-width, 0.36, width, 0.34 if count == 2 else 0.44)
         box.imshow(
             image,
-            extent=(0.0, self.painter.age_span, 0.0, count),
+            extent=(0.0, self.age_span, 0.0, count),
             origin="lower",
             aspect="auto",
             interpolation="nearest",
@@ -330,15 +361,43 @@ def _values(network: RiverNetwork, color: str) -> np.ndarray | None:
     return channel_values(network, color, order)
 
 
-class BeltPainter:
-    """Paints which course, oxbow lake or dry bed covered each pixel last, and colours the pixels by its age.
+def share_painter(pages: Sequence[BeltSheet], history: History, terrain: Terrain | None = None) -> None:
+    """Let pages have one painter, as fine as the finest of them needs."""
+    boxes = np.array([page.sheet.window for page in pages])
+    west, south = boxes[:, :2].min(axis=0).tolist()
+    east, north = boxes[:, 2:].max(axis=0).tolist()
+    pixel = min(page.sheet.metres_per_pixel for page in pages)
+    shape = round((north - south) / pixel), round((east - west) / pixel)
+    painter = BeltPainter(history, (west, south, east, north), shape, supersample=1, terrain=terrain)
+    for page in pages:
+        page.painter = painter
 
-    A course costs one filled path and a picture one look-up, however many records came before: this is what
-    makes movies linear in the number of frames.
+
+def _cut_out(pixels: np.ndarray, window: Window, sheet: Sheet) -> np.ndarray:
+    """Return the part of a picture of a window that a sheet shows, in its pixels."""
+    if window == sheet.window and pixels.shape[:2] == sheet.shape:
+        return pixels
+    from PIL import Image
+
+    rows, columns = pixels.shape[:2]
+    west, south, east, north = sheet.window
+    across, down = columns / (window[2] - window[0]), rows / (window[3] - window[1])
+    left, right = (min(max(across * (x - window[0]), 0.0), float(columns)) for x in (west, east))
+    top, bottom = (min(max(down * (window[3] - y), 0.0), float(rows)) for y in (north, south))
+    size = sheet.shape[1], sheet.shape[0]
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.HAMMING, box=(left, top, right, bottom)))
+
+
+class BeltPainter:
+    """Colours the ground by what has covered it last, a course, an oxbow lake or a dry bed, and how long ago.
+
+    The cells of landscape maps are led from record to record, so that movies take no longer than their last picture.
 
     Attributes:
-        network: The network painted last, None before the first.
+        network: The network at the present record, None before the first.
         age_span: Age in yr at which deposits look oldest.
+        window: (west, south, east, north) of the picture, m.
+        cell_size: Side of a cell, m.
     """
 
     def __init__(
@@ -347,7 +406,7 @@ class BeltPainter:
         window: Window,
         shape: tuple[int, int],
         *,
-        supersample: int = 2,
+        supersample: int | None = None,
         age_span: float | None = None,
         terrain: Terrain | None = None,
         strength: float = 1.0,
@@ -358,106 +417,49 @@ class BeltPainter:
             history: The run.
             window: (west, south, east, north) of the picture, m.
             shape: (rows, columns) in pixels.
-            supersample: Samples per pixel and direction.
+            supersample: Cells per pixel and direction; by default 2 on small pictures, 1 on large ones.
             age_span: Age in yr at which deposits look oldest; by default the time that the history spans.
             terrain: Terrain whose relief is the ground, or None for a plain one.
             strength: Strength of its shades.
         """
-        from matplotlib.backends.backend_agg import RendererAgg
-
         self._history = history
         self._times = np.asarray(history.times, np.float64)
         self.age_span = default_age_span(history) if age_span is None else float(age_span)
-        self._window = window
-        self._factor = supersample
-        rows, columns = shape[0] * supersample, shape[1] * supersample
-        self._renderer = RendererAgg(columns, rows, 72)
-        self._pen = self._renderer.new_gc()
-        self._pen.set_linewidth(0.0)
-        self._pen.set_antialiased(False)
-        self._scale = columns / (window[2] - window[0])
-        self._cutoffs = sorted(history.cutoffs, key=lambda cutoff: cutoff.time)
-        self._cutoff_times = np.array([cutoff.time for cutoff in self._cutoffs])
+        self.window = window
+        self._factor = supersample or (2 if shape[0] * shape[1] <= SMALL_PICTURE else 1)
+        rows, columns = shape[0] * self._factor, shape[1] * self._factor
+        # Square cells from the north-western corner on.
+        cell = max((window[2] - window[0]) / columns, (window[3] - window[1]) / rows)
+        self.cell_size = cell
+        west, north = window[0], window[3]
+        bounds = (west, north - rows * cell, west + columns * cell, north)
+        self._landscape = Landscape(history, None, cell, bounds=bounds, narrowest=MIN_CELLS * cell, counted=False)
         self.network: RiverNetwork | None = None
-        self._courses = 0
-        self._oxbows = 0
-        self._abandoned = abandoned_beds(history)
-        self._abandoned_times = np.array([event.time for event in self._abandoned])
-        self._beds = 0
         self._noise = vegetation_noise(shape)
         # Where there is data: the relief; elsewhere the plain ground.
-        self._relief: Any = None
-        if terrain is not None:
-            self._relief = relief_picture(terrain, window, shape, strength=strength)
-            plain = 255.0 * color_ramp(((0.0, GROUND),), 0.0)
-            self._relief.color[~self._relief.known] = plain
-            self._relief.shade[~self._relief.known] = 1.0
-            self._relief.color[:] *= (1.0 + 0.015 * self._noise)[..., None]
+        plain = 255.0 * color_ramp(((0.0, GROUND),), 0.0)
+        self._shade: np.ndarray | None = None
+        if terrain is None:
+            self._ground = (plain * (1.0 + 0.02 * self._noise)[..., None]).astype(np.float32)
+        else:
+            relief = relief_picture(terrain, window, shape, strength=strength)
+            relief.color[~relief.known] = plain
+            relief.shade[~relief.known] = 1.0
+            self._ground = (relief.color * (1.0 + 0.015 * self._noise)[..., None]).astype(np.float32)
+            self._shade = 1.0 + DEPOSIT_SHADE * (relief.shade - 1.0)
 
     def advance(self, record: int) -> None:
-        """Paint all courses up to ``record`` and all loops cut off until then; going back is not possible."""
-        while self._courses <= record:
-            time, following = self._times[self._courses], self._history.networks[self._courses]
-            if self.network is not None:
-                for stage, lines, widths in courses_between(self.network, following):
-                    self._fill(lines, widths, self.course_number(self._courses - 1) + stage)
-            while self._oxbows < len(self._cutoffs) and self._cutoff_times[self._oxbows] <= time:
-                cutoff = self._cutoffs[self._oxbows]
-                xy = np.asarray(cutoff.xy, np.float64)
-                if len(xy) >= 3:
-                    self._fill([xy], [taper_ends(xy, float(cutoff.width))], self.oxbow_number(self._oxbows))
-                self._oxbows += 1
-            while self._beds < len(self._abandoned) and self._abandoned_times[self._beds] <= time:
-                self._fill_bed(self._abandoned[self._beds])
-                self._beds += 1
-            self._fill(
-                following.polylines(close=True), following.point_widths(close=True), self.course_number(self._courses)
-            )
-            self.network = following
-            self._courses += 1
+        """Lead the cells up to ``record``; going back is not possible."""
+        self._landscape.lead_to(record)
+        if self._landscape.record == record:
+            self.network = self._history.networks[record]
 
-    def course_number(self, record: int) -> int:
-        """Number of the course of a record; those of the stages on the way to the next record follow it."""
-        return 1 + STAGES * record
-
-    def oxbow_number(self, cutoff: int) -> int:
-        """Number of the lake that a cutoff left."""
-        return self.course_number(len(self._times)) + cutoff
-
-    def bed_number(self, bed: int) -> int:
-        """Number of a dry bed, which a collision or an avulsion left."""
-        return self.oxbow_number(len(self._cutoffs)) + bed
-
-    def _fill_bed(self, event: Any) -> None:
-        """Fill the course that was given up in a collision or an avulsion."""
-        pieces = event.pieces() if hasattr(event, "pieces") else [event.xy]
-        lines = [np.asarray(xy, np.float64) for xy in pieces if len(xy) >= 2]
-        code = self.bed_number(self._beds)
-        self._fill(lines, [np.full(len(xy), float(event.width)) for xy in lines], code)
-
-    def _fill(self, lines: Sequence[np.ndarray], widths: Sequence[np.ndarray], code: int) -> None:
-        """Fill the bands of some lines with the number of a course, an oxbow lake or a dry bed."""
-        from matplotlib.path import Path
-        from matplotlib.transforms import Affine2D
-
-        lines, widths = select_inside(lines, widths, self._window)
-        if not lines:
-            return
-        smallest = MIN_SAMPLES / self._scale
-        widths = [np.maximum(width, smallest) for width in widths]
-        vertices, codes, _ = band_outlines(*refine_lines(lines, widths, step=6.0 / self._scale))
-        transform = Affine2D().translate(-self._window[0], -self._window[1]).scale(self._scale)
-        rgb = tuple(((code >> shift) & 255) / 255.0 for shift in (0, 8, 16))
-        self._renderer.draw_path(self._pen, Path(vertices, codes, readonly=True), transform, rgb)
-
-    def cover(self) -> np.ndarray:
-        """Return the number of the event that covered each sample last, 0 for none: (rows, columns) int32."""
-        words = np.asarray(self._renderer.buffer_rgba()).view(np.uint32)[..., 0]
-        # Samples that nothing covered still have the alpha of an empty picture, 0.
-        return np.where(words >> np.uint32(24) != 0, words & np.uint32(0xFFFFFF), 0).astype(np.int32)
+    def cover(self) -> Cover:
+        """Return what has covered each cell last, and when."""
+        return self._landscape.cover()
 
     def lakes(self, record: int) -> Iterator[tuple[np.ndarray, float, float, np.ndarray]]:
-        """Yield the oxbow lakes painted so far that are still in sight somewhere.
+        """Yield the oxbow lakes so far that are still in sight somewhere.
 
         Args:
             record: Index of the present record.
@@ -466,51 +468,76 @@ class BeltPainter:
             Line (n, 2) in m, width in m, age as a fraction of the age span, and an (n,) mask of the points in
             sight.
         """
-        cover = self.cover()
-        rows, columns = cover.shape
-        for k, cutoff in enumerate(self._cutoffs[: self._oxbows]):
+        cover, now = self.cover(), self._times[record]
+        rows, columns = cover.kind.shape
+        for cutoff in self._history.cutoffs:
+            if cutoff.time > now:
+                continue
             xy = np.asarray(cutoff.xy, np.float64)
-            column = np.floor((xy[:, 0] - self._window[0]) * self._scale).astype(np.int64)
-            row = np.floor((self._window[3] - xy[:, 1]) * self._scale).astype(np.int64)
+            column = np.floor((xy[:, 0] - self.window[0]) / self.cell_size).astype(np.int64)
+            row = np.floor((self.window[3] - xy[:, 1]) / self.cell_size).astype(np.int64)
             inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-            code = cover[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-            seen = inside & (code == self.oxbow_number(k))
+            place = np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
+            seen = inside & (cover.kind[place] == covers.OXBOW) & (cover.left[place] == cutoff.time)
             if seen.any():
-                age = (self._times[record] - cutoff.time) / self.age_span
-                yield xy, float(cutoff.width), float(np.clip(age, 0.0, 1.0)), seen
+                yield xy, float(cutoff.width), float(np.clip((now - cutoff.time) / self.age_span, 0.0, 1.0)), seen
 
-    def picture(self, record: int) -> np.ndarray:
-        """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north."""
-        now = self._times[record]
-        share = np.arange(STAGES) / STAGES
-        step = np.diff(self._times, append=self._times[-1])
-        courses_at = (self._times[:, None] + share * step[:, None]).ravel()
-        age = (now - np.concatenate([courses_at, self._cutoff_times, self._abandoned_times])) / self.age_span
-        age = np.clip(age, 0.0, 1.0)
-        courses = slice(1, self.oxbow_number(0))
-        oxbows = slice(courses.stop, courses.stop + len(self._cutoffs))
-        beds = slice(oxbows.stop, 1 + len(age))
-        age = np.concatenate([[0.0], age])
-        table = np.zeros((len(age), 4))
-        table[0, :3], table[0, 3] = color_ramp(((0.0, GROUND),), 0.0), 0.4
-        table[courses, :3] = color_ramp(DEPOSIT_RAMP, age[courses])
-        table[courses, :3] *= 1.0 + _scroll_tone(courses_at, self.age_span)[:, None]
-        table[courses, 3] = 0.25 + 0.75 * age[courses]
-        table[oxbows, :3] = color_ramp(OXBOW_RAMP, age[oxbows])
-        table[oxbows, 3] = 0.6 * age[oxbows]
-        table[beds, :3] = color_ramp(DRY_RAMP, age[beds])
-        table[beds, 3] = 0.2 + 0.7 * age[beds]
-        if self._relief is not None:
-            table[0] = 0.0
-        words = np.round(255.0 * np.clip(table, 0.0, 1.0)).astype(np.uint8).view(np.uint32)[:, 0]
+    def picture(self, record: int, soft: bool = False) -> np.ndarray:
+        """Return the belt at a record without its channel, (rows, columns, 3) uint8, row 0 in the north.
+
+        Args:
+            record: Index of the record that the cells are at.
+            soft: Blend cells with their neighbours.
+        """
         cover = self.cover()
-        mean = _box_mean(words[cover].view(np.uint8).reshape(*cover.shape, 4), self._factor)
-        tone = 1.0 + 0.05 * self._noise * mean[..., 3] / 255.0
-        if self._relief is None:
-            return self._bytes(mean[..., :3] * tone[..., None])
-        bare = _box_mean((cover == 0).astype(np.uint8)[..., None], self._factor)
-        tone *= 1.0 + DEPOSIT_SHADE * (self._relief.shade - 1.0)
-        return self._bytes(mean[..., :3] * tone[..., None] + bare * self._relief.color)
+        place = np.flatnonzero(cover.kind != covers.NOTHING)
+        kind, left = cover.kind.ravel()[place], cover.left.ravel()[place]
+        left[cover.is_channel.ravel()[place]] = self._times[record]
+        age = np.clip((self._times[record] - left) / self.age_span, 0.0, 1.0)
+        # Red, green, blue, and how mottled it is by plants.
+        tint = np.empty((len(place), 4), np.float32)
+        tint[:, :3], tint[:, 3] = _ramped(DEPOSIT_RAMP, age), 0.25 + 0.75 * age
+        tint[:, :3] *= 1.0 + _scroll_tone(left - self._times[0], self.age_span)[:, None]
+        # A lake narrows towards its ends, where plugs of sand are laid down first.
+        tapered = 0.15 + 0.85 * np.sqrt(np.clip(cover.from_end.ravel()[place] / TAPER_WIDTHS, 0.0, 1.0))
+        lake = (kind == covers.OXBOW) & (cover.across.ravel()[place] <= 0.5 * tapered)
+        dry = kind == covers.ABANDONED
+        for some, ramp, fresh, grown in ((lake, OXBOW_RAMP, 0.0, 0.6), (dry, DRY_RAMP, 0.2, 0.7)):
+            tint[some, :3], tint[some, 3] = _ramped(ramp, age[some]), fresh + grown * age[some]
+        belt, mottled = self._mean(place, tint, soft)
+        tone = 1.0 + 0.05 * self._noise.reshape(-1)[belt] * mottled[:, 3]
+        if self._shade is not None:
+            tone *= self._shade.reshape(-1)[belt]
+        color = self._ground.copy()
+        flat = color.reshape(-1, 3)
+        # The last column is the part of the pixel that deposits cover.
+        flat[belt] = 255.0 * mottled[:, :3] * tone[:, None] + (1.0 - mottled[:, 4:]) * flat[belt]
+        return self._bytes(color)
+
+    def _mean(self, place: np.ndarray, values: np.ndarray, soft: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Average over pixels the values of some cells, (n,) flat and (n, k).
+
+        Returns:
+            (m,) pixels that hold any of these cells, and their values (m, k + 1), of which the last is how much of a
+            pixel these cells take up; the others count as 0.
+        """
+        columns = self._noise.shape[1]
+        row, column = place // (columns * self._factor), place % (columns * self._factor)
+        pixel, which = np.unique(row // self._factor * columns + column // self._factor, return_inverse=True)
+        every = np.concatenate([values, np.ones((len(values), 1), values.dtype)], axis=1)
+        total = np.stack([np.bincount(which, each, len(pixel)) for each in every.T], axis=1) / self._factor**2
+        if not soft:
+            return pixel, total.astype(np.float32)
+        with IMPORTING:
+            from scipy.ndimage import correlate1d
+
+        spread = np.zeros((self._noise.size, total.shape[1]), np.float32)
+        spread[pixel] = total
+        image = spread.reshape(*self._noise.shape, -1)
+        for axis in (0, 1):
+            image = correlate1d(image, SOFT_WEIGHTS, axis, mode="nearest")
+        pixel = np.flatnonzero(image[..., -1])
+        return pixel, image.reshape(spread.shape)[pixel]
 
     @staticmethod
     def _bytes(color: np.ndarray) -> np.ndarray:
@@ -518,18 +545,15 @@ class BeltPainter:
         return rgb
 
 
-def _box_mean(samples: np.ndarray, factor: int) -> np.ndarray:
-    """Average blocks of ``factor`` x ``factor`` samples; returns float32."""
-    total = np.zeros((samples.shape[0] // factor, samples.shape[1] // factor, samples.shape[2]), np.uint16)
-    for i in range(factor):
-        for j in range(factor):
-            total += samples[i::factor, j::factor]
-    return total.astype(np.float32) / factor**2
+def _ramped(stops: Sequence[tuple[float, str]], part: np.ndarray) -> np.ndarray:
+    """Return the colours of a ramp at parts of it, (n, 3), in as many steps as can be told apart."""
+    table = color_ramp(stops, np.linspace(0.0, 1.0, RAMP_STEPS)).astype(np.float32)
+    return np.asarray(table[np.round(part * (RAMP_STEPS - 1)).astype(np.int32)])
 
 
 def _scroll_tone(times: np.ndarray, span: float) -> np.ndarray:
-    """Return a small change of tone for each course, a smooth function of time with several periods."""
-    phase = 2.0 * np.pi * (times - times[0]) / span
+    """Return a small change of tone by the time since the beginning, a smooth function with several periods."""
+    phase = 2.0 * np.pi * times / span
     waves = 0.5 * np.sin(13.0 * phase) + 0.3 * np.sin(29.3 * phase + 1.0) + 0.4 * np.sin(47.9 * phase + 2.0)
     tone: np.ndarray = SCROLL_STRENGTH * waves
     return tone
@@ -555,10 +579,10 @@ def vegetation_noise(shape: tuple[int, int]) -> np.ndarray:
 # ---- histories
 
 
-def abandoned_beds(history: History) -> list[Any]:
-    """Return the events that left dry beds, collisions and avulsions, in the order of time."""
-    events = [*getattr(history, "collisions", ()), *getattr(history, "avulsions", ())]
-    return sorted(events, key=lambda event: event.time)
+def belt_ramps(history: History) -> tuple[Sequence[tuple[float, str]], ...]:
+    """Return the ramps of age of what a history holds: bars, lakes, and dry beds where channels left any."""
+    dry = len(history.events.of(Collision, Avulsion)) > 0
+    return (DEPOSIT_RAMP, OXBOW_RAMP, DRY_RAMP) if dry else (DEPOSIT_RAMP, OXBOW_RAMP)
 
 
 def checked_record(history: History, until: int | None) -> int:

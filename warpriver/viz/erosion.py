@@ -234,9 +234,8 @@ def erosion_movie(
         raise InputError(f"size is {tuple(size)} pixels; .mp4 needs even numbers")
     minimum = _areas(eroded.flow(), min_drainage_area)[1]
     pages: list[Any] = [eroded.snapshots, minimum, title, size, dpi]
-    *_, sample = _frames(*pages, only_last=True, progress=None)
-    frames = _frames(*pages, only_last=False, progress=progress)
-    write_frames(path, frames, sample, fps=fps, hold=hold, ramps=(ELEVATION_RAMP, RIVER_RAMP))
+    frames = _frames(*pages, progress=progress)
+    write_frames(path, frames, fps=fps, hold=hold, ramps=(ELEVATION_RAMP, RIVER_RAMP))
 
 
 def _frames(
@@ -246,7 +245,6 @@ def _frames(
     size: tuple[int, int],
     dpi: float,
     *,
-    only_last: bool,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[np.ndarray]:
     """Yield the picture of each snapshot, (rows, columns, 3) uint8."""
@@ -258,7 +256,7 @@ def _frames(
     add_value_bar(sheet, Normalize(low, high), "elevation, m", ELEVATION_RAMP)
     sheet.add_scale_bar()
     shown, factor = None, _cells_per_pixel(sheet, snapshots[-1])
-    for done, snapshot in enumerate(snapshots[-1:] if only_last else snapshots, start=1):
+    for done, snapshot in enumerate(snapshots, start=1):
         ground = _elevation_picture(snapshot, low, high)
         ground = PALE + (1.0 - PALE) * ground
         picture = _with_rivers(ground, host_areas(snapshot.flow()), minimum, largest, factor)

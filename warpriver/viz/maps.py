@@ -156,7 +156,7 @@ def draw_network(
 
 def finished(sheet: Sheet, path: str | os.PathLike[str] | None, ax: Axes | None) -> Figure | Axes:
     """Add ticks and scale to a page, write the file, and return the axes that were given, else the figure."""
-    sheet.add_km_ticks()
+    sheet.add_ticks()
     sheet.add_scale_bar()
     if path is not None:
         sheet.save(path)

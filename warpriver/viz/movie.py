@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import pathlib
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -16,15 +18,7 @@ from warpriver.landscape.maps import Landscape
 from warpriver.public import public
 from warpriver.terrain import Terrain
 from warpriver.validate import one_of
-from warpriver.viz.belt import (
-    DEPOSIT_RAMP,
-    DRY_RAMP,
-    OXBOW_RAMP,
-    BeltSheet,
-    abandoned_beds,
-    checked_record,
-    history_bounds,
-)
+from warpriver.viz.belt import BeltSheet, belt_ramps, checked_record, history_bounds
 from warpriver.viz.landscape import LandscapeSheet
 from warpriver.viz.sheet import check_drawing, color_ramp, replacing
 
@@ -90,19 +84,14 @@ def movie(
         "bounds": history_bounds(history, last),
     }
     if one_of(look, "look", ("belt", "landscape")) == "landscape":
-        *_, sample = _landscape_frames(history, [last], layout, None)
-        write_frames(path, _landscape_frames(history, records, layout, progress), sample, fps=fps, hold=hold)
+        write_frames(path, _landscape_frames(history, records, layout, progress), fps=fps, hold=hold)
         return
-    # The last frame holds nearly every colour.
-    *_, sample = _frames(history, [last], layout, None)
-    ramps = (DEPOSIT_RAMP, OXBOW_RAMP) + ((DRY_RAMP,) if abandoned_beds(history) else ())
-    write_frames(path, _frames(history, records, layout, progress), sample, fps=fps, hold=hold, ramps=ramps)
+    write_frames(path, _frames(history, records, layout, progress), fps=fps, hold=hold, ramps=belt_ramps(history))
 
 
 def write_frames(
     path: str | os.PathLike[str],
     frames: Iterator[np.ndarray],
-    sample: np.ndarray,
     *,
     fps: float,
     hold: float,
@@ -112,8 +101,8 @@ def write_frames(
 
     Args:
         path: File to write: .gif, or .mp4, which needs ``warpriver[movie]``.
-        frames: Pictures (rows, columns, 3) uint8; both even for .mp4.
-        sample: A picture that holds the colours of all: the palette of a .gif, so that nothing flickers.
+        frames: Pictures (rows, columns, 3) uint8; both even for .mp4. The last one holds the colours of all: a .gif
+            has one palette, so that nothing flickers.
         fps: Frames a second.
         hold: Time in s for which the last frame stays.
         ramps: Ramps of colours that must not band in a .gif.
@@ -127,10 +116,11 @@ def write_frames(
 
     with replacing(path, (".gif", ".mp4"), check=check if is_mp4 else None) as temporary:
         if is_mp4:
-            rows, columns = sample.shape[:2]
-            sent = _mp4_writer()(temporary, frames, fps, (columns, rows), hold)
+            first = next(frames)
+            rows, columns = first.shape[:2]
+            sent = _mp4_writer()(temporary, itertools.chain([first], frames), fps, (columns, rows), hold)
         else:
-            _write_gif(temporary, frames, sample, fps, hold, ramps)
+            _write_gif(temporary, frames, fps, hold, ramps)
 
 
 def _frames(
@@ -140,11 +130,10 @@ def _frames(
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[np.ndarray]:
     """Yield the picture of each record in turn, (rows, columns, 3) uint8."""
-    page = BeltSheet(history, legend=True, age_span=None, **layout)
+    page = BeltSheet(history, **layout)
     for done, record in enumerate(records, start=1):
         page.turn_to(record)
-        page.sheet.canvas.draw()
-        yield np.ascontiguousarray(np.asarray(page.sheet.canvas.buffer_rgba())[..., :3])
+        yield page.pixels()
         if progress is not None:
             progress(done, len(records))
 
@@ -172,18 +161,28 @@ def _landscape_frames(
             progress(done, len(records))
 
 
-def _write_gif(
-    path: str, frames: Iterator[np.ndarray], sample: np.ndarray, fps: float, hold: float, ramps: Sequence[Any]
-) -> None:
-    """Write a looping GIF with the palette of ``sample``."""
+def _write_gif(path: str, frames: Iterator[np.ndarray], fps: float, hold: float, ramps: Sequence[Any]) -> None:
+    """Write a looping GIF with the palette of its last frame."""
     from PIL import Image
 
-    # The legend's colours are few but must not band: a patch of them gives them weight in the palette.
-    ramp = np.linspace(0.0, 1.0, sample.shape[1])
-    patch = np.array([color_ramp(stops, ramp) for stops in ramps]).reshape(-1, *sample.shape[1:])
-    patch = np.repeat(np.round(255.0 * patch).astype(np.uint8), max(1, sample.shape[0] // 6), axis=0)
-    palette = Image.fromarray(np.concatenate([sample, patch])).quantize(256, method=Image.Quantize.MEDIANCUT)
-    pictures = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    # On disk until the last one is there.
+    with tempfile.TemporaryFile() as kept:
+        count = 0
+        for sample in frames:
+            kept.write(sample.tobytes())
+            count += 1
+        kept.seek(0)
+        # The legend's colours are few but must not band: a patch of them gives them weight in the palette.
+        ramp = np.linspace(0.0, 1.0, sample.shape[1])
+        patch = np.array([color_ramp(stops, ramp) for stops in ramps]).reshape(-1, *sample.shape[1:])
+        patch = np.repeat(np.round(255.0 * patch).astype(np.uint8), max(1, sample.shape[0] // 6), axis=0)
+        palette = Image.fromarray(np.concatenate([sample, patch])).quantize(256, method=Image.Quantize.MEDIANCUT)
+        pictures = [
+            Image.frombytes("RGB", sample.shape[1::-1], kept.read(sample.size)).quantize(
+                palette=palette, dither=Image.Dither.NONE
+            )
+            for _ in range(count)
+        ]
     # GIF counts in hundredths of a second, and viewers slow down what is faster than two of them.
     tick = 10 * max(2, round(100.0 / fps))
     duration = [tick] * (len(pictures) - 1) + [max(tick, round(1000.0 * hold))]

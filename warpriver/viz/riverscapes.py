@@ -6,20 +6,22 @@ import dataclasses
 import math
 import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpriver.arrays import ByteArray, DeviceArray, FloatArray
+from warpriver.arrays import ByteArray, DeviceArray, FlagArray, FloatArray
 from warpriver.device import launch_kernel
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.kernels import shading as kernels
 from warpriver.public import public
+from warpriver.riverscape.courses import Log
 from warpriver.riverscape.drift import Foam, LeafFrame
 from warpriver.riverscape.scene import Frame, Riverscape
+from warpriver.riverscape.seeding import BEND, BENDING, THREADED
 from warpriver.riverscape.water import WaterGrid
 from warpriver.validate import finite_numbers, not_negative, positive, whole
 from warpriver.viz.sheet import check_picture, replacing
@@ -38,6 +40,8 @@ FOAM_CELL = 0.03
 # Colours of leaves, and their length in m.
 LEAF_COLORS = np.array([[0.75, 0.42, 0.07], [0.62, 0.2, 0.05], [0.8, 0.66, 0.16], [0.36, 0.42, 0.1]])
 LEAF_LENGTH = 0.09
+# How much of its height a bare bank counts as: between threads, and on the inside of bends.
+BARE_BARS, BARE_POINTS = 0.12, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -284,13 +288,9 @@ class _Picture:
         x = self.bounds[0] + self.cell * (np.arange(columns) + 0.5)
         y = self.bounds[3] - self.cell * (np.arange(rows) + 0.5)
         at = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        found = self.scene.courses.survey(at)
-        courses = self.scene.courses
-        threaded = np.isin([course.channel_type for course in courses.courses], ("D", "DA"))[courses.course_of_point]
-        # Bars between threads are bare far up.
-        shore = np.where(threaded[np.maximum(found.point, 0)] & (found.depth < 0.0), 0.12 * found.depth, found.depth)
-        shore = np.where(found.point >= 0, shore, -10.0).reshape(rows, columns)
-        rock = (bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004
+        shore = self._shore(at).reshape(rows, columns)
+        rock = np.where((bed - self.scene.bed(at, rocks=False).reshape(rows, columns)) > 0.004, 1.0, 0.0)
+        rock[_in_logs(self.scene.courses.logs, at).reshape(rows, columns)] *= -1.0
         # Where there is no ground, nothing can be seen.
         self._float_bed = np.nan_to_num(bed - self._datum, nan=-1e3).astype(np.float32)
         made.bed = wp.array(self._float_bed, device=self.device)
@@ -298,6 +298,20 @@ class _Picture:
         made.shore = wp.array(shore.astype(np.float32), device=self.device)
         made.cell_size = self.cell
         return made
+
+    def _shore(self, at: FloatArray) -> FloatArray:
+        """How far places lie below the water, or above it, m; less far up where floods keep the ground bare."""
+        courses = self.scene.courses
+        found = courses.survey(at)
+        point = np.maximum(found.point, 0)
+        kinds = np.array([course.channel_type for course in courses.courses])[courses.course_of_point]
+        share = np.where(np.isin(kinds, THREADED)[point], BARE_BARS, 1.0)
+        # Point bars lie along the inner banks of bends.
+        bent = np.where(np.isin(kinds, BENDING), courses.joined("curvature") * courses.joined("width"), 0.0)[point]
+        inner = np.where(found.across * bent > 0.0, np.abs(bent), 0.0)
+        share *= 1.0 - (1.0 - BARE_POINTS) * _step(0.0, 2.0 * BEND, inner)
+        shore = np.where(found.depth < 0.0, share * found.depth, found.depth)
+        return np.where(found.point >= 0, shore, -10.0)
 
     def _shot(
         self, frame: Frame, made: Any, view: Any, foam: tuple[WaterGrid, DeviceArray], leaves: LeafFrame | None
@@ -357,6 +371,16 @@ class _Picture:
         ray = depth[leaf] if parallel else np.sqrt((off[leaf] ** 2).sum(axis=1))
         seen = (far[i, j] < 0.0) | (ray < far[i, j] + 0.15)
         picture[i[seen], j[seen]] = LEAF_COLORS[leaf[seen] % len(LEAF_COLORS)]
+
+
+def _in_logs(logs: Sequence[Log], at: FloatArray) -> FlagArray:
+    """Which places lie below the trunk of a log."""
+    inside = np.zeros(len(at), bool)
+    for log in logs:
+        start, toward = np.array(log.start), np.subtract(log.end, log.start)
+        part = np.clip((at - start) @ toward / max(float(toward @ toward), 1e-12), 0.0, 1.0)
+        inside |= np.hypot(*(at - start - part[:, None] * toward).T) < 0.55 * log.diameter
+    return inside
 
 
 def _step(low: float, high: float, x: NDArray[Any]) -> NDArray[Any]:

@@ -39,6 +39,8 @@ __all__ = [
     "style_bar",
 ]
 
+# A map that is narrower has ticks in m.
+SHORT_REACH = 1000.0
 PICTURES = (".png", ".jpg", ".pdf", ".svg")
 
 WATER = "#3d7ea6"
@@ -258,21 +260,22 @@ class Sheet:
             box.annotate("", middle + half, middle - half, arrowprops={**arrow, "color": WATER, "lw": 1.4})
             box.text(middle[0], 0.02, "flow", fontsize=8.5, color=INK, ha="center")
 
-    def add_km_ticks(self) -> None:
-        """Put ticks with kilometres around the map of a page."""
+    def add_ticks(self) -> None:
+        """Put ticks with kilometres around the map of a page, with metres around that of a short reach."""
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
         if not self.is_page:
             return
         rows, columns = self.shape
+        unit, name = (1.0, "m") if abs(np.ptp(self.axes.get_xlim())) < SHORT_REACH else (1e3, "km")
         for axis, pixels in ((self.axes.xaxis, columns), (self.axes.yaxis, rows)):
             axis.set_major_locator(MaxNLocator(max(2, min(9, int(pixels / self.dpi / 1.1))), steps=[1, 2, 5, 10]))
-            axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v / 1e3:.10g}"))
+            axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v / unit:.10g}"))
         self.axes.tick_params(labelsize=8, colors=FAINT, labelcolor=INK, width=0.6, length=3, pad=2)
         for label in self.axes.get_yticklabels():
             label.set(rotation=90, va="center")
-        self.axes.set_xlabel("easting, km", fontsize=8, color=FAINT, labelpad=2)
-        self.axes.set_ylabel("northing, km", fontsize=8, color=FAINT, labelpad=2)
+        self.axes.set_xlabel(f"easting, {name}", fontsize=8, color=FAINT, labelpad=2)
+        self.axes.set_ylabel(f"northing, {name}", fontsize=8, color=FAINT, labelpad=2)
 
     def lay(self, pixels: np.ndarray, extent: Sequence[float] | None = None, panel: int = 0, **style: Any) -> Any:
         """Lay an image on a map, row 0 in the north.

@@ -5,7 +5,7 @@ import { Grid, Ground } from "./ground.js";
 import { Link } from "./link.js";
 import { Overlay } from "./overlay.js";
 import { drawRamp, kindOf, rampOf, TYPES } from "./layers.js";
-import { $, makeLayers, number, Plots, put, showChannel, showChoices, showConstants, showEdits, showGenerators, showScale, showSession, showTimeline } from "./panels.js";
+import { $, inWords, makeLayers, number, Plots, put, showChannel, showChoices, showConstants, showEdits, showGenerators, showScale, showSession, showTimeline } from "./panels.js";
 import { facts, nearest } from "./rivers.js";
 import { MapScene } from "./scene.js";
 import { makeTools, OPTIONS, optionValues } from "./tools.js";
@@ -15,9 +15,9 @@ const ground = new Ground(), view = new MapCamera(ground), scene = new MapScene(
 const overlay = new Overlay(holder, view), plots = new Plots(), link = new Link();
 
 const studio = {
-  link, view, scene, ground, overlay,
+  plots, link, view, scene, ground, overlay,
   origin: [0, 0], state: null, live: null, chosen: null, controls: [], locks: [], records: [], events: [], shown: null,
-  layers: {}, tool: null, latency: [], seen: 0, types: null, map: null,
+  layers: {}, tool: null, latency: [], files: [], seen: 0, types: null, map: null,
 
   async ask(what, rest) {
     try {
@@ -258,12 +258,30 @@ $("rewind").addEventListener("click", async () => {
 
 // ---- files
 
-async function openFile(file) {
-  studio.say(`Opening ${file.name} …`, true);
-  const answer = await fetch(`open/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
-  if (!answer.ok) studio.say((await answer.text()).trim());
-  $("hint").textContent = studio.tool?.title ?? "";
+/** Ask the server to begin anew with something; the page tells how long that takes, and may give it up. */
+async function beginWith(words, address, request, expected = null) {
+  studio.begun?.abort();
+  const control = new AbortController(), began = performance.now();
+  const tell = () => {
+    const s = (performance.now() - began) / 1000;
+    $("busy-text").textContent = `${words} … ${s < 1 ? "" : `${s.toFixed(0)} s`}${expected ? ` of about ${inWords(expected)}` : ""}`;
+  };
+  studio.begun = control;
+  tell();
+  $("busy").hidden = false;
+  const timer = setInterval(tell, 1000);
+  try {
+    const answer = await fetch(address, { ...request, signal: control.signal });
+    if (!answer.ok) studio.say((await answer.text()).trim());
+  } catch (error) {
+    studio.say(control.signal.aborted ? "Given up; the session is as it was" : error.message);
+  } finally {
+    clearInterval(timer);
+    if (studio.begun === control) { studio.begun = null; $("busy").hidden = true; }
+  }
 }
+$("busy-cancel").addEventListener("click", () => studio.begun?.abort());
+const openFile = (file) => beginWith(`Opening ${file.name}`, `open/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
 $("open").addEventListener("change", () => { if ($("open").files[0]) openFile($("open").files[0]); $("open").value = ""; });
 window.addEventListener("dragover", (event) => { event.preventDefault(); $("drop").hidden = false; });
 window.addEventListener("dragleave", (event) => { if (!event.relatedTarget) $("drop").hidden = true; });
@@ -283,13 +301,10 @@ studio.showWater = async (center, width) => {
   $("water").showModal();
   $("hint").textContent = studio.tool?.title ?? "";
 };
-$("new").addEventListener("click", () => showGenerators(studio.generators ?? [], async (recipe) => {
-  studio.say("Making the terrain and its rivers …", true);
-  const answer = await fetch("new", { method: "POST", body: JSON.stringify(recipe) });
-  if (!answer.ok) studio.say((await answer.text()).trim());
-  $("hint").textContent = studio.tool?.title ?? "";
-}));
+$("new").addEventListener("click", () => showGenerators(studio.generators ?? [], (recipe, seconds) =>
+  beginWith("Making the terrain and its rivers", "new", { method: "POST", body: JSON.stringify(recipe) }, seconds)));
 function fetchFile(address, name) {
+  studio.files.push(name);
   const a = document.createElement("a");
   a.href = address; a.download = name;
   document.body.append(a); a.click(); a.remove();

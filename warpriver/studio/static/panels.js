@@ -141,9 +141,18 @@ export function showChoices(scene) {
   tell();
 }
 
+export const inWords = (seconds) => (seconds < 2 ? "a second" : seconds < 90 ? `${number(seconds, seconds < 10 ? 1 : 2)} seconds` : `${number(seconds / 60, 2)} minutes`);
+
 /** The dialog that asks for a new terrain. */
 export function showGenerators(generators, make) {
-  const form = $("fresh-form"), choice = element("select", { title: "What kind of land" }), doc = element("p", { className: "quiet" }), fields = element("div");
+  const form = $("fresh-form"), choice = element("select", { title: "What kind of land" }), doc = element("p", { className: "quiet" }), fields = element("div"), takes = element("p", { className: "quiet", id: "fresh-takes" });
+  const given = () => Object.fromEntries([...new FormData(form)].map(([k, v]) => [k, Number.isNaN(Number(v)) ? v : Number(v)]));
+  /** Seconds that it takes, about: what it took with the values by default, by powers of the values. */
+  const seconds = () => {
+    const chosen = generators.find((g) => g.name === choice.value), values = given();
+    return Object.entries(chosen.powers).reduce((s, [name, power]) => s * (values[name] / chosen.fields.find((f) => f.name === name).value) ** power, chosen.seconds);
+  };
+  const estimate = () => { const s = seconds(); takes.textContent = Number.isFinite(s) ? `Takes about ${inWords(s)}.` : ""; };
   choice.append(...generators.map((g) => element("option", { value: g.name, textContent: g.title })));
   const show = () => {
     const chosen = generators.find((g) => g.name === choice.value);
@@ -154,18 +163,20 @@ export function showGenerators(generators, make) {
         : element("input", { name: f.name, type: "number", step: f.whole ? "1" : "any", min: f.low, max: f.high, value: f.value, title: `${f.doc}: ${f.low} to ${f.high}`, required: true });
       return element("label", {}, `${f.label}${f.unit && f.unit !== "-" ? ` (${f.unit})` : ""}`, input);
     }));
+    estimate();
   };
   choice.addEventListener("change", show);
   form.replaceChildren(
-    element("label", { className: "wide" }, "Land", choice), doc, fields,
+    element("label", { className: "wide" }, "Land", choice), doc, fields, takes,
     element("button", { type: "submit", textContent: "Make", title: "Make it; the present session is replaced, so save it first" }), " ",
     element("button", { type: "button", textContent: "Cancel", title: "Keep the present one (Esc)", onclick: () => $("fresh").close() }));
   show();
+  form.oninput = estimate;
   form.onsubmit = (event) => {
     event.preventDefault();
-    const values = Object.fromEntries([...new FormData(form)].map(([k, v]) => [k, Number.isNaN(Number(v)) ? v : Number(v)]));
+    const values = given(), expected = seconds();
     $("fresh").close();
-    make({ generator: choice.value, ...values });
+    make({ generator: choice.value, ...values }, expected);
   };
   $("fresh").showModal();
 }

@@ -229,6 +229,9 @@ export class MapScene {
   get dirty() { return this.isDirty; }
   set dirty(on) { this.isDirty = on; if (on) { this.stale = true; this.changed?.(); } }
 
+  /** Whether all that there is has been drawn. */
+  get settled() { this.wait(); return !this.isDirty && !this.fence; }
+
   /** Draw the rivers anew, over the ground as it was. */
   flow() { this.isDirty = true; this.changed?.(); }
 
