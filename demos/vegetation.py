@@ -11,6 +11,7 @@ import numpy as np
 
 import warpriver as wr
 from warpriver.landscape import GROUND, LandscapeMaps, LandscapeParams, landscape_maps
+from warpriver.landscape.falloff import smoothstep
 
 CELL = 100.0
 
@@ -22,11 +23,14 @@ def valley() -> wr.Terrain:
     y = (rows - np.arange(rows) - 0.5)[:, None] * CELL
     rise = np.interp(x, [0.0, 17_000.0, 20_000.0, 35_000.0], [0.0, 8.0, 158.0, 166.0])
     middle = 10_000.0 + 1_200.0 * np.sin(x / 2_400.0)
-    away = np.maximum(np.abs(y - middle) - 1_500.0, 0.0)
-    mountains = 0.35 * away * np.clip((x - 19_000.0) / 3_000.0, 0.0, 1.0)
-    rough = wr.generate.fractal_terrain((rows, columns), CELL, 260.0, 3).to_numpy()
-    # Rough where it is steep.
-    height = rise + mountains + np.clip(mountains / 60.0, 0.02, 1.0) * (rough - rough.min())
+    # How far into the mountains: their foot lies 1.5 km beside the valley's middle, their front at 19 km, unevenly.
+    uneven = wr.generate.fractal_terrain((rows, columns), CELL, 1_600.0, 5).to_numpy()
+    uneven -= uneven.mean()
+    away = np.minimum(np.abs(y - middle) - 1_500.0, x - 18_500.0 + uneven)
+    inward = smoothstep(away / 3_500.0)
+    # Ridges and the valleys between them.
+    ridges = wr.generate.fluvial_terrain((rows, columns), CELL, 1_100.0, 3).to_numpy()
+    height = rise + inward * (ridges - ridges.min()) + 0.05 * np.maximum(away, 0.0)
     return wr.Terrain(height, CELL, (0.0, rows * CELL))
 
 
@@ -74,7 +78,9 @@ def main(folder: Path) -> None:
     print(f"{history!r}\nvegetation in the belt: {ratio:.1f} times that outside; "
           f"oxbows are hollows up to {oldest:.1f} lifetimes of lakes")  # fmt: skip
     assert ratio >= 3.0 and oldest >= 2.0
-    wr.viz.draw_landscape(history, folder / "valley.png", size=(1000, 420), dpi=90, title="From a valley to a plain")
+    wr.viz.draw_landscape(
+        history, folder / "valley.png", terrain=ground, size=(1000, 640), dpi=90, title="From a valley to a plain"
+    )
     history = from_straight()
     print(history)
     rain = LandscapeParams(moisture_rate=0.2, dry_cover=0.9, cover_time=8.0)

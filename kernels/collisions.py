@@ -49,6 +49,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.collisions_{scalar.__name__}"
+    wp.set_module_options({"max_unroll": 1}, module=name)
     line, table = polyline.build(scalar), buckets.build(scalar)
     vec2, Channels, Form, Points = line.vec2, line.Channels, line.Form, line.Points
     ZERO, HALF, ONE, TWO, FOUR = (scalar(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))

@@ -23,6 +23,7 @@ def build(scalar):
         scalar: ``wp.float32`` or ``wp.float64``.
     """
     name = f"warpriver.kernels.shortcuts_{scalar.__name__}"
+    wp.set_module_options({"max_unroll": 1}, module=name)
     line, table = polyline.build(scalar), buckets.build(scalar)
     vec2, Channels, Points, Run = line.vec2, line.Channels, line.Points, line.Run
     PointTable, Reach = table.PointTable, table.Reach

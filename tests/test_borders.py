@@ -451,6 +451,7 @@ CALLS = {
             "threads": 1,
         },
     ),
+    "levee_falloff": lambda t: (wr.landscape.levee_falloff, {"widths": [0.0, 1.0]}),
     "moisture_falloff": lambda t: (wr.landscape.moisture_falloff, {"widths": [0.0, 1.0]}),
     "sediment_falloff": lambda t: (wr.landscape.sediment_falloff, {"widths": [0.0, 1.0]}),
     "SectionTable": lambda t: (wr.landscape.SectionTable, {"depth": [[0.0, 1.0, 0.0]], "row": [0, 0]}),

@@ -279,6 +279,23 @@ def test_own_falloffs_take_the_place_of_ours():
         maps_of(still([straight(0.0, 100.0)]), 10.0, (0.0, 0.0, 100.0, 100.0), sediment_falloff=lambda w: 1.0 + 0.0 * w)
 
 
+def test_levees_fall_away_from_the_banks():
+    """By a factor e in a width; the sum over time of a straight channel, capped at its depth."""
+    maps = maps_of(
+        still([straight(0.0, 100.0)], 10.0),
+        10.0,
+        (500.0, -700.0, 1500.0, 700.0),
+        sediment_falloff=wr.landscape.levee_falloff,
+    )
+    away = np.abs(700.0 - (np.arange(140) + 0.5) * 10.0) / 100.0
+    laid = MODULE.sediment_rate * 10.0 * np.exp(0.5 - away)
+    depth = float(wr.RiverNetwork.from_polylines([straight(0.0, 100.0)[0]], width=100.0).channel_depth[0])
+    beside = (away > 0.5) & (away < 4.0)
+    got = maps.sediment.numpy()[:, 50]
+    np.testing.assert_allclose(got[beside], (depth * -np.expm1(-laid / depth))[beside], rtol=0.01)
+    assert (np.diff(got[(away > 0.5)][:64]) >= 0.0).all() and got[away >= 6.0].max() < 1e-6
+
+
 def test_crevasses_leave_lobes_on_the_outer_side():
     line = straight(0.0, 50.0)[0]
     network = wr.RiverNetwork.from_polylines([line], width=50.0)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from warpriver.landscape.carving import Carved, CarveReport, carve
     from warpriver.landscape.coupling import erodibility, simulate_with_plants
     from warpriver.landscape.export import export_landscape
-    from warpriver.landscape.falloff import moisture_falloff, sediment_falloff
+    from warpriver.landscape.falloff import levee_falloff, moisture_falloff, sediment_falloff
     from warpriver.landscape.grounds import ground_of_run, plain_under
     from warpriver.landscape.maps import GROUND, PLANTS, Landscape, LandscapeMaps, landscape_maps
     from warpriver.landscape.scene_files import write_surfaces
@@ -40,6 +40,7 @@ __all__ = [
     "ground_of_run",
     "landscape_maps",
     "landscape_surfaces",
+    "levee_falloff",
     "moisture_falloff",
     "plain_under",
     "sediment_falloff",
@@ -52,7 +53,7 @@ _HOMES = {
     "carving": ("CarveReport", "Carved", "carve"),
     "coupling": ("erodibility", "simulate_with_plants"),
     "export": ("export_landscape",),
-    "falloff": ("moisture_falloff", "sediment_falloff"),
+    "falloff": ("levee_falloff", "moisture_falloff", "sediment_falloff"),
     "grounds": ("ground_of_run", "plain_under"),
     "maps": ("GROUND", "PLANTS", "Landscape", "LandscapeMaps", "landscape_maps"),
     "scene_files": ("write_surfaces",),

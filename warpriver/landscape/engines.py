@@ -70,7 +70,7 @@ ENGINES = {
     "unity": Engine(
         "Unity", POWERS, (".r16",), "water.obj", packed=True, first_row="south", axes="x east, y up, z north"
     ),
-    "godot": Engine("Godot", POWERS, (".png", ".r16"), "water.glb", axes="x east, y up, z south"),
+    "godot": Engine("Godot", POWERS, (".r16",), "water.glb", axes="x east, y up, z south"),
     "blender": Engine("Blender", (), (".png",), "landscape.glb"),
     "houdini": Engine("Houdini", (), (".png", ".r16"), "landscape.usda", axes="x east, y up, z south"),
 }

@@ -12,10 +12,12 @@ from warpriver.kernels.covers import BANK, FELT, SEDIMENT_REACH
 from warpriver.public import public
 from warpriver.validate import floats
 
-__all__ = ["Falloff", "falloff_table", "moisture_falloff", "sediment_falloff", "smoothstep"]
+__all__ = ["Falloff", "falloff_table", "levee_falloff", "moisture_falloff", "sediment_falloff", "smoothstep"]
 
 Falloff = Callable[[np.ndarray], np.ndarray]
 
+# Distance over which levees fall by a factor e, widths.
+LEVEE_WIDTHS = 1.0
 # Pieces that a falloff is tabulated in, of which 1/2 and 4 widths are ends; Gauss points in each.
 PIECES, GAUSS = 3072, 5
 
@@ -50,6 +52,22 @@ def sediment_falloff(widths: npt.ArrayLike) -> np.ndarray:
     """
     away = np.abs(floats(widths, "widths"))
     return np.where(away < BANK, smoothstep(away / BANK), smoothstep((SEDIMENT_REACH - away) / (SEDIMENT_REACH - BANK)))
+
+
+@public
+def levee_falloff(widths: npt.ArrayLike) -> np.ndarray:
+    """Deposits of natural levees at a distance from the centreline: 1 at the banks, falling away from them.
+
+    What floods lay down beside a channel falls with distance exponentially [Pizzuto1987], here by a factor e in each
+    width; from 4 widths on it fades, to 0 at 6. In the channel it is that of :func:`sediment_falloff`, which it can
+    take the place of.
+
+    Args:
+        widths: Distances in widths of the channel.
+    """
+    away = np.abs(floats(widths, "widths"))
+    beside = np.exp(-(away - BANK) / LEVEE_WIDTHS) * smoothstep((FELT - away) / (FELT - SEDIMENT_REACH))
+    return np.where(away < BANK, smoothstep(away / BANK), beside)
 
 
 def falloff_table(falloff: Falloff, name: str) -> np.ndarray:
