@@ -166,7 +166,7 @@ def run_of(*amplitudes):
 
 @pytest.mark.parametrize("amplitudes", [(0.0, 60.0), (0.0, 280.0), (280.0, 0.0), (100.0, 250.0, 520.0)])
 def test_the_ground_between_two_records_is_painted(amplitudes):
-    painter = belt.BeltPainter(run_of(*amplitudes), (0.0, -50.0, 4000.0, 600.0), (130, 800), supersample=1)
+    painter = belt.BeltPainter(run_of(*amplitudes), (0.0, -50.0, 4000.0, 600.0), (130, 800))
     painter.advance(len(amplitudes) - 1)
     cover = painter.cover()
     low, high = min(amplitudes), max(amplitudes)
@@ -187,7 +187,7 @@ def test_what_was_cut_off_is_not_swept():
     loop = np.concatenate([bend(0.0)[:70], [[1800.0, 900.0], [2000.0, 1400.0], [2200.0, 900.0]], bend(0.0)[90:]])
     networks = [wr.RiverNetwork.from_polylines([line], 50.0) for line in (loop, bend(0.0))]
     cut = History(times=np.array([0.0, 10.0]), networks=networks, cutoffs=[])
-    painter = belt.BeltPainter(cut, (1400.0, -100.0, 2600.0, 1500.0), (160, 120), supersample=1)
+    painter = belt.BeltPainter(cut, (1400.0, -100.0, 2600.0, 1500.0), (160, 120))
     painter.advance(1)
     # Inside the loop.
     assert (painter.cover().kind[15:120, 50:70] == 0).mean() > 0.5

@@ -117,7 +117,7 @@ def test_a_filled_band_is_the_buffer_of_its_line(line):
     window = (low[0], low[1], low[0] + cell * shape[1], low[1] + cell * shape[0])
     network = RiverNetwork.from_polylines([line], width)
     one = History(times=np.zeros(1), networks=[network], cutoffs=[])
-    painter = belt.BeltPainter(one, window, shape, supersample=1)
+    painter = belt.BeltPainter(one, window, shape)
     painter.advance(0)
     covered = painter.cover().kind > 0
     dense = np.concatenate([a + (b - a) * np.linspace(0, 1, 40)[:, None] for a, b in pairwise(line)])

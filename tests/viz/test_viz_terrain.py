@@ -294,7 +294,7 @@ def test_the_gap_between_pieces_of_a_dry_course_stays_bare():
     course = subject.collisions[0].xy.copy()
     course[30:] += (0.0, -900.0)
     subject.collisions = [Collision(5.0, "upstream", 0, 1, 60.0, course, np.array([0, 30, 60]))]
-    painter = belt.BeltPainter(subject, (0.0, 0.0, 4500.0, 3000.0), (300, 450), supersample=1)
+    painter = belt.BeltPainter(subject, (0.0, 0.0, 4500.0, 3000.0), (300, 450))
     painter.advance(1)
     row, column = ((3000.0 - course[:, 1]) / 10.0).astype(int), (course[:, 0] / 10.0).astype(int)
     cover = painter.cover().kind

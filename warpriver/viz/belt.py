@@ -56,9 +56,6 @@ LEGEND_GAP, MIN_LEGEND = 1.15, 3.2
 # Fraction of the relief's shades that deposits carry; narrower courses are painted as wide as this many cells.
 DEPOSIT_SHADE, MIN_CELLS = 0.6, 1.5
 
-# Pixels of a picture that has more than one cell in each.
-SMALL_PICTURE = 600_000
-
 # Weights of a cell and its neighbours where they are blended.
 SOFT_WEIGHTS = (0.2, 0.6, 0.2)
 
@@ -368,7 +365,7 @@ def share_painter(pages: Sequence[BeltSheet], history: History, terrain: Terrain
     east, north = boxes[:, 2:].max(axis=0).tolist()
     pixel = min(page.sheet.metres_per_pixel for page in pages)
     shape = round((north - south) / pixel), round((east - west) / pixel)
-    painter = BeltPainter(history, (west, south, east, north), shape, supersample=1, terrain=terrain)
+    painter = BeltPainter(history, (west, south, east, north), shape, terrain=terrain)
     for page in pages:
         page.painter = painter
 
@@ -406,7 +403,6 @@ class BeltPainter:
         window: Window,
         shape: tuple[int, int],
         *,
-        supersample: int | None = None,
         age_span: float | None = None,
         terrain: Terrain | None = None,
         strength: float = 1.0,
@@ -417,7 +413,6 @@ class BeltPainter:
             history: The run.
             window: (west, south, east, north) of the picture, m.
             shape: (rows, columns) in pixels.
-            supersample: Cells per pixel and direction; by default 2 on small pictures, 1 on large ones.
             age_span: Age in yr at which deposits look oldest; by default the time that the history spans.
             terrain: Terrain whose relief is the ground, or None for a plain one.
             strength: Strength of its shades.
@@ -426,8 +421,7 @@ class BeltPainter:
         self._times = np.asarray(history.times, np.float64)
         self.age_span = default_age_span(history) if age_span is None else float(age_span)
         self.window = window
-        self._factor = supersample or (2 if shape[0] * shape[1] <= SMALL_PICTURE else 1)
-        rows, columns = shape[0] * self._factor, shape[1] * self._factor
+        rows, columns = shape
         # Square cells from the north-western corner on.
         cell = max((window[2] - window[0]) / columns, (window[3] - window[1]) / rows)
         self.cell_size = cell
@@ -504,7 +498,9 @@ class BeltPainter:
         dry = kind == covers.ABANDONED
         for some, ramp, fresh, grown in ((lake, OXBOW_RAMP, 0.0, 0.6), (dry, DRY_RAMP, 0.2, 0.7)):
             tint[some, :3], tint[some, 3] = _ramped(ramp, age[some]), fresh + grown * age[some]
-        belt, mottled = self._mean(place, tint, soft)
+        belt, mottled = (
+            self._blended(place, tint) if soft else (place, np.pad(tint, ((0, 0), (0, 1)), constant_values=1.0))
+        )
         tone = 1.0 + 0.05 * self._noise.reshape(-1)[belt] * mottled[:, 3]
         if self._shade is not None:
             tone *= self._shade.reshape(-1)[belt]
@@ -514,25 +510,18 @@ class BeltPainter:
         flat[belt] = 255.0 * mottled[:, :3] * tone[:, None] + (1.0 - mottled[:, 4:]) * flat[belt]
         return self._bytes(color)
 
-    def _mean(self, place: np.ndarray, values: np.ndarray, soft: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Average over pixels the values of some cells, (n,) flat and (n, k).
+    def _blended(self, place: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Blend the values of some cells, (n,) flat and (n, k), with those of their neighbours.
 
         Returns:
             (m,) pixels that hold any of these cells, and their values (m, k + 1), of which the last is how much of a
             pixel these cells take up; the others count as 0.
         """
-        columns = self._noise.shape[1]
-        row, column = place // (columns * self._factor), place % (columns * self._factor)
-        pixel, which = np.unique(row // self._factor * columns + column // self._factor, return_inverse=True)
-        every = np.concatenate([values, np.ones((len(values), 1), values.dtype)], axis=1)
-        total = np.stack([np.bincount(which, each, len(pixel)) for each in every.T], axis=1) / self._factor**2
-        if not soft:
-            return pixel, total.astype(np.float32)
         with IMPORTING:
             from scipy.ndimage import correlate1d
 
-        spread = np.zeros((self._noise.size, total.shape[1]), np.float32)
-        spread[pixel] = total
+        spread = np.zeros((self._noise.size, values.shape[1] + 1), np.float32)
+        spread[place, :-1], spread[place, -1] = values, 1.0
         image = spread.reshape(*self._noise.shape, -1)
         for axis in (0, 1):
             image = correlate1d(image, SOFT_WEIGHTS, axis, mode="nearest")

@@ -122,9 +122,7 @@ def _draw(
     try:
         painter, planted = None, history is not None and look == "landscape"
         if history is not None and not planted:
-            painter = BeltPainter(
-                history, view, _texture_shape(view), supersample=1, terrain=terrain, strength=LIT_STRENGTH
-            )
+            painter = BeltPainter(history, view, _texture_shape(view), terrain=terrain, strength=LIT_STRENGTH)
             painter.advance(record)
         ground: Any
         if terrain is None:
