@@ -33,7 +33,7 @@ def noisy_ring(seed: int) -> np.ndarray:
 
 def simulate(params, xy: np.ndarray, closed: bool) -> wr.History:
     network = wr.RiverNetwork.from_polylines([xy], width=WIDTH, closed=closed)
-    return wr.Simulation(network, params).run(years=YEARS, record_every=wr.Every(years=2))
+    return wr.Simulation(network, params).run(years=YEARS, record_every=wr.Every(years=4))
 
 
 def draw(history: wr.History, folder: Path, title: str, closed: bool) -> np.ndarray:

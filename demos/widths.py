@@ -17,7 +17,7 @@ def main(folder: Path) -> None:
         for k, width in enumerate(WIDTHS)
     ]
     sim = wr.Simulation(wr.RiverNetwork.from_polylines(lines, width=list(WIDTHS)))
-    history = sim.run(years=400, record_every=wr.Every(years=3))
+    history = sim.run(years=400, record_every=wr.Every(years=6))
     print(sim)
 
     wr.viz.draw_belt(history, folder / "widths.png", title="50, 100 and 200 m wide, 400 years")
