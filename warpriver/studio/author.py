@@ -172,7 +172,7 @@ class Author:
         """Do an edit.
 
         Args:
-            edit: It.
+            edit: The edit to apply.
             group: Name of the group to which it belongs.
 
         Raises:

@@ -61,8 +61,8 @@ def taken_up(folder: Path, begun: Callable[[Author], None]) -> tuple[Author, str
     """Return the session of a folder, with the edits and steps that it has, and a word on what is missing of them.
 
     Args:
-        folder: It.
-        begun: Is told of the session as it stands at its beginning.
+        folder: Folder of the session.
+        begun: Called with the session as it stood at its beginning.
     """
     ground = folder / TERRAIN
     terrain = read_terrain(ground) if ground.exists() else None

@@ -47,10 +47,10 @@ def run_apart(
     """Call a function in a process of its own, and return what went wrong, None for nothing.
 
     Args:
-        what: It; it is given a connection after its arguments, to which it sends a text: what went wrong, or "".
-        arguments: Its arguments.
-        seconds: After which it is ended.
-        given_up: Ends it, when it is set.
+        what: The function. After its arguments it gets a connection, to which it sends what went wrong, or "".
+        arguments: Arguments of the function.
+        seconds: Time after which the process is killed.
+        given_up: Event that kills the process when it is set.
     """
     ours, theirs = context().Pipe()
     process = context().Process(target=what, args=(*arguments, theirs), daemon=True)  # type: ignore[attr-defined]

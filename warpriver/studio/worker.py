@@ -85,7 +85,7 @@ class Worker:
         """Take up the session of a folder.
 
         Args:
-            folder: It.
+            folder: Folder of the session.
             send: Sends a message: "J" and a text in JSON, "B" and a frame, "R" and the frame of an earlier state, or
                 "M" and what the process that makes maps shall do.
         """
