@@ -150,9 +150,8 @@ def build(scalar):
 
         It arrives at the angle of its template to the channel downstream, or to the course of the river that goes on
         through the node, from the side on which it lies: going round the node from the one downstream to the other
-        tributary, it comes first on the left. Its mouth wanders on while
-        the river bends towards it, so that it lies on the inner bank, the less the more it lies on the outer one; and
-        back, below 0, where it runs along the river.
+        tributary, it comes first on the left. Its mouth wanders on while the river bends towards it, so that it lies on
+        the inner bank, the less the more it lies on the outer one; and back, below 0, where it runs along the river.
         """
         channel = wp.tid()
         aim = vec2(ZERO, ZERO)
