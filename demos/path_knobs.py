@@ -1,4 +1,7 @@
-"""What each knob of the shortest-path solver does: one row a knob, low, default and high, the rest left alone."""
+"""What each knob of the shortest-path solver does: one row a knob, low, default and high, the rest left alone.
+
+``python demos/path_knobs.py FOLDER cone_angle smoothing`` draws these knobs only.
+"""
 
 import sys
 from pathlib import Path
@@ -34,12 +37,17 @@ def draw(history: wr.History, folder: Path, title: str) -> np.ndarray:
     return image
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, *knobs: str) -> None:
+    chosen = set(knobs) or set(KNOBS)
+    if not chosen <= set(KNOBS):
+        raise SystemExit(f"no knob {', '.join(sorted(chosen - set(KNOBS)))}; there are {', '.join(KNOBS)}")
     folder.mkdir(parents=True, exist_ok=True)
     rows, oxbows, wave, neck = [], {}, {}, {}
     usual = simulate(wr.PathMeander())
     middle = draw(usual, folder, "all as by default")
     for knob, values in KNOBS.items():
+        if knob not in chosen:
+            continue
         row = []
         for value in values:
             is_default = value == getattr(wr.PathMeander(), knob)
@@ -58,15 +66,17 @@ def main(folder: Path) -> None:
     matplotlib.image.imsave(folder / "path_knobs.png", np.concatenate(rows))
     print(f"drawn into {folder / 'path_knobs.png'}")
 
-    rate = [oxbows["displacement_rate", v] for v in KNOBS["displacement_rate"]]
-    assert rate[0] < rate[1] < rate[2], "a stronger push cuts sooner"
+    if "displacement_rate" in chosen:
+        rate = [oxbows["displacement_rate", v] for v in KNOBS["displacement_rate"]]
+        assert rate[0] < rate[1] < rate[2], "a stronger push cuts sooner"
     for knob, order in (("cone_angle", "a wider cone"), ("search_radius", "a longer reach")):
-        low, middle, high = (neck[knob, v] for v in KNOBS[knob])
-        assert low < middle <= high + 1.0, f"{order} joins strands sooner"
-    for knob in ("smoothing", "blur_length"):
+        if knob in chosen:
+            low, middle, high = (neck[knob, v] for v in KNOBS[knob])
+            assert low < middle <= high + 1.0, f"{order} joins strands sooner"
+    for knob in {"smoothing", "blur_length"} & chosen:
         low, middle, high = (wave[knob, v] for v in KNOBS[knob])
         assert low < middle < high, f"more {knob} makes longer bends"
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "out/demos"))
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "out/demos"), *sys.argv[2:])

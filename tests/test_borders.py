@@ -4,6 +4,7 @@
 function then works, or raises a ``WarpriverError``.
 """
 
+import functools
 import inspect
 import traceback
 import warnings
@@ -688,8 +689,18 @@ CALLS = {
     "draw_before_after": drawn(wr.viz.draw_before_after, ("history", "history")),
     "draw_drainage": drawn(wr.viz.draw_drainage, ("flow", "flow")),
     "draw_elevation": drawn(wr.viz.draw_elevation, ("terrain", "terrain")),
-    "draw_landscape": drawn(wr.viz.draw_landscape, ("history", "history")),
-    "draw_network": drawn(wr.viz.draw_network, ("network", "network")),
+    "draw_landscape": lambda t: (
+        functools.partial(wr.viz.draw_landscape, window=(-300.0, -200.0, 300.0, 200.0)),
+        {"history": t["history"], "path": t["folder"] / "a.png"},
+    ),
+    "draw_network": lambda t: (
+        wr.viz.draw_network,
+        {
+            "network": t["network"],
+            "path": t["folder"] / "a.png",
+            "window": (-300.0, -200.0, 300.0, 200.0),
+        },
+    ),
     "draw_valley": drawn(wr.viz.draw_valley, ("valley", "valley")),
     "draw_valley_sections": drawn(wr.viz.draw_valley_sections, ("valley", "valley")),
 }

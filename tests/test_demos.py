@@ -11,7 +11,10 @@ FOLDER = Path(__file__).resolve().parents[1] / "demos"
 RUNNER = FOLDER / "scenes.py"
 DEMOS = sorted(path for path in FOLDER.glob("*.py") if path != RUNNER)
 # Of a demo with many rows a few, since each takes a second.
-ROWS = {"realism": ["inlet_curvature", "bank_spread", "memory_length", "chutes", "widths"]}
+ROWS = {
+    "path_knobs": ["search_radius", "smoothing"],
+    "realism": ["inlet_curvature", "bank_spread", "memory_length", "chutes", "widths"],
+}
 SCENES = sorted(path.stem for path in (FOLDER / "scenes").glob("*.toml"))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from warpriver.errors import InputError, MissingExtraError
 from warpriver.files import beside, check_place, in_memory
 from warpriver.io.raster.placing import WORLD_FILES, write_placing, write_world_file
+from warpriver.validate import finite_numbers
 from warpriver.viz.bands import Window
 
 if TYPE_CHECKING:
@@ -441,10 +442,9 @@ def checked_window(window: Sequence[float] | None, bounds: Window, margin: float
         west, south, east, north = bounds
         pad = max(margin, 0.035 * max(east - west, north - south))
         return west - pad, south - pad, east + pad, north + pad
-    values = [float(v) for v in window]
-    if len(values) != 4 or not np.isfinite(values).all() or values[0] >= values[2] or values[1] >= values[3]:
+    west, south, east, north = finite_numbers(window, 4, "window")
+    if west >= east or south >= north:
         raise InputError(f"window is {tuple(window)}; give (west, south, east, north) in m, west < east, south < north")
-    west, south, east, north = values
     if west > bounds[2] or east < bounds[0] or south > bounds[3] or north < bounds[1]:
         raise InputError(
             f"window ({west:g}, {south:g}, {east:g}, {north:g}) m shows nothing: the channels lie in "
