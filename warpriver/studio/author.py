@@ -20,7 +20,7 @@ from warpriver.studio.journal import Entry, digest, session_of
 from warpriver.terrain import Terrain
 from warpriver.validate import finite, finite_numbers, positive, whole
 
-__all__ = ["Author", "Checkpoint", "brushed"]
+__all__ = ["EVENTS_KEPT", "Author", "Checkpoint", "brushed"]
 
 # A copy of the run is kept every so many steps; of these, when there are more, every other one is given up.
 MARK_STEPS, MARKS = 50, 16

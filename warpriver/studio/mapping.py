@@ -22,6 +22,7 @@ from warpriver.landscape import CarveParams, Landscape, carve, export_landscape,
 from warpriver.network import RiverNetwork
 from warpriver.raster import Raster
 from warpriver.riverscape import Riverscape, classify_rivers
+from warpriver.studio.author import EVENTS_KEPT
 from warpriver.studio.frames import decode_state, encode_map
 from warpriver.studio.limits import limit_memory, release_memory
 from warpriver.studio.processes import name_process
@@ -62,8 +63,6 @@ REACH_VIEWS, RIM_CELLS, WATER_DETAILS = 1.5, 4.0, 250.0
 MEMORY = 8 * 2**30
 # Where the values of a map without a limit end, as a percentile.
 TOP = 99.5
-# Events that are kept at least, the latest ones: so that memory is bounded however long a run plays.
-EVENTS_KEPT = 3000
 # Kinds of events that maps take.
 EVENTS: dict[str, type[Event]] = {each.__name__: each for each in (Cutoff, Collision, Avulsion, Crevasse)}
 

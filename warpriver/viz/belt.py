@@ -498,9 +498,10 @@ class BeltPainter:
         dry = kind == covers.ABANDONED
         for some, ramp, fresh, grown in ((lake, OXBOW_RAMP, 0.0, 0.6), (dry, DRY_RAMP, 0.2, 0.7)):
             tint[some, :3], tint[some, 3] = _ramped(ramp, age[some]), fresh + grown * age[some]
-        belt, mottled = (
-            self._blended(place, tint) if soft else (place, np.pad(tint, ((0, 0), (0, 1)), constant_values=1.0))
-        )
+        if soft:
+            belt, mottled = self._blended(place, tint)
+        else:
+            belt, mottled = place, np.pad(tint, ((0, 0), (0, 1)), constant_values=1.0)
         tone = 1.0 + 0.05 * self._noise.reshape(-1)[belt] * mottled[:, 3]
         if self._shade is not None:
             tone *= self._shade.reshape(-1)[belt]
